@@ -1,0 +1,397 @@
+"""The batch simulator: the locomotion task for hundreds of robots at once.
+
+Physics runs in C++ threads through `BatchEvalUniquePeriodicDiscreteUpdate`; the task is the same
+batch-first functions of `models.task` that the systems diagram calls for one robot.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common import Parallelism
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.station import AddA1Station, StationConfig, set_friction
+from models.a1 import robot
+from models.a1.robot import Array
+from models.task import COMMAND_STEPS, CONTROL_PERIOD, EPISODE_STEPS
+from models.task.command import Command, sample_commands
+from models.task.contact import sense_feet
+from models.task.gait import Gait
+from models.task.observation import ObservationLayout, body_state, proprioception
+from models.task.randomization import Randomization
+from models.task.reward import RewardWeights, step_reward
+from models.task.reward_machine import MachineState, RewardMachine
+from models.task.termination import FAILURES, TerminationLimits, failures
+
+BoolArray = NDArray[np.bool_]
+
+
+class BatchPhysics:
+    """Steps the states of many stations in parallel.
+
+    Robots are split into groups that share a context, and with it the friction of their ground.
+    """
+
+    def __init__(
+        self, station: StationConfig, *, n_groups: int = 1, n_threads: int | None = None
+    ) -> None:
+        """
+        Args:
+            station: Physics of every robot; its plant must be discrete.
+            n_groups: Number of friction groups.
+            n_threads: Threads to use; all cores by default.
+
+        Raises:
+            ValueError: if the plant's period does not divide the control period.
+        """
+        self._steps = round(CONTROL_PERIOD / station.time_step) if station.time_step else 0
+        if self._steps < 1 or abs(self._steps * station.time_step - CONTROL_PERIOD) > 1e-12:
+            raise ValueError(
+                f"station: time_step is {station.time_step}; the batch simulator needs a discrete "
+                f"plant whose step divides {CONTROL_PERIOD} s"
+            )
+        builder = DiagramBuilder()
+        self._plant, self._scene_graph, instance = AddA1Station(builder, station)
+        builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
+        self._diagram = builder.Build()
+        self._contexts = [self._diagram.CreateDefaultContext() for _ in range(n_groups)]
+        self._parallelism = Parallelism(n_threads) if n_threads else Parallelism.Max()
+        self._actuator_order = [
+            robot.JOINTS.index(self._plant.get_joint_actuator(index).joint().name())
+            for index in self._plant.GetJointActuatorIndices(instance)
+        ]
+
+    @property
+    def n_groups(self) -> int:
+        """Number of friction groups."""
+        return len(self._contexts)
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        for context, value in zip(self._contexts, friction, strict=True):
+            mine = self._scene_graph.GetMyMutableContextFromRoot(context)
+            set_friction(self._plant, self._scene_graph, float(value), mine)
+
+    def step(self, states: Array, targets: Array) -> Array:
+        """Advances every robot by one control period.
+
+        A robot whose state or target is not finite, or that the contact solver cannot advance,
+        comes back as NaN; the others are as they would be without it.
+
+        Args:
+            states: Plant states x (n, 37).
+            targets: Joint position targets (n, 12; rad), held over the period.
+
+        Returns:
+            Plant states x (n, 37).
+        """
+        desired = np.zeros((len(states), 2 * robot.N_JOINTS))
+        desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
+        sound = np.isfinite(states).all(axis=1) & np.isfinite(desired).all(axis=1)
+        after = np.full_like(states, np.nan)
+        for group, members in enumerate(np.array_split(np.arange(len(states)), self.n_groups)):
+            members = members[sound[members]]
+            after[members] = self._step_group(group, states[members], desired[members])
+        return after
+
+    def _step_group(self, group: int, states: Array, desired: Array) -> Array:
+        if len(states) == 0:
+            return states
+        try:
+            return self._evaluate(group, states, desired)
+        except RuntimeError:
+            if len(states) == 1:
+                return np.full_like(states, np.nan)
+            half = len(states) // 2
+            return np.concatenate(
+                [
+                    self._step_group(group, states[:half], desired[:half]),
+                    self._step_group(group, states[half:], desired[half:]),
+                ]
+            )
+
+    def _evaluate(self, group: int, states: Array, desired: Array) -> Array:
+        return BatchEvalUniquePeriodicDiscreteUpdate(
+            self._diagram,
+            self._contexts[group],
+            times=np.zeros((1, len(states))),
+            states=states.T,
+            inputs=desired.T,
+            num_time_steps=self._steps,
+            parallelize=self._parallelism,
+        ).T
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """The task that the batch simulator plays.
+
+    Attributes:
+        gait: The gait.
+        randomization: What differs between robots and episodes.
+        weights: Weights of the reward.
+        limits: Bounds of the termination.
+        episode_steps: Control steps of an episode.
+    """
+
+    gait: Gait
+    randomization: Randomization = field(default_factory=Randomization)
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
+    episode_steps: int = EPISODE_STEPS
+
+
+@dataclass
+class TaskState:
+    """All that the task remembers of each robot between two control steps."""
+
+    plant: Array
+    command: Command
+    machine: MachineState
+    touching: BoolArray
+    air_time: Array
+    action: Array
+    joint_noise: Array
+    steps: NDArray[np.int64]
+
+    def as_arrays(self) -> dict[str, NDArray]:
+        """Returns every array by name, robots along the first axis."""
+        return {
+            "plant": self.plant,
+            "command_velocity": self.command.velocity,
+            "command_dwell": self.command.dwell,
+            "machine_state": self.machine.state,
+            "machine_iterations": self.machine.iterations,
+            "machine_age": self.machine.age,
+            "touching": self.touching,
+            "air_time": self.air_time,
+            "action": self.action,
+            "joint_noise": self.joint_noise,
+            "steps": self.steps,
+        }
+
+    @staticmethod
+    def from_arrays(arrays: dict[str, NDArray]) -> "TaskState":
+        """Rebuilds the state that `as_arrays` took apart."""
+        return TaskState(
+            plant=arrays["plant"],
+            command=Command(arrays["command_velocity"], arrays["command_dwell"]),
+            machine=MachineState(
+                arrays["machine_state"], arrays["machine_iterations"], arrays["machine_age"]
+            ),
+            touching=arrays["touching"],
+            air_time=arrays["air_time"],
+            action=arrays["action"],
+            joint_noise=arrays["joint_noise"],
+            steps=arrays["steps"],
+        )
+
+    def replace(self, index: NDArray[np.int64], other: "TaskState") -> None:
+        """Overwrites the robots at `index` with those of `other`."""
+        mine = self.as_arrays()
+        for name, values in other.as_arrays().items():
+            mine[name][index] = values
+
+
+class BatchStep(NamedTuple):
+    """What one control step brings, robots along the first axis.
+
+    Attributes:
+        reward: Reward with the machine's factor (n,).
+        plain_reward: Reward without it (n,).
+        terms: Weighted terms of the reward (n, 9).
+        fired: Whether a transition of the machine fired (n,).
+        served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
+        failures: Flags in the order of `models.task.termination.FAILURES` (n, 6).
+        terminated: Whether any failure showed (n,).
+        truncated: Whether the episode reached its end (n,).
+    """
+
+    reward: Array
+    plain_reward: Array
+    terms: Array
+    fired: BoolArray
+    served_dwell: Array
+    failures: BoolArray
+    terminated: BoolArray
+    truncated: BoolArray
+
+
+class BatchSimulator:
+    """Plays the locomotion task with many robots.
+
+    `step` advances all robots and leaves resets to the caller: a robot whose episode ended stays
+    as it is until `reset` is called with its index.
+    """
+
+    def __init__(
+        self,
+        task: TaskConfig,
+        physics: BatchPhysics,
+        *,
+        n_robots: int,
+        generator: np.random.Generator,
+        ease: float = 1.0,
+    ) -> None:
+        """
+        Args:
+            task: The task.
+            physics: The stepper.
+            n_robots: Number of robots.
+            generator: Source of all randomness.
+            ease: Factor on what the reward machine's transitions ask for; see `RewardMachine`.
+        """
+        self.task = task
+        self.physics = physics
+        self.n_robots = n_robots
+        self.generator = generator
+        self.ease = ease
+        self.machine = RewardMachine(task.gait)
+        self.layout = ObservationLayout(self.machine.n_states)
+        self._weights = task.weights.as_array()
+        self._everyone = np.arange(n_robots)
+        self._state: TaskState = self._fresh(n_robots)
+        self.resample_friction()
+
+    @property
+    def state(self) -> TaskState:
+        """All that the task remembers; change it with `restore`."""
+        return self._state
+
+    def restore(self, state: TaskState) -> None:
+        """Continues from a state taken earlier."""
+        self._state = state
+
+    def resample_friction(self) -> None:
+        """Draws a new friction for every group of robots."""
+        low, high = self.task.randomization.friction
+        self.friction = self.generator.uniform(low, high, size=self.physics.n_groups)
+        self.physics.set_friction(self.friction)
+
+    def restore_friction(self, friction: Array) -> None:
+        """Sets the friction of every group (n_groups,)."""
+        self.friction = friction
+        self.physics.set_friction(friction)
+
+    def reset(self, index: NDArray[np.int64] | None = None) -> None:
+        """Starts a new episode for the robots at `index`, or for all."""
+        if index is None:
+            index = self._everyone
+        if len(index):
+            self._state.replace(index, self._fresh(len(index)))
+
+    def set_command(self, command: Command) -> None:
+        """Gives every robot a command, until it is drawn anew or its episode ends."""
+        self._state.command = command
+
+    def proprioception(self) -> Array:
+        """Observes the part that needs no estimator (n, 40 + n_states)."""
+        s = self._state
+        return proprioception(
+            command=s.command.velocity,
+            joint_position=s.plant[:, robot.JOINT_POSITION],
+            joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
+            previous_action=s.action,
+            rm_state=self.machine.one_hot(s.machine.state),
+            rm_iterations=s.machine.iterations,
+            commanded_dwell=s.command.dwell,
+            joint_noise=s.joint_noise,
+        )
+
+    def body_state(self) -> Array:
+        """Returns the true values of what the estimator estimates (n, 7)."""
+        return body_state(self._state.plant)
+
+    def observe(self, estimator: Callable[[Array], Array] | None = None) -> Array:
+        """Observes everything, the body state by an estimator or else by its true values.
+
+        Args:
+            estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7).
+
+        Returns:
+            Observations (n, 47 + n_states), in the order of `layout`.
+        """
+        own = self.proprioception()
+        estimate = self.body_state() if estimator is None else estimator(own)
+        return np.concatenate([own, estimate], axis=-1)
+
+    def step(self, action: Array) -> BatchStep:
+        """Holds actions (n, 12) for one control step and moves the task on."""
+        s, task = self._state, self.task
+        plant = self.physics.step(s.plant, robot.joint_targets(action))
+        shown = failures(plant, action, s.action, task.limits)
+        # A lost robot keeps its last sound state, so that nothing below meets a NaN.
+        lost = shown[:, FAILURES.index("not_finite")]
+        plant = np.where(lost[:, None], s.plant, plant)
+        action = np.where(lost[:, None], s.action, action)
+
+        feet = sense_feet(plant, s.touching)
+        machine = self.machine.step(s.machine, feet.contact, feet.height, s.command.dwell, self.ease)
+        reward = step_reward(
+            state=plant,
+            previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
+            action=action,
+            previous_action=s.action,
+            command=s.command.velocity,
+            foot_contact=feet.contact,
+            air_time=s.air_time,
+            weights=self._weights,
+        )
+        plain = np.where(lost, 0.0, reward.plain)
+        steps = s.steps + 1
+        self._state = TaskState(
+            plant=plant,
+            command=s.command,
+            machine=machine.machine,
+            touching=feet.touching,
+            air_time=reward.air_time,
+            action=action,
+            joint_noise=task.randomization.joint_noise(self.n_robots, self.generator),
+            steps=steps,
+        )
+        self._disturb()
+        return BatchStep(
+            reward=plain * machine.multiplier,
+            plain_reward=plain,
+            terms=reward.terms,
+            fired=machine.fired,
+            served_dwell=machine.served_dwell,
+            failures=shown,
+            terminated=shown.any(axis=1),
+            truncated=steps >= task.episode_steps,
+        )
+
+    def _disturb(self) -> None:
+        # Pushes and new commands come between two steps: the next observation shows both.
+        s, randomization = self._state, self.task.randomization
+        if randomization.push_speed > 0:
+            push = randomization.pushes(self.n_robots, self.generator)
+            s.plant[:, robot.LINEAR_VELOCITY] += push
+        due = np.flatnonzero(s.steps % COMMAND_STEPS == 0)
+        if len(due):
+            fresh = sample_commands(self.task.gait, len(due), self.generator)
+            s.command.velocity[due] = fresh.velocity
+            s.command.dwell[due] = fresh.dwell
+
+    def _fresh(self, count: int) -> TaskState:
+        randomization = self.task.randomization
+        plant = randomization.initial_states(count, self.generator)
+        command = sample_commands(self.task.gait, count, self.generator)
+        feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
+        start = self.machine.step(
+            self.machine.initial((count,)), feet.contact, feet.height, command.dwell, self.ease
+        )
+        return TaskState(
+            plant=plant,
+            command=command,
+            machine=start.machine,
+            touching=feet.touching,
+            air_time=np.zeros((count, robot.N_LEGS)),
+            action=np.zeros((count, robot.N_JOINTS)),
+            joint_noise=randomization.joint_noise(count, self.generator),
+            steps=np.zeros(count, dtype=np.int64),
+        )

@@ -1,0 +1,310 @@
+"""The closed locomotion loop of one robot, as a systems diagram."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.common import RandomDistribution
+from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, PortSwitch, RandomSource
+
+from diagrams.station import AddA1Station, StationConfig
+from diagrams.visualization import AddLocomotionDisplay
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from models.policies.policy import Policy
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait
+from models.task.observation import N_ESTIMATED, ObservationLayout
+from models.task.reward import RewardWeights
+from models.task.termination import TerminationLimits
+from systems.action_hold import ActionHold
+from systems.alternation import AlternationSchedule
+from systems.body_state_sensor import BodyStateSensor
+from systems.command import RandomCommand
+from systems.fall_monitor import FallMonitor
+from systems.foot_sensor import FootSensor
+from systems.joint_targets import JointTargets
+from systems.meshcat_command import MeshcatCommand
+from systems.observer import Observer
+from systems.policy import PolicySystem
+from systems.reward import RewardSystem
+from systems.reward_machine import RewardMachineSystem
+from systems.state_estimator import StateEstimator
+
+
+@dataclass(frozen=True)
+class FixedCommand:
+    """One command for the whole rollout.
+
+    Attributes:
+        speed: Forward speed (m/s).
+        yaw_rate: Yaw rate (rad/s).
+        dwell: Iterations to stay in a state of the reward machine (control steps).
+    """
+
+    speed: float = 0.5
+    yaw_rate: float = 0.0
+    dwell: int = 8
+
+
+@dataclass(frozen=True)
+class DrawnCommands:
+    """Commands drawn over the gait's range, a new one every 10 s.
+
+    Attributes:
+        seed: Seed of the draws.
+    """
+
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class SliderCommand:
+    """Commands from sliders in Meshcat."""
+
+
+@dataclass(frozen=True)
+class LocomotionConfig:
+    """How the loop is closed.
+
+    Attributes:
+        station: Physics.
+        command: Where commands come from.
+        alternation_period: Control steps from one action of the expert to the next; 1 is the expert
+            alone, 0 the student alone.
+        sensor_noise: Whether the joints' sensors are noisy.
+        weights: Weights of the reward.
+        limits: Bounds that the fall monitor watches.
+    """
+
+    station: StationConfig = field(default_factory=StationConfig)
+    command: FixedCommand | DrawnCommands | SliderCommand = field(default_factory=FixedCommand)
+    alternation_period: int = 1
+    sensor_noise: bool = False
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
+
+
+def MakeLocomotion(  # noqa: N802
+    gait: Gait,
+    config: LocomotionConfig,
+    *,
+    expert: Policy | None = None,
+    student: Policy | None = None,
+    estimator: Callable[[Array], Array] | None = None,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Builds the station with the task and the policies around it.
+
+    .. pydrake_system::
+
+        name: Locomotion
+        input_ports:
+        - actions
+        output_ports:
+        - actions
+        - observations
+        - reward
+        - plain_reward
+        - reward_terms
+        - rm_state
+        - rm_iterations
+        - foot_contact
+        - foot_height
+        - failures
+        - command
+        - state
+
+    Inputs: actions (12), only where neither expert nor student is given.
+    Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
+    and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
+    rm_iterations (1). foot_contact (4), foot_height (4, m). failures (6). command (2; m/s, rad/s).
+    state (37), the plant's.
+
+    Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
+
+    Args:
+        gait: The gait whose reward machine runs.
+        config: How the loop is closed.
+        expert: The policy that acts every n-th step.
+        student: The policy that acts otherwise.
+        estimator: Maps proprioception to the body state; the true values by default.
+        meshcat: Shows robot, contacts and machine state there.
+
+    Raises:
+        InputError: if a policy was made for another gait or observation.
+        ValueError: if the alternation asks for a policy that is not given.
+    """
+    layout = ObservationLayout(gait.n_states)
+    for policy in (expert, student):
+        if policy is not None:
+            policy.check(gait=gait.name, observation_names=layout.names)
+
+    builder = DiagramBuilder()
+    plant, scene_graph, instance = AddA1Station(builder, config.station)
+    state = plant.get_state_output_port()
+
+    command, commanded_dwell = _add_command(builder, gait, config, meshcat)
+    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
+    observer = builder.AddNamedSystem("observer", Observer(layout))
+    hold = builder.AddNamedSystem("action_hold", ActionHold())
+    actuated = [
+        plant.get_joint_actuator(index).joint().name()
+        for index in plant.GetJointActuatorIndices(instance)
+    ]
+    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated))
+
+    connect = builder.Connect
+    connect(state, foot_sensor.get_state_input_port())
+    connect(foot_sensor.get_foot_contact_output_port(), machine.get_foot_contact_input_port())
+    connect(foot_sensor.get_foot_height_output_port(), machine.get_foot_height_input_port())
+    connect(commanded_dwell, machine.get_commanded_dwell_input_port())
+
+    connect(state, observer.get_state_input_port())
+    connect(command, observer.get_command_input_port())
+    connect(commanded_dwell, observer.get_commanded_dwell_input_port())
+    connect(hold.get_held_action_output_port(), observer.get_previous_action_input_port())
+    connect(machine.get_rm_state_output_port(), observer.get_rm_state_input_port())
+    connect(machine.get_rm_iterations_output_port(), observer.get_rm_iterations_input_port())
+    if config.sensor_noise:
+        noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
+        builder.AddNamedSystem("sensor_noise", noise)
+        connect(noise.get_output_port(), observer.get_uniform_noise_input_port())
+
+    observation = _add_observation(builder, layout, observer, state, estimator)
+    if expert is None and student is None:
+        builder.ExportInput(hold.get_action_input_port(), "actions")
+    else:
+        action = _add_policies(builder, observation, config.alternation_period, expert, student)
+        connect(action, hold.get_action_input_port())
+        builder.ExportOutput(action, "actions")
+    connect(hold.get_held_action_output_port(), targets.get_action_input_port())
+    connect(
+        targets.get_desired_state_output_port(), plant.get_desired_state_input_port(instance)
+    )
+
+    reward = builder.AddNamedSystem("reward", RewardSystem(config.weights))
+    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(config.limits))
+    for system in (reward, monitor):
+        connect(state, system.get_state_input_port())
+        connect(hold.get_held_action_output_port(), system.get_action_input_port())
+        connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
+    connect(command, reward.get_command_input_port())
+    connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
+    connect(
+        machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port()
+    )
+    if meshcat is not None:
+        AddLocomotionDisplay(
+            builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
+        )
+
+    exported = {
+        "observations": observation,
+        "reward": reward.get_reward_output_port(),
+        "plain_reward": reward.get_plain_reward_output_port(),
+        "reward_terms": reward.get_reward_terms_output_port(),
+        "rm_state": machine.get_rm_state_output_port(),
+        "rm_iterations": machine.get_rm_iterations_output_port(),
+        "foot_contact": foot_sensor.get_foot_contact_output_port(),
+        "foot_height": foot_sensor.get_foot_height_output_port(),
+        "failures": monitor.get_failures_output_port(),
+        "command": command,
+        "state": state,
+    }
+    for name, port in exported.items():
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("Locomotion")
+    return diagram
+
+
+def set_plant_state(diagram: Diagram, context: Context, state: Array | None = None) -> None:
+    """Puts the robot into a state.
+
+    Args:
+        diagram: What `MakeLocomotion` built.
+        context: Its context, to be changed.
+        state: The plant's state x (37); standing at rest by default.
+    """
+    if state is None:
+        state = kinematics.standing_state(robot.DEFAULT_STANCE)
+    plant: MultibodyPlant = diagram.GetSubsystemByName("plant")
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+
+
+def _add_command(
+    builder: DiagramBuilder, gait: Gait, config: LocomotionConfig, meshcat: Meshcat | None
+) -> tuple[OutputPort, OutputPort]:
+    match config.command:
+        case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
+            velocity = ConstantVectorSource([speed, yaw_rate])
+            builder.AddNamedSystem("command", velocity)
+            rhythm = builder.AddNamedSystem("commanded_dwell", ConstantVectorSource([dwell]))
+            return velocity.get_output_port(), rhythm.get_output_port()
+        case DrawnCommands(seed=seed):
+            source = RandomCommand(gait, seed)
+        case SliderCommand():
+            if meshcat is None:
+                raise ValueError("locomotion: commands from sliders need a Meshcat")
+            source = MeshcatCommand(gait, meshcat)
+    builder.AddNamedSystem("command", source)
+    return source.get_command_output_port(), source.get_commanded_dwell_output_port()
+
+
+def _add_observation(
+    builder: DiagramBuilder,
+    layout: ObservationLayout,
+    observer: Observer,
+    state: OutputPort,
+    estimator: Callable[[Array], Array] | None,
+) -> OutputPort:
+    proprioception = observer.get_proprioception_output_port()
+    if estimator is None:
+        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
+        builder.Connect(state, body_state.get_state_input_port())
+    else:
+        body_state = StateEstimator(estimator, layout.n_proprioceptive)
+        builder.AddNamedSystem("state_estimator", body_state)
+        builder.Connect(proprioception, body_state.get_proprioception_input_port())
+    observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
+    builder.AddNamedSystem("observation", observation)
+    builder.Connect(proprioception, observation.get_input_port(0))
+    builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
+    return observation.get_output_port()
+
+
+def _add_policies(
+    builder: DiagramBuilder,
+    observation: OutputPort,
+    period: int,
+    expert: Policy | None,
+    student: Policy | None,
+) -> OutputPort:
+    if expert is None and period != 0:
+        raise ValueError(f"locomotion: alternation period {period} needs an expert; give one")
+    if student is None and period != 1:
+        raise ValueError(f"locomotion: alternation period {period} needs a student; give one")
+    switch = builder.AddNamedSystem("alternation", PortSwitch(robot.N_JOINTS))
+    ports = {}
+    for name, policy in (("expert", expert), ("student", student)):
+        if policy is not None:
+            system = builder.AddNamedSystem(name, PolicySystem(policy))
+            builder.Connect(observation, system.get_observation_input_port())
+            ports[name] = switch.DeclareInputPort(name)
+            builder.Connect(system.get_action_output_port(), ports[name])
+    first = next(iter(ports.values())).get_index()
+    schedule = AlternationSchedule(
+        period,
+        expert_port=ports["expert"].get_index() if expert else first,
+        student_port=ports["student"].get_index() if student else first,
+    )
+    builder.AddNamedSystem("alternation_schedule", schedule)
+    builder.Connect(
+        schedule.get_port_selector_output_port(), switch.get_port_selector_input_port()
+    )
+    return switch.get_output_port()

@@ -1,0 +1,108 @@
+"""Rollouts of the locomotion diagram, recorded at every control step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common import RandomGenerator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Diagram
+
+from diagrams.locomotion import set_plant_state
+from models.a1.robot import Array
+from models.task import CONTROL_PERIOD
+
+RECORDED_PORTS = (
+    "actions",
+    "observations",
+    "reward",
+    "plain_reward",
+    "reward_terms",
+    "rm_state",
+    "rm_iterations",
+    "foot_contact",
+    "foot_height",
+    "failures",
+    "command",
+    "state",
+)
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Values of the diagram's outputs at control steps 0..n, before each step's updates.
+
+    Attributes:
+        time: Instants (n + 1; s).
+        values: Outputs by port name, each (n + 1, size).
+    """
+
+    time: Array
+    values: dict[str, Array]
+
+    def __getitem__(self, port: str) -> Array:
+        return self.values[port]
+
+    @property
+    def failed(self) -> bool:
+        """Whether the rollout ended in a failure."""
+        return bool(self["failures"][-1].any())
+
+
+def make_simulator(
+    diagram: Diagram,
+    *,
+    state: Array | None = None,
+    seed: int = 0,
+    accuracy: float | None = None,
+    realtime_rate: float = 0.0,
+) -> Simulator:
+    """Makes a simulator that is ready to advance.
+
+    Args:
+        diagram: What `MakeLocomotion` built.
+        state: The plant's initial state x (37); standing at rest by default.
+        seed: Seed of the diagram's random sources.
+        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
+        realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
+    """
+    context = diagram.CreateDefaultContext()
+    diagram.SetRandomContext(context, RandomGenerator(seed))
+    set_plant_state(diagram, context, state)
+    simulator = Simulator(diagram, context)
+    if accuracy is not None:
+        ApplySimulatorConfig(
+            SimulatorConfig(integration_scheme="cenic", accuracy=accuracy, use_error_control=True),
+            simulator,
+        )
+    simulator.set_target_realtime_rate(realtime_rate)
+    simulator.Initialize()
+    return simulator
+
+
+def record(simulator: Simulator, n_steps: int, *, stop_on_failure: bool = True) -> Rollout:
+    """Advances by control steps and records every output.
+
+    Args:
+        simulator: A simulator at time 0.
+        n_steps: Control steps to take.
+        stop_on_failure: Whether to end at the first failure.
+    """
+    diagram, context = simulator.get_system(), simulator.get_context()
+    ports = {
+        name: diagram.GetOutputPort(name) for name in RECORDED_PORTS if diagram.HasOutputPort(name)
+    }
+    recorded: dict[str, list[Array]] = {name: [] for name in ports}
+    times = []
+    for step in range(n_steps + 1):
+        # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
+        # even a call with the time it already has would act.
+        if step > 0:
+            simulator.AdvanceTo(step * CONTROL_PERIOD)
+        times.append(context.get_time())
+        for name, port in ports.items():
+            recorded[name].append(port.Eval(context).copy())
+        if stop_on_failure and recorded["failures"][-1].any():
+            break
+    return Rollout(
+        np.array(times), {name: np.array(values) for name, values in recorded.items()}
+    )

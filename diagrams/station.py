@@ -1,0 +1,173 @@
+"""The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
+
+import logging
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    Role,
+    RoleAssign,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import (
+    ModelInstanceIndex,
+    PdControllerGains,
+    SpatialInertia,
+    UnitInertia,
+)
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from models.a1 import robot
+
+# Drake warns that half spaces take no part in deformable contact. Nothing here deforms.
+logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
+
+ContactSolver = Literal["sap", "similar", "lagged", "tamsi"]
+
+
+@dataclass(frozen=True)
+class StationConfig:
+    """Physics of the station.
+
+    Attributes:
+        time_step: Period of the plant's discrete updates (s); 0 makes the plant continuous, to be
+            advanced by an error-controlled integrator.
+        contact_solver: Drake's `discrete_contact_approximation`.
+        friction: Coulomb friction of the feet on the ground, static and dynamic.
+        payload: Mass welded to the middle of the trunk (kg).
+    """
+
+    time_step: float = 0.01
+    contact_solver: ContactSolver = "sap"
+    friction: float = 1.0
+    payload: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.time_step < 0:
+            raise ValueError(f"station: time_step is {self.time_step}; it must be 0 or more")
+        if self.friction < 0:
+            raise ValueError(f"station: friction is {self.friction}; it must be 0 or more")
+        if self.payload < 0:
+            raise ValueError(f"station: payload is {self.payload}; it must be 0 or more")
+
+
+def AddA1Station(  # noqa: N802
+    builder: DiagramBuilder, config: StationConfig
+) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
+    """Adds the finalized plant, on flat ground, and its scene graph to a diagram.
+
+    The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
+    limits it to the motors' effort. Output ports are live rather than sampled, so that the plant
+    moves in the discrete phase of an instant, after a controller's unrestricted updates.
+
+    Returns:
+        The plant, the scene graph and the robot's model instance, whose `desired_state` input
+        takes 12 joint positions (rad) and 12 velocities (rad/s).
+    """
+    plant, scene_graph = AddMultibodyPlant(
+        MultibodyPlantConfig(
+            time_step=config.time_step,
+            contact_model="point",
+            discrete_contact_approximation=config.contact_solver,
+            use_sampled_output_ports=False,
+        ),
+        builder,
+    )
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(robot.URDF_PATH.parent / "package.xml"))
+    (instance,) = parser.AddModels(url="package://a1/a1.urdf")
+    _add_payload(plant, config.payload)
+    plant.RegisterCollisionGeometry(
+        plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
+    )
+    # Before Finalize() Drake lists no actuators by model instance; the robot's are all there are.
+    for index in plant.GetJointActuatorIndices():
+        gains = PdControllerGains(p=robot.STIFFNESS, d=robot.DAMPING)
+        plant.get_joint_actuator(index).set_controller_gains(gains)
+    plant.Finalize()
+    _exclude_self_collision(plant, scene_graph, instance)
+    set_friction(plant, scene_graph, config.friction)
+    return plant, scene_graph, instance
+
+
+def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
+    """Builds the station alone, with the plant's ports exported.
+
+    .. pydrake_system::
+
+        name: A1Station
+        input_ports:
+        - desired_state
+        output_ports:
+        - state
+        - contact_results
+
+    Inputs: desired_state (24; rad, rad/s), joint positions then velocities.
+    Outputs: state (37), as laid out in `models.a1.robot`. contact_results (abstract).
+    """
+    builder = DiagramBuilder()
+    plant, _, instance = AddA1Station(builder, config or StationConfig())
+    builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
+    station = builder.Build()
+    station.set_name("A1Station")
+    return station
+
+
+def set_friction(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    friction: float,
+    context: Context | None = None,
+) -> None:
+    """Sets the friction of every contact between robot and ground.
+
+    Args:
+        plant: The station's plant.
+        scene_graph: The station's scene graph.
+        friction: Coulomb friction, static and dynamic.
+        context: The scene graph's context to change; without one, the model's default changes.
+    """
+    inspector = scene_graph.model_inspector()
+    where = () if context is None else (context,)
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
+        properties.UpdateProperty(
+            "material", "coulomb_friction", CoulombFriction(friction, friction)
+        )
+        scene_graph.AssignRole(
+            *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
+        )
+
+
+def _add_payload(plant: MultibodyPlant, mass: float) -> None:
+    if mass == 0:
+        return
+    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia.SolidBox(0.2, 0.1, 0.05))
+    payload = plant.AddRigidBody("payload", inertia)
+    plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame())
+
+
+def _exclude_self_collision(
+    plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex
+) -> None:
+    geometries = GeometrySet()
+    for body in plant.GetBodyIndices(instance):
+        geometries.Add(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeWithin(geometries)
+    )

@@ -1,0 +1,84 @@
+"""Meshcat: the robot on its ground, the gait's display, live or as a standalone page."""
+
+from pathlib import Path
+
+from pydrake.geometry import (
+    Box,
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+from models.files import write_atomically
+from models.task.gait import Gait
+from systems.foot_sensor import FootSensor
+from systems.gait_display import DISPLAY_PERIOD, GaitDisplay
+from systems.reward_machine import RewardMachineSystem
+
+RECORDING_RATE = 1.0 / DISPLAY_PERIOD
+TILE = 0.5
+"""Edge of the ground's tiles (m)."""
+
+
+def open_meshcat(port: int | None = None) -> Meshcat:
+    """Starts a Meshcat server that only this machine can reach."""
+    return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
+
+
+def AddLocomotionDisplay(  # noqa: N802
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    gait: Gait,
+    foot_sensor: FootSensor,
+    machine: RewardMachineSystem,
+    *,
+    meshcat: Meshcat,
+) -> None:
+    """Shows robot, ground, contacts and machine state in Meshcat."""
+    _draw_ground(meshcat)
+    MeshcatVisualizer.AddToBuilder(
+        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
+    )
+    display = builder.AddNamedSystem("gait_display", GaitDisplay(gait, meshcat))
+    builder.Connect(plant.get_state_output_port(), display.get_state_input_port())
+    builder.Connect(machine.get_rm_state_output_port(), display.get_rm_state_input_port())
+    builder.Connect(
+        foot_sensor.get_foot_contact_output_port(), display.get_foot_contact_input_port()
+    )
+
+
+def start_recording(meshcat: Meshcat) -> None:
+    """Starts an animation that `save_replay` can write."""
+    meshcat.StartRecording(
+        frames_per_second=RECORDING_RATE, set_visualizations_while_recording=False
+    )
+
+
+def save_replay(meshcat: Meshcat, path: Path) -> None:
+    """Ends the recording and writes it as a page that opens without a server, atomically."""
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    write_atomically(path, meshcat.StaticHtml())
+
+
+def _draw_ground(meshcat: Meshcat) -> None:
+    # A pavement of tiles, since a plain plane hides how fast the robot moves.
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.97])
+    meshcat.SetProperty("/Background", "bottom_color", [0.80, 0.83, 0.86])
+    meshcat.SetObject("ground", Box(60.0, 60.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
+    meshcat.SetTransform("ground", RigidTransform([0.0, 0.0, -0.0125]))
+    lines = int(10.0 / TILE)
+    for i in range(-lines, lines + 1):
+        meshcat.SetObject(f"tiles/x{i}", Box(20.0, 0.006, 0.002), Rgba(0.5, 0.52, 0.54, 1.0))
+        meshcat.SetTransform(f"tiles/x{i}", RigidTransform([0.0, i * TILE, -0.002]))
+        meshcat.SetObject(f"tiles/y{i}", Box(0.006, 20.0, 0.002), Rgba(0.5, 0.52, 0.54, 1.0))
+        meshcat.SetTransform(f"tiles/y{i}", RigidTransform([i * TILE, 0.0, -0.002]))
+    meshcat.SetCameraPose([1.1, -1.5, 0.75], [0.0, 0.0, 0.2])

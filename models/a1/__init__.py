@@ -1,0 +1,1 @@
+"""The Unitree A1: its description, constants and closed-form kinematics."""

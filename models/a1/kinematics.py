@@ -1,0 +1,162 @@
+"""Closed-form kinematics of the A1, for any number of robots at once.
+
+Every function takes the plant's state or positions with robots along the leading axes; see
+`models.a1.robot` for the layout. Vectors are expressed in the trunk's frame (B) or the world's (W).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from models.a1 import robot
+from models.a1.robot import Array
+
+_SIDE: Array = np.array([1.0, -1.0, 1.0, -1.0])
+_HIP_ORIGIN: Array = np.stack(
+    [
+        robot.HIP_OFFSET_X * np.array([1.0, 1.0, -1.0, -1.0]),
+        robot.HIP_OFFSET_Y * _SIDE,
+        np.zeros(robot.N_LEGS),
+    ],
+    axis=-1,
+)
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Converts unit quaternions (..., 4; w, x, y, z) to rotation matrices (..., 3, 3)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        axis=-2,
+    )
+
+
+def gravity_direction(quaternion: Array) -> Array:
+    """Returns the world's downward axis in the trunk's frame (..., 3)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
+
+
+class LegPoints(NamedTuple):
+    """Points of the four legs in the trunk's frame, each (..., 4, 3; m)."""
+
+    thigh: Array
+    knee: Array
+    foot: Array
+
+
+def leg_points(joint_position: Array) -> LegPoints:
+    """Locates thigh joint, knee and foot centre of each leg.
+
+    Args:
+        joint_position: Joint positions (..., 12; rad).
+    """
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
+    q_shank = q_thigh + q_calf
+    offset = np.broadcast_to(_SIDE * robot.THIGH_OFFSET_Y, q_hip.shape)
+
+    def in_trunk(x: Array, z: Array) -> Array:
+        swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
+        return _HIP_ORIGIN + swung
+
+    knee_x = -robot.THIGH_LENGTH * np.sin(q_thigh)
+    knee_z = -robot.THIGH_LENGTH * np.cos(q_thigh)
+    foot_x = knee_x - robot.CALF_LENGTH * np.sin(q_shank)
+    foot_z = knee_z - robot.CALF_LENGTH * np.cos(q_shank)
+    zero = np.zeros_like(q_hip)
+    return LegPoints(in_trunk(zero, zero), in_trunk(knee_x, knee_z), in_trunk(foot_x, foot_z))
+
+
+def foot_positions(joint_position: Array) -> Array:
+    """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
+    return leg_points(joint_position).foot
+
+
+def foot_heights(positions: Array) -> Array:
+    """Measures how far each foot's lowest point is above the ground.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+
+    Returns:
+        Heights (..., 4; m), negative where a foot is pressed into the ground.
+    """
+    up = -gravity_direction(positions[..., robot.QUATERNION])
+    feet = foot_positions(positions[..., robot.JOINT_POSITION])
+    base_height = positions[..., robot.POSITION][..., 2]
+    return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.FOOT_RADIUS
+
+
+def body_clearance(positions: Array) -> Array:
+    """Measures the lowest point above ground of each collision box that must never touch it.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+
+    Returns:
+        Heights (..., 9; m) of the trunk, the four thighs and the four calves.
+    """
+    up = -gravity_direction(positions[..., robot.QUATERNION])
+    base_height = positions[..., robot.POSITION][..., 2]
+    joint_position = positions[..., robot.JOINT_POSITION]
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    points = leg_points(joint_position)
+
+    up_x, up_y, up_z = (up[..., None, axis] for axis in range(3))
+    lateral = np.cos(q_hip) * up_y + np.sin(q_hip) * up_z
+    vertical = -np.sin(q_hip) * up_y + np.cos(q_hip) * up_z
+
+    def limb(start: Array, end: Array, angle: Array, box: tuple[float, float, float]) -> Array:
+        along = np.sin(angle) * up_x + np.cos(angle) * vertical
+        across = np.cos(angle) * up_x - np.sin(angle) * vertical
+        reach = np.abs(along) * box[0] + np.abs(lateral) * box[1] + np.abs(across) * box[2]
+        centre = np.einsum("...lk,...k->...l", 0.5 * (start + end), up)
+        return centre + base_height[..., None] - 0.5 * reach
+
+    trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.TRUNK_BOX)
+    thigh = limb(points.thigh, points.knee, q_thigh, robot.THIGH_BOX)
+    calf = limb(points.knee, points.foot, q_thigh + q_calf, robot.CALF_BOX)
+    return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
+
+
+def base_velocity(state: Array) -> tuple[Array, Array]:
+    """Expresses the trunk's velocity in its own frame.
+
+    Args:
+        state: The plant's state x (..., 37).
+
+    Returns:
+        Linear (..., 3; m/s) and angular velocity (..., 3; rad/s) of the trunk in its own frame.
+    """
+    to_trunk = np.swapaxes(rotation_matrix(state[..., robot.QUATERNION]), -1, -2)
+    linear = np.einsum("...ij,...j->...i", to_trunk, state[..., robot.LINEAR_VELOCITY])
+    angular = np.einsum("...ij,...j->...i", to_trunk, state[..., robot.ANGULAR_VELOCITY])
+    return linear, angular
+
+
+def standing_state(joint_position: Array, heading: Array | float = 0.0) -> Array:
+    """Places level robots at rest with their lowest foot just on the ground.
+
+    Args:
+        joint_position: Joint positions (..., 12; rad).
+        heading: Yaw of the trunk (...; rad).
+
+    Returns:
+        The plant's state x (..., 37), at the world's origin.
+    """
+    state = np.zeros((*joint_position.shape[:-1], robot.N_POSITIONS + robot.N_VELOCITIES))
+    state[..., 0] = np.cos(0.5 * np.asarray(heading))
+    state[..., 3] = np.sin(0.5 * np.asarray(heading))
+    state[..., robot.JOINT_POSITION] = joint_position
+    state[..., 6] = -foot_heights(state).min(axis=-1)
+    return state
+
+
+def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:
+    legs = joint_values.reshape(*joint_values.shape[:-1], robot.N_LEGS, 3)
+    return legs[..., 0], legs[..., 1], legs[..., 2]

@@ -1,0 +1,8 @@
+"""The error that a person's input raises, to be told in one sentence."""
+
+
+class InputError(ValueError):
+    """A file, key or argument that a person gave cannot be used; the message says how to mend it.
+
+    Command lines print the message alone and exit with code 2.
+    """

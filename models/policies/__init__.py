@@ -1,0 +1,1 @@
+"""Policies: maps from an observation to an action, saved without pickles."""

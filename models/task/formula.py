@@ -1,0 +1,85 @@
+"""Boolean formulas over the feet's contacts, as they stand in gait files.
+
+A formula such as `FL & RR & ~FR & ~RL` is read by Python's grammar, restricted to names, `&`, `|`,
+`~` and parentheses; nothing is ever executed. It is kept as a truth table over the 16 stances.
+"""
+
+import ast
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1 import robot
+from models.errors import InputError
+
+N_STANCES: Final = 2**robot.N_LEGS
+
+STANCES: Final[NDArray[np.bool_]] = (
+    np.arange(N_STANCES)[:, None] >> np.arange(robot.N_LEGS) & 1
+).astype(bool)
+"""The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A boolean formula over the feet.
+
+    Attributes:
+        text: The formula as written.
+        table: Whether it holds, by stance code (16).
+    """
+
+    text: str
+    table: tuple[bool, ...]
+
+    @property
+    def swing_feet(self) -> tuple[bool, ...]:
+        """The feet (4) that are in the air in every stance where the formula holds."""
+        holds = np.array(self.table)
+        return tuple(bool(foot) for foot in ~STANCES[holds].any(axis=0))
+
+
+def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Encodes contacts (..., 4) as stance codes (...) in 0..15."""
+    return contact.astype(np.intp) @ (1 << np.arange(robot.N_LEGS))
+
+
+def parse_formula(text: str) -> Formula:
+    """Reads a formula.
+
+    Raises:
+        InputError: if the text is not a formula over FL, FR, RL and RR, or can never hold.
+    """
+    try:
+        tree = ast.parse(text, mode="eval")
+        table = _evaluate(tree.body)
+    except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"formula {text!r} cannot be read; write it like 'FL & RR & ~FR & ~RL'"
+        ) from error
+    if not table.any():
+        raise InputError(f"formula {text!r} can never hold; remove a contradiction from it")
+    return Formula(text, tuple(bool(value) for value in table))
+
+
+def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
+    match node:
+        case ast.Name(id=foot) if foot in robot.LEGS:
+            return STANCES[:, robot.LEGS.index(foot)]
+        case ast.Name(id=name):
+            raise InputError(f"unknown foot {name!r}; the feet are {', '.join(robot.LEGS)}")
+        case ast.UnaryOp(op=ast.Invert(), operand=operand):
+            return ~_evaluate(operand)
+        case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
+            return _evaluate(left) & _evaluate(right)
+        case ast.BinOp(left=left, op=ast.BitOr(), right=right):
+            return _evaluate(left) | _evaluate(right)
+        case _:
+            raise InputError(
+                f"{ast.unparse(node)!r} does not belong in a formula; "
+                "use foot names with & (and), | (or), ~ (not) and parentheses"
+            )

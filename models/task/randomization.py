@@ -1,0 +1,66 @@
+"""What differs between robots and episodes: initial states, pushes, friction and noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from models.task import CONTROL_PERIOD
+from models.task.observation import JOINT_NOISE
+
+
+@dataclass(frozen=True)
+class Randomization:
+    """Ranges from which robots and episodes are drawn.
+
+    Attributes:
+        joint_scale: Factors on the default stance, least and greatest, at an episode's start.
+        base_velocity: Greatest initial base velocity along and about each axis (m/s, rad/s).
+        friction: Least and greatest friction of the ground.
+        push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for
+            no pushes.
+        push_interval: Mean time between two pushes of a robot (s).
+        observation_noise: Factor on the noise of observed joint positions and velocities.
+    """
+
+    joint_scale: tuple[float, float] = (0.5, 1.5)
+    base_velocity: float = 0.5
+    friction: tuple[float, float] = (0.5, 1.25)
+    push_speed: float = 1.0
+    push_interval: float = 15.0
+    observation_noise: float = 1.0
+
+    def initial_states(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws states x (count, 37) of robots that stand on their lowest foot.
+
+        Joints are kept inside their limits.
+        """
+        scale = generator.uniform(*self.joint_scale, size=(count, robot.N_JOINTS))
+        joints = np.clip(robot.DEFAULT_STANCE * scale, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+        state = kinematics.standing_state(joints)
+        velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
+        state[:, robot.ANGULAR_VELOCITY] = velocity[:, :3]
+        state[:, robot.LINEAR_VELOCITY] = velocity[:, 3:]
+        return state
+
+    def joint_noise(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws noise on joint positions, then velocities (count, 24; rad, rad/s)."""
+        noise = generator.uniform(-1.0, 1.0, size=(count, 2 * robot.N_JOINTS))
+        return noise * (self.observation_noise * JOINT_NOISE)
+
+    def pushes(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws what this control step's pushes add to base velocities (count, 3; m/s)."""
+        push = generator.uniform(-1.0, 1.0, size=(count, 3)) * self.push_speed
+        push[:, 2] = 0.0
+        pushed = generator.random(count) < CONTROL_PERIOD / self.push_interval
+        return push * pushed[:, None]
+
+
+NOMINAL = Randomization(
+    joint_scale=(0.9, 1.1),
+    base_velocity=0.1,
+    friction=(1.0, 1.0),
+    push_speed=0.0,
+)
+"""What evaluations use unless told otherwise: near the stance, noise on, no pushes."""

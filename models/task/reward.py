@@ -1,0 +1,112 @@
+"""The reward of a control step, term by term."""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from models.task import CONTROL_PERIOD
+
+TRACKING_WIDTH = 0.25
+"""Squared width of the tracking terms ((m/s)², (rad/s)²)."""
+
+SOFT_LIMIT_FRACTION = 0.9
+"""Share of a joint's range, about its middle, that costs nothing."""
+
+AIR_TIME_TARGET = 0.5
+"""Time in the air above which a step is rewarded (s)."""
+
+AIR_TIME_MIN_SPEED = 0.1
+"""Commanded speed above which air time counts (m/s)."""
+
+_MIDDLE = 0.5 * (robot.UPPER_LIMITS + robot.LOWER_LIMITS)
+_HALF_RANGE = 0.5 * (robot.UPPER_LIMITS - robot.LOWER_LIMITS)
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the terms, each per control step before the factor of 0.02 s."""
+
+    forward_tracking: float = 1.0
+    yaw_tracking: float = 0.5
+    vertical_velocity: float = -2.0
+    roll_pitch_rate: float = -0.05
+    torque: float = -2e-4
+    joint_acceleration: float = -2.5e-7
+    action_change: float = -0.01
+    joint_limits: float = -10.0
+    air_time: float = 1.0
+
+    def as_array(self) -> Array:
+        """Returns the weights (9) in the order of `REWARD_TERMS`."""
+        return np.array([getattr(self, name) for name in REWARD_TERMS])
+
+
+REWARD_TERMS = tuple(field.name for field in fields(RewardWeights))
+
+
+class Reward(NamedTuple):
+    """The reward of one control step.
+
+    Attributes:
+        terms: Weighted terms (..., 9), in the order of `REWARD_TERMS`.
+        plain: Their sum times 0.02 s, never below 0 (...).
+        air_time: Time each foot has now been in the air (..., 4; s).
+    """
+
+    terms: Array
+    plain: Array
+    air_time: Array
+
+
+def step_reward(
+    state: Array,
+    previous_joint_velocity: Array,
+    action: Array,
+    previous_action: Array,
+    command: Array,
+    foot_contact: NDArray[np.bool_],
+    air_time: Array,
+    weights: Array,
+) -> Reward:
+    """Rewards the step that led to `state`.
+
+    Args:
+        state: The plant's state x after the step (..., 37).
+        previous_joint_velocity: Joint velocities before the step (..., 12; rad/s).
+        action: Action held during the step (..., 12).
+        previous_action: Action of the step before (..., 12).
+        command: Forward speed and yaw rate (..., 2; m/s, rad/s).
+        foot_contact: Whether each foot touches, now or at the previous step (..., 4).
+        air_time: Time each foot had been in the air before the step (..., 4; s).
+        weights: `RewardWeights.as_array()` (9).
+    """
+    linear, angular = kinematics.base_velocity(state)
+    joint_position = state[..., robot.JOINT_POSITION]
+    joint_velocity = state[..., robot.JOINT_VELOCITY]
+    torque = robot.joint_torque(robot.joint_targets(action), joint_position, joint_velocity)
+    acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
+    excursion = np.abs(joint_position - _MIDDLE) - SOFT_LIMIT_FRACTION * _HALF_RANGE
+
+    air_time = air_time + CONTROL_PERIOD
+    landed = foot_contact & (air_time > CONTROL_PERIOD)
+    moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
+    flight = np.sum((air_time - AIR_TIME_TARGET) * landed, axis=-1) * moving
+
+    values = (
+        np.exp(-np.square(command[..., 0] - linear[..., 0]) / TRACKING_WIDTH),
+        np.exp(-np.square(command[..., 1] - angular[..., 2]) / TRACKING_WIDTH),
+        np.square(linear[..., 2]),
+        np.sum(np.square(angular[..., :2]), axis=-1),
+        np.sum(np.square(torque), axis=-1),
+        np.sum(np.square(acceleration), axis=-1),
+        np.sum(np.square(action - previous_action), axis=-1),
+        np.sum(np.maximum(excursion, 0.0), axis=-1),
+        flight,
+    )
+    terms = np.stack(values, axis=-1) * weights
+    plain = np.maximum(terms.sum(axis=-1) * CONTROL_PERIOD, 0.0)
+    return Reward(terms, plain, np.where(foot_contact, 0.0, air_time))

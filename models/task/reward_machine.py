@@ -1,0 +1,131 @@
+"""The reward machine of a gait, compiled to tables and stepped for any number of robots at once.
+
+A Mealy machine over the feet's contacts: it tells which half of the gait a robot is in, and pays
+when the robot takes the stance that ends it (paper, Section II-A; DeFazio et al., 2024).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1 import robot
+from models.a1.robot import Array
+from models.task.formula import N_STANCES, stance_code
+from models.task.gait import Gait
+
+TRANSITION_MULTIPLIER = 1000.0
+"""Factor on the plain reward of a step in which the machine moves on."""
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+class MachineState(NamedTuple):
+    """Where the machine of each robot stands.
+
+    Attributes:
+        state: Index of the machine's state (...).
+        iterations: Control steps spent in it (...), 0 at the step that entered it.
+        age: Control steps since the episode's start (...).
+    """
+
+    state: IntArray
+    iterations: IntArray
+    age: IntArray
+
+
+class MachineStep(NamedTuple):
+    """What one control step does to the machine.
+
+    Attributes:
+        machine: State after this step's propositions.
+        fired: Whether a transition fired (...).
+        served_dwell: Share of the commanded iterations that the fired transition stands for
+            (...; control steps), 0 where none fired. Summed over an episode and divided by its
+            length this is the share of the commanded rhythm that the robot kept.
+        multiplier: Factor on the plain reward (...).
+    """
+
+    machine: MachineState
+    fired: BoolArray
+    served_dwell: Array
+    multiplier: Array
+
+
+class RewardMachine:
+    """Steps a gait's reward machine, batch-wise, by table look-up."""
+
+    def __init__(self, gait: Gait) -> None:
+        self.gait = gait
+        self._initial = gait.states.index(gait.initial)
+        self._sink = -1 if gait.sink is None else gait.states.index(gait.sink)
+        # The transition that a state takes in a stance; the last row of the arrays below stands
+        # for "none".
+        none = len(gait.transitions)
+        self._edge = np.full((gait.n_states, N_STANCES), none)
+        self._target = np.zeros(none + 1, dtype=np.int64)
+        self._fires = np.append(np.ones(none, dtype=bool), False)
+        self._dwell = np.zeros(none + 1)
+        self._grace = np.zeros(none + 1, dtype=np.int64)
+        self._swing = np.zeros((none + 1, robot.N_LEGS), dtype=bool)
+        for i, transition in enumerate(gait.transitions):
+            source = gait.states.index(transition.source)
+            self._edge[source, np.array(transition.when.table)] = i
+            self._target[i] = gait.states.index(transition.target)
+            self._dwell[i] = transition.dwell
+            self._grace[i] = transition.grace
+            self._swing[i] = transition.when.swing_feet
+
+    @property
+    def n_states(self) -> int:
+        """Number of states, the length of the one-hot observation."""
+        return self.gait.n_states
+
+    def initial(self, shape: tuple[int, ...] = ()) -> MachineState:
+        """Returns the state at an episode's start, before its first propositions."""
+        zero = np.zeros(shape, dtype=np.int64)
+        return MachineState(np.full(shape, self._initial, dtype=np.int64), zero, zero.copy())
+
+    def step(
+        self,
+        machine: MachineState,
+        foot_contact: BoolArray,
+        foot_height: Array,
+        commanded_dwell: Array | IntArray,
+        ease: float = 1.0,
+    ) -> MachineStep:
+        """Advances by one control step.
+
+        A transition fires when its formula holds for the contacts, every foot that the formula
+        keeps in the air is higher than the gait's clearance, and the machine has been in its state
+        for the transition's share of the commanded iterations.
+
+        Args:
+            machine: State after the previous step.
+            foot_contact: Whether each foot touches, now or at the previous step (..., 4).
+            foot_height: Height of each foot above the ground (..., 4; m).
+            commanded_dwell: Commanded iterations in a state (...; control steps).
+            ease: Factor on the dwell and the clearance that a transition asks for; training raises
+                it to 1.
+        """
+        edge = self._edge[machine.state, stance_code(foot_contact)]
+        spent = machine.iterations + 1
+        clearance = ease * self.gait.clearance
+        lifted = np.all((foot_height >= clearance) | ~self._swing[edge], axis=-1)
+        dwell = self._dwell[edge] * commanded_dwell
+        in_time = (spent >= ease * dwell) & (machine.age >= self._grace[edge])
+        fired = self._fires[edge] & lifted & in_time
+        state = np.where(fired, self._target[edge], machine.state)
+        after = MachineState(state, np.where(fired, 0, spent), machine.age + 1)
+        multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)
+        return MachineStep(
+            machine=after,
+            fired=fired,
+            served_dwell=np.where(fired, dwell, 0.0),
+            multiplier=np.where(state == self._sink, 0.0, multiplier),
+        )
+
+    def one_hot(self, state: IntArray) -> Array:
+        """Encodes states (...) as observed, (..., n_states)."""
+        return np.eye(self.n_states)[state]

@@ -1,0 +1,72 @@
+"""When an episode ends early: the falls and failures of a robot, by name."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+
+FAILURES = (
+    "body_contact",
+    "low_trunk",
+    "joint_limit",
+    "abrupt_action",
+    "high_foot",
+    "not_finite",
+)
+"""Names of the failures, in the order of `failures`."""
+
+
+@dataclass(frozen=True)
+class TerminationLimits:
+    """Bounds that a robot must keep.
+
+    Attributes:
+        trunk_height: Least height of the trunk's centre (m).
+        action_change: Greatest squared change of the action in one step.
+        foot_height: Greatest height of a foot (m).
+        joint_overrun: How far a joint may go past its range (rad); the plant's own limits give way
+            a little.
+    """
+
+    trunk_height: float = 0.20
+    action_change: float = 60.0
+    foot_height: float = 0.25
+    joint_overrun: float = 0.05
+
+
+def failures(
+    state: Array, action: Array, previous_action: Array, limits: TerminationLimits
+) -> NDArray[np.bool_]:
+    """Tells which failures a robot shows.
+
+    Args:
+        state: The plant's state x after the step (..., 37).
+        action: Action held during the step (..., 12).
+        previous_action: Action of the step before (..., 12).
+        limits: The bounds.
+
+    Returns:
+        One flag for each name in `FAILURES` (..., 6). A state that is not finite shows
+        `not_finite` alone.
+    """
+    finite = np.isfinite(state).all(axis=-1) & np.isfinite(action).all(axis=-1)
+    state = np.where(finite[..., None], state, 0.0)
+    joint_position = state[..., robot.JOINT_POSITION]
+    overrun = np.maximum(
+        joint_position - robot.UPPER_LIMITS, robot.LOWER_LIMITS - joint_position
+    ).max(axis=-1)
+    change = np.where(finite[..., None], action - previous_action, 0.0)
+    shown = np.stack(
+        [
+            kinematics.body_clearance(state).min(axis=-1) < 0.0,
+            state[..., robot.POSITION][..., 2] < limits.trunk_height,
+            overrun > limits.joint_overrun,
+            np.sum(np.square(change), axis=-1) > limits.action_change,
+            kinematics.foot_heights(state).max(axis=-1) > limits.foot_height,
+        ],
+        axis=-1,
+    )
+    return np.concatenate([shown & finite[..., None], ~finite[..., None]], axis=-1)

@@ -1,0 +1,1 @@
+"""Studies: from a configuration to a run, and from a run to tables and figures."""

@@ -1,0 +1,1 @@
+"""Training neural experts by PPO on the batch simulator (paper, Section III-A)."""

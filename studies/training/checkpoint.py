@@ -1,0 +1,59 @@
+"""Checkpoints: everything that a run needs to go on as if it had never stopped."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from models.errors import InputError
+from models.files import load_arrays, save_arrays
+
+if TYPE_CHECKING:
+    from studies.training.study import TrainingRun
+
+CHECKPOINT_NAME = "checkpoint.safetensors"
+
+
+def save_checkpoint(run: "TrainingRun", path: Path) -> None:
+    """Writes weights, optimizers, every robot and all generators to one file, atomically."""
+    environment_arrays, environment_values = run.environment.to_arrays()
+    learner_arrays, learner_values = run.learner.to_arrays()
+    arrays = {f"environment:{name}": value for name, value in environment_arrays.items()}
+    arrays |= {f"learner:{name}": value for name, value in learner_arrays.items()}
+    header = {
+        "config": run.settings(),
+        "update": run.progress.update,
+        "seconds": run.progress.seconds,
+        "curve": run.curve.rows,
+        "environment": environment_values,
+        "learner": learner_values,
+    }
+    save_arrays(path, arrays, header)
+
+
+def load_checkpoint(run: "TrainingRun", path: Path) -> None:
+    """Brings a freshly made run to where the checkpoint's run was.
+
+    Raises:
+        InputError: if the checkpoint is missing, damaged, or of other settings.
+    """
+    arrays, header = load_arrays(path)
+    _check_settings(run, header["config"], path)
+
+    def part(prefix: str) -> dict:
+        return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+
+    run.environment.restore(part("environment:"), header["environment"])
+    run.learner.restore(part("learner:"), header["learner"])
+    run.progress.update = header["update"]
+    run.progress.seconds = header["seconds"]
+    run.curve.rows = header["curve"]
+
+
+def _check_settings(run: "TrainingRun", saved: dict, path: Path) -> None:
+    current = json.loads(json.dumps(run.settings()))
+    for key, value in current.items():
+        if key != "updates" and saved.get(key) != value:
+            raise InputError(
+                f"{path}: was trained with {key} = {saved.get(key)}, not {value}; "
+                "resume with the same settings or train into another folder"
+            )

@@ -1,0 +1,110 @@
+"""The settings of a training run: its command line and its record."""
+
+from dataclasses import dataclass, field
+
+from diagrams.station import StationConfig
+from models.task.randomization import Randomization
+
+
+@dataclass(frozen=True)
+class CurriculumConfig:
+    """How the reward machine's demands grow during training.
+
+    Both the dwell and the clearance that a transition asks for are scaled by an ease, which rises
+    after every update in which the robots kept enough of the commanded rhythm. At a low ease they
+    may step faster than commanded; the rising dwell slows them down.
+
+    Attributes:
+        initial_ease: Ease at the start; 1 is the paper's way, no curriculum.
+        rise: How much the ease grows after an update.
+        required_rhythm: Share of the commanded rhythm that lets the ease grow.
+    """
+
+    initial_ease: float = 0.2
+    rise: float = 0.02
+    required_rhythm: float = 0.5
+
+
+@dataclass(frozen=True)
+class PpoConfig:
+    """Settings of PPO (rsl-rl).
+
+    Attributes:
+        steps_per_update: Control steps of each robot between two updates.
+        epochs: Passes over those steps.
+        mini_batches: Mini-batches of a pass.
+        clip: Clipping of the probability ratio.
+        discount: Discount of the return.
+        trace_decay: λ of the generalized advantage estimate.
+        entropy: Weight of the entropy.
+        learning_rate: Initial learning rate, then adapted to the desired divergence.
+        desired_kl: Divergence that the learning rate is adapted to.
+        initial_std: Initial standard deviation of the actions.
+        reward_scale: Factor on the task's reward; a transition pays up to 30 before it.
+        actor_layers: Widths of the actor's hidden layers.
+        critic_layers: Widths of the critic's hidden layers.
+    """
+
+    steps_per_update: int = 24
+    epochs: int = 5
+    mini_batches: int = 4
+    clip: float = 0.2
+    discount: float = 0.99
+    trace_decay: float = 0.95
+    entropy: float = 0.01
+    learning_rate: float = 1e-3
+    desired_kl: float = 0.01
+    initial_std: float = 1.0
+    reward_scale: float = 1.0 / 30.0
+    actor_layers: tuple[int, ...] = (256, 128, 64)
+    critic_layers: tuple[int, ...] = (256, 128, 64)
+
+
+@dataclass(frozen=True)
+class EstimatorConfig:
+    """Settings of the learned state estimator.
+
+    Attributes:
+        layers: Widths of the hidden layers.
+        learning_rate: Learning rate of Adam.
+        epochs: Passes over the steps of each update.
+        mini_batches: Mini-batches of a pass.
+    """
+
+    layers: tuple[int, ...] = (128, 128)
+    learning_rate: float = 1e-3
+    epochs: int = 1
+    mini_batches: int = 4
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """Settings of a training run.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        seed: Seed of all randomness.
+        updates: Number of PPO updates.
+        n_robots: Robots that train at once.
+        n_friction_groups: Groups of robots with a friction of their own.
+        friction_updates: Updates between two draws of the frictions.
+        checkpoint_updates: Updates between two checkpoints.
+        station: Physics.
+        randomization: What differs between robots and episodes.
+        curriculum: Growth of the reward machine's demands.
+        ppo: Settings of PPO.
+        estimator: Settings of the state estimator.
+    """
+
+    gait: str = "trot"
+    seed: int = 0
+    updates: int = 1500
+    n_robots: int = 256
+    n_friction_groups: int = 4
+    friction_updates: int = 20
+    checkpoint_updates: int = 50
+    station: StationConfig = field(default_factory=StationConfig)
+    randomization: Randomization = field(default_factory=Randomization)
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    ppo: PpoConfig = field(default_factory=PpoConfig)
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)

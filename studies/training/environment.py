@@ -1,0 +1,128 @@
+"""The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from tensordict import TensorDict
+from torch import nn
+
+from diagrams.batch import BatchPhysics, BatchSimulator, BatchStep, TaskConfig, TaskState
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from models.task import EPISODE_STEPS
+from models.task.gait import load_gait
+from studies.training.config import TrainingConfig
+
+ANGULAR_VELOCITY_SCALE = 0.25
+
+OBSERVATION_GROUPS = {
+    "actor": ["proprioception", "estimate"],
+    "critic": ["proprioception", "body_state", "privileged"],
+}
+"""What the actor and the critic observe. The critic, which is not deployed, sees the truth."""
+
+
+class TrainingStep(NamedTuple):
+    """One control step of all robots, after the resets.
+
+    Attributes:
+        observations: Observation groups (n, ...).
+        rewards: Scaled rewards (n,).
+        dones: Whether the episode ended (n,).
+        time_outs: Whether it ended only by its length (n,).
+        task: What the simulator reports.
+    """
+
+    observations: TensorDict
+    rewards: torch.Tensor
+    dones: torch.Tensor
+    time_outs: torch.Tensor
+    task: BatchStep
+
+
+class TrainingEnvironment:
+    """Robots that learn; an episode that ends starts anew in the same step."""
+
+    def __init__(
+        self, config: TrainingConfig, estimator: nn.Module, generator: np.random.Generator
+    ) -> None:
+        self._reward_scale = config.ppo.reward_scale
+        self._estimator = estimator
+        self.generator = generator
+        self.simulator = BatchSimulator(
+            TaskConfig(load_gait(config.gait), config.randomization),
+            BatchPhysics(config.station, n_groups=config.n_friction_groups),
+            n_robots=config.n_robots,
+            generator=generator,
+            ease=config.curriculum.initial_ease,
+        )
+        # Spread the ends of the first episodes, so that updates see all ages at once.
+        steps = self.simulator.state.steps
+        steps[:] = generator.integers(EPISODE_STEPS, size=steps.shape)
+
+    def observe(self) -> TensorDict:
+        """Returns the observation groups of all robots."""
+        own = _tensor(self.simulator.proprioception())
+        with torch.no_grad():
+            estimate = self._estimator(own)
+        return TensorDict(
+            {
+                "proprioception": own,
+                "estimate": estimate,
+                "body_state": _tensor(self.simulator.body_state()),
+                "privileged": _tensor(self._privileged()),
+            },
+            batch_size=[len(own)],
+        )
+
+    def step(self, actions: torch.Tensor) -> TrainingStep:
+        """Holds actions (n, 12) for one control step and resets the robots that ended."""
+        simulator = self.simulator
+        step = simulator.step(actions.numpy().astype(float))
+        ended = step.terminated | step.truncated
+        simulator.reset(np.flatnonzero(ended))
+        return TrainingStep(
+            observations=self.observe(),
+            rewards=_tensor(step.reward * self._reward_scale),
+            dones=torch.from_numpy(ended),
+            time_outs=torch.from_numpy(step.truncated & ~step.terminated),
+            task=step,
+        )
+
+    def _privileged(self) -> Array:
+        s = self.simulator.state
+        _, angular = kinematics.base_velocity(s.plant)
+        n, simulator = len(s.plant), self.simulator
+        groups = np.array_split(np.arange(n), simulator.physics.n_groups)
+        friction = np.repeat(simulator.friction, [len(group) for group in groups])
+        return np.concatenate(
+            [
+                kinematics.gravity_direction(s.plant[:, robot.QUATERNION]),
+                ANGULAR_VELOCITY_SCALE * angular,
+                s.touching,
+                friction[:, None],
+                np.full((n, 1), simulator.ease),
+            ],
+            axis=1,
+        )
+
+    def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
+        arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
+        values = {
+            "ease": self.simulator.ease,
+            "generator": self.generator.bit_generator.state,
+        }
+        return arrays, values
+
+    def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
+        """Continues from what `to_arrays` returned."""
+        self.simulator.restore(TaskState.from_arrays(arrays))
+        self.simulator.restore_friction(arrays["friction"])
+        self.simulator.ease = values["ease"]
+        self.generator.bit_generator.state = values["generator"]
+
+
+def _tensor(array: Array) -> torch.Tensor:
+    return torch.from_numpy(np.asarray(array, dtype=np.float32))

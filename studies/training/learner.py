@@ -1,0 +1,122 @@
+"""The learner: PPO's actor and critic with the state estimator beside them."""
+
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from models.a1 import robot
+from models.policies.neural import NeuralPolicy
+from studies.training.config import TrainingConfig
+from studies.training.environment import OBSERVATION_GROUPS, TrainingEnvironment
+from studies.training.estimator import EstimatorTrainer, StateEstimator, network_of
+
+
+class Learner:
+    """Owns every learned number and every optimizer."""
+
+    def __init__(
+        self, config: TrainingConfig, estimator: StateEstimator, observations: TensorDict
+    ) -> None:
+        """
+        Args:
+            config: Settings.
+            estimator: The estimator that the environment observes with.
+            observations: Observation groups of all robots, for their sizes.
+        """
+        ppo = config.ppo
+        self.estimator = estimator
+        self.estimator_trainer = EstimatorTrainer(estimator, config.estimator)
+        actor = MLPModel(
+            observations,
+            OBSERVATION_GROUPS,
+            "actor",
+            robot.N_JOINTS,
+            hidden_dims=ppo.actor_layers,
+            distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
+        )
+        critic = MLPModel(
+            observations, OBSERVATION_GROUPS, "critic", 1, hidden_dims=ppo.critic_layers
+        )
+        storage = RolloutStorage(
+            "rl", config.n_robots, ppo.steps_per_update, observations, [robot.N_JOINTS]
+        )
+        self.ppo = PPO(
+            actor,
+            critic,
+            storage,
+            num_learning_epochs=ppo.epochs,
+            num_mini_batches=ppo.mini_batches,
+            clip_param=ppo.clip,
+            gamma=ppo.discount,
+            lam=ppo.trace_decay,
+            entropy_coef=ppo.entropy,
+            learning_rate=ppo.learning_rate,
+            desired_kl=ppo.desired_kl,
+            # Returns are about ten times the clip, which would make the critic a slow follower.
+            use_clipped_value_loss=False,
+        )
+        self.ppo.train_mode()
+
+    def update(self, last_observations: TensorDict) -> dict[str, float]:
+        """Learns from the stored steps and returns the losses by name."""
+        with torch.inference_mode():
+            self.ppo.compute_returns(last_observations)
+        stored = self.ppo.storage.observations.flatten(0, 1).clone()
+        losses = self.ppo.update()
+        losses["estimator"] = self.estimator_trainer.update(stored)
+        losses["action_std"] = self.ppo.actor.distribution.std_param.mean().item()
+        losses["learning_rate"] = self.ppo.learning_rate
+        return losses
+
+    def to_policy(self, gait: str, environment: TrainingEnvironment) -> NeuralPolicy:
+        """Returns the expert as it is now."""
+        return NeuralPolicy(
+            gait,
+            environment.simulator.layout.names,
+            network_of(self.ppo.actor.mlp),
+            self.estimator.to_network(),
+        )
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
+        arrays = {"torch_rng": torch.get_rng_state().numpy()}
+        for name, module in self._modules().items():
+            for key, value in module.state_dict().items():
+                arrays[f"{name}/{key}"] = value.numpy().copy()
+        for name, optimizer in self._optimizers().items():
+            for index, slot in optimizer.state_dict()["state"].items():
+                for key, value in slot.items():
+                    arrays[f"{name}/{index}/{key}"] = value.numpy().copy()
+        return arrays, {"learning_rate": self.ppo.learning_rate}
+
+    def restore(self, arrays: dict[str, NDArray[Any]], values: dict[str, Any]) -> None:
+        """Continues from what `to_arrays` returned."""
+        tensors = {key: torch.from_numpy(value.copy()) for key, value in arrays.items()}
+        for name, module in self._modules().items():
+            module.load_state_dict({key: tensors[f"{name}/{key}"] for key in module.state_dict()})
+        for name, optimizer in self._optimizers().items():
+            state = optimizer.state_dict()
+            for path, value in tensors.items():
+                prefix, _, rest = path.partition("/")
+                if prefix == name:
+                    index, _, key = rest.partition("/")
+                    state["state"].setdefault(int(index), {})[key] = value
+            optimizer.load_state_dict(state)
+        self.ppo.learning_rate = values["learning_rate"]
+        for group in self.ppo.optimizer.param_groups:
+            group["lr"] = values["learning_rate"]
+        torch.set_rng_state(tensors["torch_rng"])
+
+    def _modules(self) -> dict[str, torch.nn.Module]:
+        return {"actor": self.ppo.actor, "critic": self.ppo.critic, "estimator": self.estimator}
+
+    def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        return {
+            "ppo_optimizer": self.ppo.optimizer,
+            "estimator_optimizer": self.estimator_trainer.optimizer,
+        }

@@ -1,0 +1,69 @@
+"""What a training run leaves behind: the expert, its record and its learning curve."""
+
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+import yaml
+
+from models.files import write_atomically
+from models.task import CONTROL_PERIOD
+
+if TYPE_CHECKING:
+    from studies.training.study import TrainingRun
+
+RECENT_UPDATES = 20
+
+
+class Curve:
+    """The learning curve, a row an update."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float]] = []
+
+    def append(self, row: dict[str, float]) -> None:
+        """Adds the row of one update."""
+        self.rows.append(row)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Returns the curve as a table."""
+        return pd.DataFrame(self.rows)
+
+
+def write_expert(run: "TrainingRun", folder: Path) -> None:
+    """Writes `<gait>.safetensors`, `<gait>.yaml` and `<gait>.csv`, each atomically."""
+    name = run.gait.name
+    curve = run.curve.to_frame()
+    recent = curve.tail(RECENT_UPDATES).mean()
+    steps = run.control_steps
+    record = {
+        "gait": name,
+        "seed": run.config.seed,
+        "updates": run.progress.update,
+        "control_steps": steps,
+        "simulated_hours": round(steps * CONTROL_PERIOD / 3600, 2),
+        "wall_minutes": round(run.progress.seconds / 60, 1),
+        "control_steps_per_second": round(steps / run.progress.seconds),
+        "final": {
+            key: round(float(recent[key]), 4)
+            for key in ("plain_reward", "reward", "rhythm", "failure_rate", "ease")
+        },
+        "software": {
+            package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
+        }
+        | {"python": platform.python_version()},
+        "config": _plain(run.settings()),
+    }
+    run.learner.to_policy(name, run.environment).save(folder / f"{name}.safetensors")
+    write_atomically(folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
+    write_atomically(folder / f"{name}.csv", curve.to_csv(index=False, float_format="%.6g"))
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return value

@@ -1,0 +1,149 @@
+"""The training study: collect, learn, log, checkpoint, and in the end an expert."""
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch.utils.tensorboard import SummaryWriter
+
+from models.task.gait import load_gait
+from models.task.observation import ObservationLayout
+from models.task.reward import REWARD_TERMS
+from studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
+from studies.training.config import TrainingConfig
+from studies.training.environment import TrainingEnvironment
+from studies.training.estimator import StateEstimator
+from studies.training.learner import Learner
+from studies.training.record import Curve, write_expert
+
+
+@dataclass
+class Progress:
+    """How far a run has come.
+
+    Attributes:
+        update: Updates done.
+        seconds: Wall time spent (s), over all parts of an interrupted run.
+    """
+
+    update: int = 0
+    seconds: float = 0.0
+
+
+class TrainingRun:
+    """A training run in its folder, from the first update or from its checkpoint."""
+
+    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False) -> None:
+        """
+        Args:
+            config: Settings; a resumed run must have the same, except for more updates.
+            folder: Where checkpoint, curve and TensorBoard events go.
+            resume: Whether to continue from the folder's checkpoint.
+
+        Raises:
+            InputError: if there is nothing to resume, or the settings differ.
+        """
+        self.config = config
+        self.folder = folder
+        self.progress = Progress()
+        self.curve = Curve()
+        torch.manual_seed(config.seed)
+        self.gait = load_gait(config.gait)
+        layout = ObservationLayout(self.gait.n_states)
+        self._estimator = StateEstimator(layout.n_proprioceptive, config.estimator)
+        generator = np.random.default_rng(config.seed)
+        self.environment = TrainingEnvironment(config, self._estimator, generator)
+        self.learner = Learner(config, self._estimator, self.environment.observe())
+        if resume:
+            load_checkpoint(self, folder / CHECKPOINT_NAME)
+
+    def run(self, report) -> None:
+        """Trains to the end, calling `report(run, row)` after every update."""
+        writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.progress.update)
+        try:
+            while self.progress.update < self.config.updates:
+                start = time.monotonic()
+                row = self.update()
+                self.progress.seconds += time.monotonic() - start
+                row["seconds"] = self.progress.seconds
+                self.curve.append(row)
+                for name, value in row.items():
+                    writer.add_scalar(name, value, self.progress.update)
+                done = self.progress.update
+                if done % self.config.checkpoint_updates == 0 or done == self.config.updates:
+                    self.save()
+                report(self, row)
+        finally:
+            writer.close()
+
+    def save(self) -> None:
+        """Writes checkpoint, curve and the expert as it is now."""
+        save_checkpoint(self, self.folder / CHECKPOINT_NAME)
+        write_expert(self, self.folder)
+
+    def update(self) -> dict[str, float]:
+        """Collects one batch of steps, learns from it, and returns the row of the curve."""
+        simulator = self.environment.simulator
+        if self.progress.update and self.progress.update % self.config.friction_updates == 0:
+            simulator.resample_friction()
+        statistics = _Statistics()
+        observations = self.environment.observe()
+        with torch.inference_mode():
+            for _ in range(self.config.ppo.steps_per_update):
+                actions = self.learner.ppo.act(observations)
+                step = self.environment.step(actions)
+                observations = step.observations
+                self.learner.ppo.process_env_step(
+                    observations, step.rewards, step.dones, {"time_outs": step.time_outs}
+                )
+                statistics.add(step.task)
+        losses = self.learner.update(observations)
+        self.progress.update += 1
+        row = {
+            "update": float(self.progress.update),
+            "control_steps": float(self.control_steps),
+            "ease": simulator.ease,
+            **statistics.means(),
+            **losses,
+        }
+        self._ease(row["rhythm"])
+        return row
+
+    @property
+    def control_steps(self) -> int:
+        """Control steps of all robots so far."""
+        return self.progress.update * self.config.n_robots * self.config.ppo.steps_per_update
+
+    def settings(self) -> dict:
+        """Returns the settings as plain values."""
+        return asdict(self.config)
+
+    def _ease(self, rhythm: float) -> None:
+        curriculum, simulator = self.config.curriculum, self.environment.simulator
+        if rhythm > curriculum.required_rhythm:
+            simulator.ease = min(1.0, simulator.ease + curriculum.rise)
+
+
+class _Statistics:
+    """Means over the steps of one update."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, float] = {}
+        self._count = 0
+
+    def add(self, step) -> None:
+        values = {
+            "reward": step.reward.mean(),
+            "plain_reward": step.plain_reward.mean(),
+            "rhythm": step.served_dwell.mean(),
+            "failure_rate": step.terminated.mean(),
+        }
+        values |= {f"terms/{name}": step.terms[:, i].mean() for i, name in enumerate(REWARD_TERMS)}
+        for name, value in values.items():
+            self._sums[name] = self._sums.get(name, 0.0) + float(value)
+        self._count += 1
+
+    def means(self) -> dict[str, float]:
+        return {name: value / self._count for name, value in self._sums.items()}

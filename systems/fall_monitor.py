@@ -1,0 +1,65 @@
+"""Watches for falls and other failures."""
+
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+
+from models.a1 import robot
+from models.task.termination import FAILURES, TerminationLimits, failures
+
+
+class FallMonitor(LeafSystem):
+    """Tells which failures the robot shows.
+
+    .. pydrake_system::
+
+        name: FallMonitor
+        input_ports:
+        - state
+        - action
+        - previous_action
+        output_ports:
+        - failures
+
+    Inputs: state (37), the plant's. action (12), held during the last control step.
+    previous_action (12).
+    Outputs: failures (6, {0, 1}), in the order of `FAILURES`.
+    State: none. Feedthrough: all inputs.
+    """
+
+    def __init__(self, limits: TerminationLimits | None = None) -> None:
+        super().__init__()
+        self._limits = limits or TerminationLimits()
+        declare = self.DeclareVectorInputPort
+        self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._action_port = declare("action", robot.N_JOINTS)
+        self._previous_action_port = declare("previous_action", robot.N_JOINTS)
+        self._failures_port = self.DeclareVectorOutputPort(
+            name="failures",
+            size=len(FAILURES),
+            calc=self._calc_failures,
+            prerequisites_of_calc={self.all_input_ports_ticket()},
+        )
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
+
+    def get_action_input_port(self) -> InputPort:
+        """Takes the action held during the last step."""
+        return self._action_port
+
+    def get_previous_action_input_port(self) -> InputPort:
+        """Takes the action of the step before."""
+        return self._previous_action_port
+
+    def get_failures_output_port(self) -> OutputPort:
+        """Gives a flag for each failure."""
+        return self._failures_port
+
+    def _calc_failures(self, context: Context, output: BasicVector) -> None:
+        shown = failures(
+            self._state_port.Eval(context),
+            self._action_port.Eval(context),
+            self._previous_action_port.Eval(context),
+            self._limits,
+        )
+        output.SetFromVector(shown.astype(float))

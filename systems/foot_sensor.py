@@ -1,0 +1,76 @@
+"""Senses the contacts and the heights of the feet."""
+
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+
+from models.a1 import robot
+from models.task import CONTROL_PERIOD
+from models.task.contact import FootSense, sense_feet
+
+
+class FootSensor(LeafSystem):
+    """Senses which feet touch the ground and how high they are.
+
+    .. pydrake_system::
+
+        name: FootSensor
+        input_ports:
+        - state
+        output_ports:
+        - foot_contact
+        - foot_height
+
+    Inputs: state (37), the plant's, as laid out in `models.a1.robot`.
+    Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
+    foot_height (4, m), of each foot's lowest point above the ground, world frame.
+    State: contacts of the previous control step, latched every 20 ms (unrestricted update).
+    Feedthrough: state to both outputs.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._touching = self.DeclareDiscreteState(robot.N_LEGS)
+        self._state_port = self.DeclareVectorInputPort(
+            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+        )
+        state_ticket = self.input_port_ticket(self._state_port.get_index())
+        self._foot_contact_port = self.DeclareVectorOutputPort(
+            name="foot_contact",
+            size=robot.N_LEGS,
+            calc=self._calc_foot_contact,
+            prerequisites_of_calc={state_ticket, self.xd_ticket()},
+        )
+        self._foot_height_port = self.DeclareVectorOutputPort(
+            name="foot_height",
+            size=robot.N_LEGS,
+            calc=self._calc_foot_height,
+            prerequisites_of_calc={state_ticket, self.xd_ticket()},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
+
+    def get_foot_contact_output_port(self) -> OutputPort:
+        """Tells which feet touch."""
+        return self._foot_contact_port
+
+    def get_foot_height_output_port(self) -> OutputPort:
+        """Tells how high the feet are."""
+        return self._foot_height_port
+
+    def _sense(self, context: Context) -> FootSense:
+        previously = context.get_discrete_state(self._touching).value() > 0.5
+        return sense_feet(self._state_port.Eval(context), previously)
+
+    def _calc_foot_contact(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._sense(context).contact.astype(float))
+
+    def _calc_foot_height(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._sense(context).height)
+
+    def _latch(self, context: Context, state: State) -> None:
+        touching = self._sense(context).touching
+        state.get_mutable_discrete_state(self._touching).SetFromVector(touching.astype(float))

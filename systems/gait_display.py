@@ -1,0 +1,87 @@
+"""Shows the reward machine's state and the feet's contacts in Meshcat."""
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem
+
+from models.a1 import kinematics, robot
+from models.task.gait import Gait
+from models.task.palette import STATE_COLORS
+
+DISPLAY_PERIOD = 1.0 / 32.0
+"""Time between two pictures (s), the frame rate of Meshcat's recordings."""
+
+PATH = "gait"
+
+
+class GaitDisplay(LeafSystem):
+    """Draws a beacon above the trunk, coloured by the machine's state, and marks feet that touch.
+
+    .. pydrake_system::
+
+        name: GaitDisplay
+        input_ports:
+        - state
+        - rm_state
+        - foot_contact
+
+    Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
+    Publishes to Meshcat every 1/32 s. State: none.
+    """
+
+    def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
+        super().__init__()
+        self._gait = gait
+        self._meshcat = meshcat
+        self._state_port = self.DeclareVectorInputPort(
+            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+        )
+        self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
+        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
+        for i, name in enumerate(gait.states):
+            meshcat.SetObject(f"{PATH}/state/{name}", Box(0.12, 0.05, 0.02), _rgba(i))
+        for leg in robot.LEGS:
+            meshcat.SetObject(f"{PATH}/contact/{leg}", Sphere(0.024), Rgba(0.9, 0.6, 0.0, 1.0))
+        self.DeclarePeriodicPublishEvent(
+            period_sec=DISPLAY_PERIOD, offset_sec=0.0, publish=self._publish
+        )
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
+
+    def get_rm_state_input_port(self) -> InputPort:
+        """Takes the reward machine's state."""
+        return self._rm_state_port
+
+    def get_foot_contact_input_port(self) -> InputPort:
+        """Takes which feet touch."""
+        return self._foot_contact_port
+
+    def _publish(self, context: Context) -> EventStatus:
+        time = context.get_time()
+        state = self._state_port.Eval(context)
+        rm_state = self._rm_state_port.Eval(context)
+        contact = self._foot_contact_port.Eval(context)
+        origin = state[robot.POSITION]
+        rotation = kinematics.rotation_matrix(state[robot.QUATERNION])
+        above = RigidTransform(origin + [0.0, 0.0, 0.16])
+        self._meshcat.SetTransform(f"{PATH}/state", above, time)
+        for i, name in enumerate(self._gait.states):
+            self._show(f"{PATH}/state/{name}", bool(rm_state[i] > 0.5), time)
+        feet = origin + kinematics.foot_positions(state[robot.JOINT_POSITION]) @ rotation.T
+        for leg, foot, touches in zip(robot.LEGS, feet, contact, strict=True):
+            self._meshcat.SetTransform(f"{PATH}/contact/{leg}", RigidTransform(foot), time)
+            self._show(f"{PATH}/contact/{leg}", bool(touches > 0.5), time)
+        return EventStatus.Succeeded()
+
+    def _show(self, path: str, visible: bool, time: float) -> None:
+        self._meshcat.SetProperty(path, "visible", visible, time)
+
+
+def _rgba(state: int) -> Rgba:
+    red, green, blue = np.array(
+        [int(STATE_COLORS[state % len(STATE_COLORS)][i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    )
+    return Rgba(red, green, blue, 1.0)

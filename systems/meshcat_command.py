@@ -1,0 +1,71 @@
+"""Commands from sliders in Meshcat."""
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort, State
+
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait
+
+SPEED_SLIDER = "forward speed (m/s)"
+YAW_RATE_SLIDER = "yaw rate (rad/s)"
+DWELL_SLIDER = "dwell (control steps)"
+
+
+class MeshcatCommand(LeafSystem):
+    """Reads the command from sliders, once every control step.
+
+    .. pydrake_system::
+
+        name: MeshcatCommand
+        output_ports:
+        - command
+        - commanded_dwell
+
+    Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame.
+    commanded_dwell (1, control steps).
+    State: the sliders' values (3), latched every 20 ms (unrestricted update). Feedthrough: none.
+    """
+
+    def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
+        super().__init__()
+        self._meshcat = meshcat
+        start = [0.5 * gait.max_speed, 0.0, float(sum(gait.dwell) // 2)]
+        self._values = self.DeclareDiscreteState(start)
+        speed, turn = gait.max_speed, gait.max_yaw_rate
+        meshcat.AddSlider(SPEED_SLIDER, -speed, speed, 0.05, start[0], "KeyS", "KeyW")
+        meshcat.AddSlider(YAW_RATE_SLIDER, -turn, turn, 0.05, start[1], "KeyD", "KeyA")
+        meshcat.AddSlider(DWELL_SLIDER, gait.dwell[0], gait.dwell[1], 1, start[2])
+        self._command_port = self.DeclareVectorOutputPort(
+            name="command",
+            size=2,
+            calc=lambda context, output: output.SetFromVector(self._stored(context)[:2]),
+            prerequisites_of_calc={self.xd_ticket()},
+        )
+        self._commanded_dwell_port = self.DeclareVectorOutputPort(
+            name="commanded_dwell",
+            size=1,
+            calc=self._calc_commanded_dwell,
+            prerequisites_of_calc={self.xd_ticket()},
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+    def get_command_output_port(self) -> OutputPort:
+        """Gives forward speed and yaw rate."""
+        return self._command_port
+
+    def get_commanded_dwell_output_port(self) -> OutputPort:
+        """Gives the commanded iterations in a state."""
+        return self._commanded_dwell_port
+
+    def _stored(self, context: Context):
+        return context.get_discrete_state(self._values).value()
+
+    def _calc_commanded_dwell(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._stored(context)[2:])
+
+    def _latch(self, context: Context, state: State) -> None:
+        sliders = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
+        values = [self._meshcat.GetSliderValue(name) for name in sliders]
+        state.get_mutable_discrete_state(self._values).SetFromVector(values)

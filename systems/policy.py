@@ -1,0 +1,47 @@
+"""Acts by a policy, neural or glass-box."""
+
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+
+from models.a1 import robot
+from models.policies.policy import Policy
+
+
+class PolicySystem(LeafSystem):
+    """Maps the observation to an action.
+
+    .. pydrake_system::
+
+        name: PolicySystem
+        input_ports:
+        - observation
+        output_ports:
+        - action
+
+    Inputs: observation (47 + n_states), in the order of the policy's `observation_names`.
+    Outputs: action (12), FL FR RL RR, hip thigh calf; 0.25 rad of joint target a unit.
+    State: none; the policy is an immutable member that clones share. Feedthrough: yes.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        super().__init__()
+        self._policy = policy
+        self._observation_port = self.DeclareVectorInputPort(
+            name="observation", size=len(policy.observation_names)
+        )
+        self._action_port = self.DeclareVectorOutputPort(
+            name="action",
+            size=robot.N_JOINTS,
+            calc=self._calc_action,
+            prerequisites_of_calc={self.all_input_ports_ticket()},
+        )
+
+    def get_observation_input_port(self) -> InputPort:
+        """Takes the observation."""
+        return self._observation_port
+
+    def get_action_output_port(self) -> OutputPort:
+        """Gives the action."""
+        return self._action_port
+
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._policy(self._observation_port.Eval(context)))

@@ -1,0 +1,150 @@
+"""Rewards the last control step."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+
+from models.a1 import robot
+from models.task import CONTROL_PERIOD
+from models.task.reward import Reward, RewardWeights, step_reward
+
+
+class RewardSystem(LeafSystem):
+    """Evaluates the reward of the control step that ends now.
+
+    .. pydrake_system::
+
+        name: RewardSystem
+        input_ports:
+        - state
+        - command
+        - action
+        - previous_action
+        - foot_contact
+        - reward_multiplier
+        output_ports:
+        - reward
+        - plain_reward
+        - reward_terms
+
+    Inputs: state (37), the plant's. command (2; m/s, rad/s). action (12), held during the step.
+    previous_action (12). foot_contact (4, {0, 1}). reward_multiplier (1), the reward machine's.
+    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (9),
+    weighted, in the order of `REWARD_TERMS`.
+    State: joint velocities and the feet's air times at the previous control step, latched at
+    initialization and every 20 ms (unrestricted update). Feedthrough: all inputs; reward_multiplier
+    to reward alone.
+    """
+
+    def __init__(self, weights: RewardWeights | None = None) -> None:
+        super().__init__()
+        self._weights = (weights or RewardWeights()).as_array()
+        self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
+        self._air_time = self.DeclareDiscreteState(robot.N_LEGS)
+        declare = self.DeclareVectorInputPort
+        self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._command_port = declare("command", 2)
+        self._action_port = declare("action", robot.N_JOINTS)
+        self._previous_action_port = declare("previous_action", robot.N_JOINTS)
+        self._foot_contact_port = declare("foot_contact", robot.N_LEGS)
+        self._reward_multiplier_port = declare("reward_multiplier", 1)
+        step_ports = (
+            self._state_port,
+            self._command_port,
+            self._action_port,
+            self._previous_action_port,
+            self._foot_contact_port,
+        )
+        of_step = {self.input_port_ticket(port.get_index()) for port in step_ports}
+        of_step.add(self.xd_ticket())
+        self._reward_port = self.DeclareVectorOutputPort(
+            name="reward",
+            size=1,
+            calc=self._calc_reward,
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        self._plain_reward_port = self.DeclareVectorOutputPort(
+            name="plain_reward",
+            size=1,
+            calc=self._calc_plain_reward,
+            prerequisites_of_calc=of_step,
+        )
+        self._reward_terms_port = self.DeclareVectorOutputPort(
+            name="reward_terms",
+            size=len(self._weights),
+            calc=self._calc_reward_terms,
+            prerequisites_of_calc=of_step,
+        )
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
+        # The first control step ends one period after the start.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=CONTROL_PERIOD, update=self._latch
+        )
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
+
+    def get_command_input_port(self) -> InputPort:
+        """Takes forward speed and yaw rate."""
+        return self._command_port
+
+    def get_action_input_port(self) -> InputPort:
+        """Takes the action held during the step."""
+        return self._action_port
+
+    def get_previous_action_input_port(self) -> InputPort:
+        """Takes the action of the step before."""
+        return self._previous_action_port
+
+    def get_foot_contact_input_port(self) -> InputPort:
+        """Takes which feet touch."""
+        return self._foot_contact_port
+
+    def get_reward_multiplier_input_port(self) -> InputPort:
+        """Takes the reward machine's factor."""
+        return self._reward_multiplier_port
+
+    def get_reward_output_port(self) -> OutputPort:
+        """Gives the reward with the machine's factor."""
+        return self._reward_port
+
+    def get_plain_reward_output_port(self) -> OutputPort:
+        """Gives the reward without the machine's factor."""
+        return self._plain_reward_port
+
+    def get_reward_terms_output_port(self) -> OutputPort:
+        """Gives the weighted terms."""
+        return self._reward_terms_port
+
+    def _evaluate(self, context: Context) -> Reward:
+        return step_reward(
+            state=self._state_port.Eval(context),
+            previous_joint_velocity=context.get_discrete_state(self._joint_velocity).value(),
+            action=self._action_port.Eval(context),
+            previous_action=self._previous_action_port.Eval(context),
+            command=self._command_port.Eval(context),
+            foot_contact=self._foot_contact_port.Eval(context) > 0.5,
+            air_time=context.get_discrete_state(self._air_time).value(),
+            weights=self._weights,
+        )
+
+    def _calc_reward(self, context: Context, output: BasicVector) -> None:
+        multiplier = self._reward_multiplier_port.Eval(context)
+        output.SetFromVector(self._evaluate(context).plain * multiplier)
+
+    def _calc_plain_reward(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._evaluate(context).plain)])
+
+    def _calc_reward_terms(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._evaluate(context).terms)
+
+    def _start(self, context: Context, state: State) -> None:
+        self._store(context, state, np.zeros(robot.N_LEGS))
+
+    def _latch(self, context: Context, state: State) -> None:
+        self._store(context, state, self._evaluate(context).air_time)
+
+    def _store(self, context: Context, state: State, air_time: np.ndarray) -> None:
+        velocity = self._state_port.Eval(context)[robot.JOINT_VELOCITY]
+        state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
+        state.get_mutable_discrete_state(self._air_time).SetFromVector(air_time)

@@ -1,0 +1,47 @@
+"""Estimates base velocity and foot heights."""
+
+from collections.abc import Callable
+
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+
+from models.a1.robot import Array
+from models.task.observation import N_ESTIMATED
+
+
+class StateEstimator(LeafSystem):
+    """Estimates the body state from what the robot measures or knows.
+
+    .. pydrake_system::
+
+        name: StateEstimator
+        input_ports:
+        - proprioception
+        output_ports:
+        - body_state
+
+    Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
+    Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
+    (m, world frame). State: none. Feedthrough: yes.
+    """
+
+    def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
+        super().__init__()
+        self._estimator = estimator
+        self._proprioception_port = self.DeclareVectorInputPort("proprioception", n_proprioceptive)
+        self._body_state_port = self.DeclareVectorOutputPort(
+            name="body_state",
+            size=N_ESTIMATED,
+            calc=self._calc_body_state,
+            prerequisites_of_calc={self.all_input_ports_ticket()},
+        )
+
+    def get_proprioception_input_port(self) -> InputPort:
+        """Takes the observation without the body state."""
+        return self._proprioception_port
+
+    def get_body_state_output_port(self) -> OutputPort:
+        """Gives the estimate."""
+        return self._body_state_port
+
+    def _calc_body_state(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._estimator(self._proprioception_port.Eval(context)))
