@@ -30,16 +30,17 @@ class RewardSystem(LeafSystem):
     previous_action (12). foot_contact (4, {0, 1}). reward_multiplier (1), the reward machine's.
     Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (9),
     weighted, in the order of `REWARD_TERMS`.
-    State: joint velocities and the feet's air times at the previous control step, latched at
-    initialization and every 20 ms (unrestricted update). Feedthrough: all inputs; reward_multiplier
-    to reward alone.
+    They mean something from the end of the first control step on.
+    State: joint velocities and the feet's air times at the previous control step, latched every
+    20 ms (unrestricted update). Feedthrough: all inputs; reward_multiplier to reward alone.
     """
 
     def __init__(self, weights: RewardWeights | None = None) -> None:
         super().__init__()
         self._weights = (weights or RewardWeights()).as_array()
         self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
-        self._air_time = self.DeclareDiscreteState(robot.N_LEGS)
+        # The update at time 0 precedes the first control step; it brings the air time to zero.
+        self._air_time = self.DeclareDiscreteState(np.full(robot.N_LEGS, -CONTROL_PERIOD))
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
         self._command_port = declare("command", 2)
@@ -74,10 +75,8 @@ class RewardSystem(LeafSystem):
             calc=self._calc_reward_terms,
             prerequisites_of_calc=of_step,
         )
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
-        # The first control step ends one period after the start.
         self.DeclarePeriodicUnrestrictedUpdateEvent(
-            period_sec=CONTROL_PERIOD, offset_sec=CONTROL_PERIOD, update=self._latch
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
 
     def get_state_input_port(self) -> InputPort:
@@ -138,13 +137,8 @@ class RewardSystem(LeafSystem):
     def _calc_reward_terms(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._evaluate(context).terms)
 
-    def _start(self, context: Context, state: State) -> None:
-        self._store(context, state, np.zeros(robot.N_LEGS))
-
     def _latch(self, context: Context, state: State) -> None:
-        self._store(context, state, self._evaluate(context).air_time)
-
-    def _store(self, context: Context, state: State, air_time: np.ndarray) -> None:
         velocity = self._state_port.Eval(context)[robot.JOINT_VELOCITY]
+        air_time = self._evaluate(context).air_time
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(air_time)
