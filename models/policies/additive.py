@@ -1,0 +1,155 @@
+"""Explainable boosting machines, compiled to look-up tables for all joints at once."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1.robot import Array
+from models.policies.policy import Policy
+
+if TYPE_CHECKING:
+    from interpret.glassbox import ExplainableBoostingRegressor
+
+
+class AdditivePolicy(Policy):
+    """Each action is a constant plus functions of one or two observations (paper, Eq. EBM).
+
+    All joints bin the observations alike, finely for functions of one and coarsely for functions
+    of two. A value falls into the bin whose index is the number of cuts that are at most as large.
+
+    Attributes:
+        cuts: Cuts of each observation, fine (n, c), increasing and padded with inf.
+        pair_cuts: Cuts of each observation, coarse (n, d), likewise.
+        tables: Functions of one observation (12, n, c + 1).
+        pairs: Observations of each pair (p, 2).
+        pair_joints: Joint that each pair belongs to (p,).
+        pair_tables: Functions of two observations (p, d + 1, d + 1).
+        intercepts: Constants (12,).
+    """
+
+    kind = "additive"
+
+    def __init__(
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        *,
+        cuts: Array,
+        pair_cuts: Array,
+        tables: Array,
+        pairs: NDArray[np.int64],
+        pair_joints: NDArray[np.int64],
+        pair_tables: Array,
+        intercepts: Array,
+    ) -> None:
+        super().__init__(gait, observation_names)
+        self.cuts = cuts
+        self.pair_cuts = pair_cuts
+        self.tables = tables
+        self.pairs = pairs
+        self.pair_joints = pair_joints
+        self.pair_tables = pair_tables
+        self.intercepts = intercepts
+        self._feature = np.arange(len(cuts))
+        self._pair = np.arange(len(pairs))
+        # Sums the pairs of each joint: (p, 12).
+        self._of_joint = np.eye(len(intercepts))[pair_joints]
+
+    @classmethod
+    def compile(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        models: "Sequence[ExplainableBoostingRegressor]",
+    ) -> Self:
+        """Compiles one fitted interpret model a joint.
+
+        Raises:
+            ValueError: if the models bin the observations differently.
+        """
+        n = len(observation_names)
+        fine = [_cuts_of(models, feature, 0) for feature in range(n)]
+        coarse = [_cuts_of(models, feature, 1) for feature in range(n)]
+        cuts, pair_cuts = _padded(fine), _padded(coarse)
+        tables = np.zeros((len(models), n, cuts.shape[1] + 1))
+        pairs, pair_joints, pair_tables = [], [], []
+        for joint, model in enumerate(models):
+            for term, scores in zip(model.term_features_, model.term_scores_, strict=True):
+                # The first bin is for missing values and the last for unseen ones.
+                if len(term) == 1:
+                    inner = scores[1:-1]
+                    tables[joint, term[0], : len(inner)] = inner
+                else:
+                    inner = scores[1:-1, 1:-1]
+                    table = np.zeros((pair_cuts.shape[1] + 1,) * 2)
+                    table[: inner.shape[0], : inner.shape[1]] = inner
+                    pairs.append(term)
+                    pair_joints.append(joint)
+                    pair_tables.append(table)
+        size = pair_cuts.shape[1] + 1
+        return cls(
+            gait,
+            observation_names,
+            cuts=cuts,
+            pair_cuts=pair_cuts,
+            tables=tables,
+            pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
+            pair_joints=np.array(pair_joints, dtype=np.int64),
+            pair_tables=np.array(pair_tables).reshape(-1, size, size),
+            intercepts=np.array([float(np.ravel(model.intercept_)[0]) for model in models]),
+        )
+
+    def __call__(self, observation: Array) -> Array:
+        rows = np.atleast_2d(observation)
+        single = _digitize(rows, self.cuts)
+        action = self.tables[:, self._feature, single].sum(axis=-1).T + self.intercepts
+        if len(self.pairs):
+            coarse = _digitize(rows, self.pair_cuts)
+            first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
+            action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
+        return action.reshape(*observation.shape[:-1], -1)
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        return {name: getattr(self, name) for name in _ARRAYS}, {}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> Self:
+        return cls(gait, observation_names, **{name: arrays[name] for name in _ARRAYS})
+
+
+_ARRAYS = ("cuts", "pair_cuts", "tables", "pairs", "pair_joints", "pair_tables", "intercepts")
+
+
+def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
+    if len(rows) == 1:
+        # For one row, comparing with all cuts at once beats one search an observation.
+        return np.sum(rows[0][:, None] >= cuts, axis=1)[None, :]
+    bins = [
+        np.searchsorted(own, values, side="right") for own, values in zip(cuts, rows.T, strict=True)
+    ]
+    return np.stack(bins, axis=1)
+
+
+def _cuts_of(models: Sequence[Any], feature: int, level: int) -> Array:
+    found = [model.bins_[feature] for model in models]
+    cuts = [np.asarray(bins[min(level, len(bins) - 1)], dtype=float) for bins in found]
+    # An observation that no pair of some model uses has fine bins alone; the others tell.
+    widest = min(cuts, key=len) if level else cuts[0]
+    for model, own in zip(models, cuts, strict=True):
+        used = level == 0 or any(len(t) > 1 and feature in t for t in model.term_features_)
+        if used and not np.array_equal(own, widest):
+            raise ValueError(f"additive: the models bin observation {feature} differently")
+    return widest
+
+
+def _padded(cuts: Sequence[Array]) -> Array:
+    width = max(1, *(len(own) for own in cuts))
+    return np.array([np.pad(own, (0, width - len(own)), constant_values=np.inf) for own in cuts])

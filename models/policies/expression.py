@@ -1,0 +1,132 @@
+"""Formulas as trees: read from text by a strict grammar, never evaluated by Python."""
+
+import ast
+from dataclasses import dataclass
+from functools import cached_property
+
+import sympy
+
+from models.errors import InputError
+
+BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
+
+_BINARY_NODES = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
+_POWERS = {2: "square", 3: "cube"}
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A formula.
+
+    Attributes:
+        operator: "constant", "variable", or a name in `BINARY` or `UNARY`.
+        operands: Sub-formulas.
+        value: The constant's value.
+        variable: The variable's index.
+    """
+
+    operator: str
+    operands: tuple["Expression", ...] = ()
+    value: float = 0.0
+    variable: int = -1
+
+    @cached_property
+    def size(self) -> int:
+        """Number of nodes, the complexity that regression engines bound."""
+        return 1 + sum(operand.size for operand in self.operands)
+
+    @property
+    def variables(self) -> frozenset[int]:
+        """Indices of the variables that the formula uses."""
+        if self.operator == "variable":
+            return frozenset([self.variable])
+        return frozenset().union(*(operand.variables for operand in self.operands))
+
+    def to_text(self, names: tuple[str, ...]) -> str:
+        """Writes the formula with the given variable names, so that it can be read back."""
+        match self.operator:
+            case "constant":
+                return repr(self.value)
+            case "variable":
+                return names[self.variable]
+            case "neg":
+                return f"-({self.operands[0].to_text(names)})"
+            case operator if operator in BINARY:
+                left, right = (operand.to_text(names) for operand in self.operands)
+                return f"({left} {BINARY[operator]} {right})"
+            case operator:
+                return f"{operator}({self.operands[0].to_text(names)})"
+
+    def to_sympy(self, symbols: tuple[sympy.Symbol, ...]) -> sympy.Expr:
+        """Builds the formula in sympy, to be simplified or typeset."""
+        operands = [operand.to_sympy(symbols) for operand in self.operands]
+        match self.operator:
+            case "constant":
+                return sympy.Float(self.value)
+            case "variable":
+                return symbols[self.variable]
+            case "add":
+                return operands[0] + operands[1]
+            case "sub":
+                return operands[0] - operands[1]
+            case "mul":
+                return operands[0] * operands[1]
+            case "div":
+                return operands[0] / operands[1]
+            case "neg":
+                return -operands[0]
+            case "square":
+                return operands[0] ** 2
+            case "cube":
+                return operands[0] ** 3
+            case "abs":
+                return sympy.Abs(operands[0])
+            case operator:
+                return getattr(sympy, operator)(operands[0])
+
+
+def variable_names(count: int) -> tuple[str, ...]:
+    """Names the variables as the engines know them: x0, x1, …"""
+    return tuple(f"x{i}" for i in range(count))
+
+
+def parse_expression(text: str, names: tuple[str, ...]) -> Expression:
+    """Reads a formula over the given variable names.
+
+    Understood are numbers, names, + - * /, whole powers 2 and 3, and the functions of `UNARY`.
+
+    Raises:
+        InputError: if the text holds anything else.
+    """
+    index = {name: i for i, name in enumerate(names)}
+    try:
+        tree = ast.parse(text.strip().replace("^", "**"), mode="eval")
+        return _expression(tree.body, index)
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise InputError(f"formula {text[:80]!r} cannot be read; fit it again") from error
+
+
+def _expression(node: ast.expr, index: dict[str, int]) -> Expression:
+    match node:
+        case ast.Constant(value=bool()):
+            pass
+        case ast.Constant(value=int() | float() as value):
+            return Expression("constant", value=float(value))
+        case ast.Name(id=name) if name in index:
+            return Expression("variable", variable=index[name])
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _expression(operand, index)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            inner = _expression(operand, index)
+            if inner.operator == "constant":
+                return Expression("constant", value=-inner.value)
+            return Expression("neg", (inner,))
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=2 | 3 as power)):
+            return Expression(_POWERS[power], (_expression(left, index),))
+        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _BINARY_NODES:
+            operands = (_expression(left, index), _expression(right, index))
+            return Expression(_BINARY_NODES[type(operator)], operands)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in UNARY:
+            return Expression(name, (_expression(argument, index),))
+    raise InputError(f"{ast.unparse(node)!r} does not belong in a formula; fit it again")

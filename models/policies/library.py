@@ -1,0 +1,63 @@
+"""Loading any policy from its file."""
+
+from pathlib import Path
+
+from models.errors import InputError
+from models.policies.additive import AdditivePolicy
+from models.policies.boosting import BoostedTreesPolicy
+from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy, read_policy_file
+from models.policies.symbolic import SymbolicPolicy
+
+POLICY_CLASSES: dict[str, type[Policy]] = {
+    policy.kind: policy
+    for policy in (
+        NeuralPolicy,
+        LinearPolicy,
+        StatewiseLinearPolicy,
+        BoostedTreesPolicy,
+        AdditivePolicy,
+        SymbolicPolicy,
+    )
+}
+
+EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
+
+
+def load_policy(path: Path) -> Policy:
+    """Loads a policy of any kind.
+
+    Raises:
+        InputError: if the file is missing, damaged or of an unknown kind.
+    """
+    arrays, header = read_policy_file(path)
+    policy = POLICY_CLASSES.get(header["kind"])
+    if policy is None:
+        raise InputError(f"{path}: holds an unknown kind of policy, {header['kind']!r}; make it anew")
+    try:
+        names = tuple(header["observation_names"])
+        return policy.from_arrays(header["gait"], names, arrays, header["values"])
+    except (KeyError, IndexError) as error:
+        raise InputError(f"{path}: lacks part of a {policy.kind} policy; make it anew") from error
+
+
+def load_expert(gait: str, path: Path | None = None) -> NeuralPolicy:
+    """Loads the shipped expert of a gait, or one of one's own.
+
+    Raises:
+        InputError: if there is no expert, or the file holds something else.
+    """
+    if path is None:
+        path = EXPERT_DIRECTORY / f"{gait}.safetensors"
+        if not path.exists():
+            raise InputError(
+                f"no expert for gait {gait!r} ships with the project; train one with "
+                f"'glassgait train --gait {gait}' and give its path with --expert"
+            )
+    policy = load_policy(path)
+    if not isinstance(policy, NeuralPolicy):
+        raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
+    if policy.gait != gait:
+        raise InputError(f"{path}: is an expert for gait {policy.gait!r}, not {gait!r}")
+    return policy

@@ -1,0 +1,140 @@
+"""Symbolic policies: one formula a joint, compiled and evaluated for all joints at once."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.a1.robot import Array
+from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.policy import Policy
+
+_FUNCTIONS: dict[str, Callable[..., Array]] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "square": np.square,
+    "cube": lambda x: x * x * x,
+}
+
+
+@dataclass(frozen=True)
+class _Instruction:
+    """One operator, applied to all nodes of a height at once."""
+
+    function: Callable[..., Array]
+    operands: tuple[NDArray[np.intp], ...]
+    start: int
+    stop: int
+
+
+class Tape:
+    """Formulas compiled to a short list of vectorised instructions.
+
+    Nodes of all formulas that have the same operator and the same height are evaluated together,
+    and a sub-formula that occurs twice is evaluated once.
+    """
+
+    def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
+        self._n_variables = n_variables
+        self._slots: dict[Any, int] = {}
+        constants: list[float] = []
+        by_height: dict[tuple[int, str], list[tuple]] = defaultdict(list)
+        heights: dict[Any, int] = {}
+
+        def visit(expression: Expression) -> Any:
+            if expression.operator == "variable":
+                return ("variable", expression.variable)
+            if expression.operator == "constant":
+                key = ("constant", expression.value)
+                if key not in self._slots:
+                    self._slots[key] = n_variables + len(constants)
+                    constants.append(expression.value)
+                return key
+            operands = tuple(visit(operand) for operand in expression.operands)
+            key = (expression.operator, operands)
+            if key not in heights:
+                heights[key] = 1 + max(heights.get(operand, 0) for operand in operands)
+                by_height[heights[key], expression.operator].append(key)
+            return key
+
+        roots = [visit(expression) for expression in expressions]
+        self._constants = np.array(constants)
+        self._instructions: list[_Instruction] = []
+        size = n_variables + len(constants)
+        for (_, operator), keys in sorted(by_height.items(), key=lambda item: item[0]):
+            operands = zip(*(key[1] for key in keys), strict=True)
+            sources = tuple(np.array([self._slot(key) for key in side]) for side in operands)
+            for offset, key in enumerate(keys):
+                self._slots[key] = size + offset
+            self._instructions.append(
+                _Instruction(_FUNCTIONS[operator], sources, size, size + len(keys))
+            )
+            size += len(keys)
+        self._size = size
+        self._outputs = np.array([self._slot(root) for root in roots])
+
+    def __call__(self, observation: Array) -> Array:
+        """Evaluates all formulas (..., k) on observations (..., n)."""
+        # Nodes along the first axis, so that an instruction writes one block of memory.
+        rows = np.atleast_2d(observation)
+        values = np.empty((self._size, len(rows)))
+        values[: self._n_variables] = rows.T
+        first = self._n_variables
+        values[first : first + len(self._constants)] = self._constants[:, None]
+        with np.errstate(all="ignore"):
+            for step in self._instructions:
+                operands = (values[operand] for operand in step.operands)
+                values[step.start : step.stop] = step.function(*operands)
+        return values[self._outputs].T.reshape(*observation.shape[:-1], -1)
+
+    def _slot(self, key: Any) -> int:
+        return key[1] if key[0] == "variable" else self._slots[key]
+
+
+class SymbolicPolicy(Policy):
+    """Each action is a formula of the observations.
+
+    Attributes:
+        expressions: Formulas, one a joint.
+    """
+
+    kind = "symbolic"
+
+    def __init__(
+        self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Expression]
+    ) -> None:
+        super().__init__(gait, observation_names)
+        self.expressions = tuple(expressions)
+        self._tape = Tape(self.expressions, len(observation_names))
+
+    def __call__(self, observation: Array) -> Array:
+        return self._tape(observation)
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        names = variable_names(len(self.observation_names))
+        return {}, {"formulas": [formula.to_text(names) for formula in self.expressions]}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> Self:
+        names = variable_names(len(observation_names))
+        formulas = [parse_expression(text, names) for text in values["formulas"]]
+        return cls(gait, observation_names, formulas)

@@ -1,0 +1,1 @@
+"""Distilling experts into glass-box students by DAgger with alternation (paper, Section III-B)."""

@@ -1,0 +1,122 @@
+"""Collecting what the expert would do in the states that expert and student visit together."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig
+from diagrams.station import StationConfig
+from models.a1.robot import Array
+from models.files import load_arrays, save_arrays
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task import COMMAND_STEPS
+from models.task.alternation import expert_acts
+from models.task.command import Command, sample_commands
+from models.task.gait import Gait
+from models.task.randomization import NOMINAL
+
+HELD_OUT_EVERY = 5
+"""Every fifth episode is held out: with four speeds in turn, each speed is held out alike."""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Visited states with the expert's actions.
+
+    Attributes:
+        observations: Observations (m, n).
+        actions: The expert's actions there (m, 12).
+        episodes: Number of the episode that each sample is from (m,), counted from 1.
+    """
+
+    observations: Array
+    actions: Array
+    episodes: NDArray[np.int64]
+
+    @property
+    def held_out(self) -> NDArray[np.bool_]:
+        """Whether each sample belongs to a held-out episode (m,)."""
+        return self.episodes % HELD_OUT_EVERY == 0
+
+    def subset(self, mask: NDArray[np.bool_]) -> "Dataset":
+        """Returns the samples where the mask (m,) is true."""
+        return Dataset(self.observations[mask], self.actions[mask], self.episodes[mask])
+
+    def union(self, other: "Dataset") -> "Dataset":
+        """Aggregates two datasets."""
+        return Dataset(
+            np.concatenate([self.observations, other.observations]),
+            np.concatenate([self.actions, other.actions]),
+            np.concatenate([self.episodes, other.episodes]),
+        )
+
+    def save(self, path: Path) -> None:
+        """Writes the samples to one file, atomically."""
+        arrays = {
+            "observations": self.observations,
+            "actions": self.actions,
+            "episodes": self.episodes,
+        }
+        save_arrays(path, arrays, {})
+
+    @staticmethod
+    def load(path: Path) -> "Dataset":
+        """Reads what `save` wrote."""
+        arrays, _ = load_arrays(path)
+        return Dataset(arrays["observations"], arrays["actions"], arrays["episodes"])
+
+
+def collect(
+    gait: Gait,
+    expert: NeuralPolicy,
+    student: Policy,
+    *,
+    period: int,
+    episodes: NDArray[np.int64],
+    speeds: Array,
+    n_steps: int,
+    station: StationConfig,
+    generator: np.random.Generator,
+) -> Dataset:
+    """Rolls out the episodes of one level at once (paper, Algorithm 1, lines 8 to 18).
+
+    The forward speed is an episode's own; yaw rate and rhythm are drawn over the gait's range and
+    change every 10 s. A robot that falls starts again, its episode going on.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its estimator observes for both.
+        student: The student.
+        period: Control steps from one action of the expert to the next.
+        episodes: Numbers of the episodes (k,).
+        speeds: Their forward speeds (k,; m/s).
+        n_steps: Control steps of an episode.
+        station: Physics.
+        generator: Source of randomness.
+    """
+    task = TaskConfig(gait, NOMINAL, episode_steps=n_steps)
+    n = len(episodes)
+    simulator = BatchSimulator(task, BatchPhysics(station), n_robots=n, generator=generator)
+    observations, labels = [], []
+    for step in range(n_steps):
+        if step % COMMAND_STEPS == 0:
+            turns = sample_commands(gait, n, generator)
+        simulator.set_command(
+            Command(np.stack([speeds, turns.velocity[:, 1]], axis=1), turns.dwell.copy())
+        )
+        observation = simulator.observe(expert.estimator)
+        label = expert(observation)
+        action = label if expert_acts(step, period) else student(observation)
+        observations.append(observation)
+        labels.append(label)
+        outcome = simulator.step(action)
+        simulator.reset(np.flatnonzero(outcome.terminated))
+    return Dataset(
+        np.swapaxes(observations, 0, 1).reshape(n * n_steps, -1),
+        np.swapaxes(labels, 0, 1).reshape(n * n_steps, -1),
+        np.repeat(episodes, n_steps),
+    )
+

@@ -1,0 +1,113 @@
+"""The settings of a distillation: its command line and its record."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from diagrams.station import StationConfig
+
+StudentKind = Literal["linear", "statewise_linear", "gbm", "ebm", "symbolic"]
+
+STUDENT_TITLES: dict[str, str] = {
+    "linear": "Linear",
+    "statewise_linear": "Linear per RM state",
+    "gbm": "GBM",
+    "ebm": "EBM",
+    "symbolic": "Symbolic",
+}
+
+
+@dataclass(frozen=True)
+class GbmConfig:
+    """Settings of scikit-learn's gradient boosting; its defaults are the paper's.
+
+    Attributes:
+        n_trees: Number of trees.
+        depth: Depth of a tree.
+        learning_rate: Share of a tree's correction that is kept.
+        subsample: Share of the samples that a tree sees.
+    """
+
+    n_trees: int = 100
+    depth: int = 3
+    learning_rate: float = 0.1
+    subsample: float = 1.0
+
+
+@dataclass(frozen=True)
+class EbmConfig:
+    """Settings of interpret's explainable boosting.
+
+    Attributes:
+        outer_bags: Models that are averaged.
+        interactions: Functions of two observations.
+        max_rounds: Greatest number of boosting rounds.
+        learning_rate: Share of a round's correction that is kept.
+        smoothing_rounds: Rounds of smooth fitting before the greedy ones.
+    """
+
+    outer_bags: int = 1
+    interactions: int = 20
+    max_rounds: int = 2000
+    learning_rate: float = 0.04
+    smoothing_rounds: int = 100
+
+
+@dataclass(frozen=True)
+class SymbolicConfig:
+    """Settings of symbolic regression.
+
+    Attributes:
+        engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.
+        max_nodes: Greatest number of nodes of a formula, the paper's overall complexity.
+        operator_complexity: Greatest complexity of an operator's operand (pysr).
+        iterations: Iterations of the search (pysr).
+        generations: Generations of the search (operon).
+        population: Formulas in a generation (operon).
+        coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
+        linear_terms: Linear terms, chosen by orthogonal matching pursuit, that a formula starts
+            from (operon).
+        max_samples: Samples that the search sees, drawn evenly (operon).
+    """
+
+    engine: Literal["operon", "pysr"] = "operon"
+    max_nodes: int = 90
+    operator_complexity: int = 4
+    iterations: int = 20
+    generations: int = 200
+    population: int = 500
+    coefficient_iterations: int = 3
+    linear_terms: int = 12
+    max_samples: int = 6000
+
+
+@dataclass(frozen=True)
+class DistillationConfig:
+    """Settings of a distillation (paper, Algorithm 1 and Section III-B).
+
+    Attributes:
+        gait: Name of a gait.
+        students: Kinds of students.
+        seed: Seed of all randomness.
+        episodes: Episodes in all, the paper's max_episodes.
+        episodes_per_level: Episodes that share an alternation ratio, the paper's n_f.
+        episode_steps: Control steps of an episode.
+        speeds: Commanded forward speeds that the episodes cycle through (m/s).
+        station: Physics.
+        gbm: Settings of gradient boosting.
+        ebm: Settings of explainable boosting.
+        symbolic: Settings of symbolic regression.
+        n_jobs: Joints that are fitted at once.
+    """
+
+    gait: str = "trot"
+    students: tuple[StudentKind, ...] = ("linear", "statewise_linear", "gbm", "ebm", "symbolic")
+    seed: int = 0
+    episodes: int = 30
+    episodes_per_level: int = 4
+    episode_steps: int = 1000
+    speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
+    station: StationConfig = field(default_factory=StationConfig)
+    gbm: GbmConfig = field(default_factory=GbmConfig)
+    ebm: EbmConfig = field(default_factory=EbmConfig)
+    symbolic: SymbolicConfig = field(default_factory=SymbolicConfig)
+    n_jobs: int = 2

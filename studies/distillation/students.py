@@ -1,0 +1,141 @@
+"""Fitting students: from samples to a compiled policy, joints in parallel."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from sklearn.ensemble import GradientBoostingRegressor
+from sklearn.linear_model import Ridge
+
+from models.a1 import robot
+from models.a1.robot import Array
+from models.policies.additive import AdditivePolicy
+from models.policies.boosting import BoostedTreesPolicy
+from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.policy import Policy
+from models.policies.symbolic import SymbolicPolicy
+from studies.distillation.config import DistillationConfig, EbmConfig, GbmConfig, StudentKind
+from studies.distillation.symbolic_regression import fit_formula
+
+RIDGE = 1.0
+
+
+def fit_student(
+    kind: StudentKind,
+    config: DistillationConfig,
+    observation_names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
+) -> Policy:
+    """Fits a student to the expert's actions.
+
+    Args:
+        kind: Kind of student.
+        config: Settings.
+        observation_names: Names of the observations.
+        observations: Samples (m, n).
+        actions: The expert's actions (m, 12).
+    """
+    return _FITTERS[kind](config, observation_names, observations, actions)
+
+
+def untrained_student(gait: str, observation_names: tuple[str, ...]) -> Policy:
+    """Returns the student before its first fit: it asks for the default stance."""
+    n = len(observation_names)
+    zero = np.zeros((robot.N_JOINTS, n))
+    return LinearPolicy(gait, observation_names, zero, np.zeros(robot.N_JOINTS))
+
+
+def _fit_linear(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> LinearPolicy:
+    model = Ridge(RIDGE).fit(observations, actions)
+    return LinearPolicy(config.gait, names, model.coef_, model.intercept_)
+
+
+def _fit_statewise_linear(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> StatewiseLinearPolicy:
+    machine_states = [i for i, name in enumerate(names) if name.startswith("RM State")]
+    pooled = Ridge(RIDGE).fit(observations, actions)
+    weights, intercepts = [], []
+    for column in machine_states:
+        mine = observations[:, column] > 0.5
+        # A state that was never visited gets the weights of all states together.
+        model = Ridge(RIDGE).fit(observations[mine], actions[mine]) if mine.any() else pooled
+        weights.append(model.coef_)
+        intercepts.append(model.intercept_)
+    return StatewiseLinearPolicy(config.gait, names, np.array(weights), np.array(intercepts))
+
+
+def _fit_gbm(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> BoostedTreesPolicy:
+    models = _fit_joints(_fit_gbm_joint, config, observations, actions, config.gbm)
+    return BoostedTreesPolicy.compile(config.gait, names, models)
+
+
+def _fit_gbm_joint(
+    observations: Array, target: Array, seed: int, settings: GbmConfig
+) -> GradientBoostingRegressor:
+    return GradientBoostingRegressor(
+        n_estimators=settings.n_trees,
+        max_depth=settings.depth,
+        learning_rate=settings.learning_rate,
+        subsample=settings.subsample,
+        random_state=seed,
+    ).fit(observations, target)
+
+
+def _fit_ebm(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> AdditivePolicy:
+    models = _fit_joints(_fit_ebm_joint, config, observations, actions, config.ebm)
+    return AdditivePolicy.compile(config.gait, names, models)
+
+
+def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmConfig) -> Any:
+    from interpret.glassbox import ExplainableBoostingRegressor
+
+    return ExplainableBoostingRegressor(
+        # One-hot observations are numbers to every student alike.
+        feature_types=["continuous"] * observations.shape[1],
+        outer_bags=settings.outer_bags,
+        interactions=settings.interactions,
+        max_rounds=settings.max_rounds,
+        learning_rate=settings.learning_rate,
+        smoothing_rounds=settings.smoothing_rounds,
+        n_jobs=1,
+        random_state=seed,
+    ).fit(observations, target)
+
+
+def _fit_symbolic(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> SymbolicPolicy:
+    formulas = _fit_joints(fit_formula, config, observations, actions, config.symbolic)
+    return SymbolicPolicy(config.gait, names, formulas)
+
+
+def _fit_joints(
+    fit: Callable[..., Any],
+    config: DistillationConfig,
+    observations: Array,
+    actions: Array,
+    settings: Any,
+) -> Sequence[Any]:
+    jobs = (
+        delayed(fit)(observations, actions[:, joint], config.seed + joint, settings)
+        for joint in range(robot.N_JOINTS)
+    )
+    return list(Parallel(n_jobs=config.n_jobs)(jobs))
+
+
+_FITTERS: dict[str, Callable[[DistillationConfig, tuple[str, ...], Array, Array], Policy]] = {
+    "linear": _fit_linear,
+    "statewise_linear": _fit_statewise_linear,
+    "gbm": _fit_gbm,
+    "ebm": _fit_ebm,
+    "symbolic": _fit_symbolic,
+}

@@ -1,0 +1,158 @@
+"""The engines of symbolic regression: Operon, and PySR where Julia is to be had."""
+
+from typing import Any
+
+import numpy as np
+from sklearn.linear_model import OrthogonalMatchingPursuit
+
+from models.a1.robot import Array
+from models.errors import InputError
+from models.policies.expression import Expression, parse_expression, variable_names
+from studies.distillation.config import SymbolicConfig
+
+OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
+
+PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
+PYSR_BINARY_OPERATORS = ("+", "-", "*")
+
+
+def fit_formula(
+    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+) -> Expression:
+    """Searches a formula for one joint.
+
+    Args:
+        observations: Samples (m, n).
+        target: The expert's actions (m,).
+        seed: Seed of the search.
+        settings: Engine and budget.
+
+    Raises:
+        InputError: if the engine is PySR and Julia cannot start.
+    """
+    if settings.engine == "pysr":
+        return _fit_pysr(observations, target, seed, settings)
+    return _fit_operon(observations, target, seed, settings)
+
+
+def _fit_operon(
+    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+) -> Expression:
+    # Evolution is slow to find sums that least squares finds at once. So the few best linear terms
+    # come first and the engine evolves what they leave.
+    terms, weights, intercept = _best_linear_terms(observations, target, settings.linear_terms)
+    backbone = _linear_expression(terms, weights, intercept)
+    residual = target - observations[:, terms] @ weights - intercept
+    rest = settings.max_nodes - backbone.size - 1
+    correction = _evolve(observations, residual, rest, seed, settings)
+    return Expression("add", (backbone, correction))
+
+
+def _evolve(
+    observations: Array, target: Array, max_nodes: int, seed: int, settings: SymbolicConfig
+) -> Expression:
+    from pyoperon.sklearn import SymbolicRegressor
+
+    stride = max(1, -(-len(target) // settings.max_samples))
+    scale = np.std(observations, axis=0)
+    scale[scale == 0] = 1.0
+    engine = SymbolicRegressor(
+        allowed_symbols=OPERON_SYMBOLS,
+        max_length=_operon_length(max_nodes),
+        population_size=settings.population,
+        generations=settings.generations,
+        # The generations alone end the search: a limit in seconds would not repeat itself.
+        max_evaluations=10**9,
+        optimizer_iterations=settings.coefficient_iterations,
+        objectives=["r2"],
+        model_selection_criterion="mean_squared_error",
+        n_threads=1,
+        random_state=seed,
+    ).fit((observations / scale)[::stride], target[::stride])
+    names = variable_names(observations.shape[1])
+    text = engine.get_model_string(engine.model_, precision=12, names=list(names))
+    return _rescaled(parse_expression(text, names), scale)
+
+
+def _best_linear_terms(
+    observations: Array, target: Array, count: int
+) -> tuple[Array, Array, float]:
+    scale = np.std(observations, axis=0)
+    usable = np.flatnonzero(scale > 0)
+    count = min(count, len(usable))
+    pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count)
+    pursuit.fit(observations[:, usable] / scale[usable], target)
+    chosen = np.flatnonzero(pursuit.coef_)
+    terms = usable[chosen]
+    return terms, pursuit.coef_[chosen] / scale[terms], float(pursuit.intercept_)
+
+
+def _linear_expression(terms: Array, weights: Array, intercept: float) -> Expression:
+    formula = Expression("constant", value=intercept)
+    for term, weight in zip(terms, weights, strict=True):
+        product = _scaled(Expression("variable", variable=int(term)), float(weight))
+        formula = Expression("add", (formula, product))
+    return formula
+
+
+def _scaled(expression: Expression, factor: float) -> Expression:
+    return Expression("mul", (Expression("constant", value=factor), expression))
+
+
+def _rescaled(expression: Expression, scale: Array) -> Expression:
+    """Turns a formula of scaled variables into one of the variables themselves."""
+    match expression:
+        case Expression("variable", variable=index):
+            return _scaled(expression, 1.0 / scale[index])
+        case Expression(
+            "mul", (Expression("constant", value=factor), Expression("variable") as variable)
+        ):
+            return _scaled(variable, factor / scale[variable.variable])
+        case _:
+            operands = tuple(_rescaled(operand, scale) for operand in expression.operands)
+            return Expression(
+                expression.operator, operands, expression.value, expression.variable
+            )
+
+
+def _operon_length(max_nodes: int) -> int:
+    # Operon counts a weighted variable as one node and we count three, which at most doubles a
+    # tree; its final scale and offset take four more.
+    return max(3, (max_nodes - 5) // 2)
+
+
+def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
+    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
+    limit = settings.operator_complexity
+    return {
+        "unary_operators": list(PYSR_UNARY_OPERATORS),
+        "binary_operators": list(PYSR_BINARY_OPERATORS),
+        "constraints": {operator: limit for operator in PYSR_UNARY_OPERATORS}
+        | {operator: (limit, limit) for operator in PYSR_BINARY_OPERATORS},
+        "maxsize": settings.max_nodes,
+        "niterations": settings.iterations,
+        "model_selection": "accuracy",
+        "random_state": seed,
+        "deterministic": True,
+        "parallelism": "serial",
+        "progress": False,
+        "verbosity": 0,
+        "temp_equation_file": True,
+    }
+
+
+def _fit_pysr(
+    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+) -> Expression:
+    try:
+        # Importing PySR starts Julia, and fetches it first where it is missing.
+        from pysr import PySRRegressor
+    except Exception as error:
+        raise InputError(
+            "the engine 'pysr' needs Julia, which could not be started here; install Julia, "
+            "or use the engine 'operon'"
+        ) from error
+    names = variable_names(observations.shape[1])
+    model = PySRRegressor(**pysr_arguments(seed, settings))
+    model.fit(observations, target, variable_names=list(names))
+    return parse_expression(str(model.get_best()["equation"]), names)
