@@ -136,6 +136,7 @@ class TaskConfig:
         weights: Weights of the reward.
         limits: Bounds of the termination.
         episode_steps: Control steps of an episode.
+        speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
     """
 
     gait: Gait
@@ -143,6 +144,7 @@ class TaskConfig:
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     episode_steps: int = EPISODE_STEPS
+    speed_range: tuple[float, float] | None = None
 
 
 @dataclass
@@ -330,7 +332,9 @@ class BatchSimulator:
         action = np.where(lost[:, None], s.action, action)
 
         feet = sense_feet(plant, s.touching)
-        machine = self.machine.step(s.machine, feet.contact, feet.height, s.command.dwell, self.ease)
+        machine = self.machine.step(
+            s.machine, feet.contact, feet.height, s.command.dwell, self.ease
+        )
         reward = step_reward(
             state=plant,
             previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
@@ -373,14 +377,17 @@ class BatchSimulator:
             s.plant[:, robot.LINEAR_VELOCITY] += push
         due = np.flatnonzero(s.steps % COMMAND_STEPS == 0)
         if len(due):
-            fresh = sample_commands(self.task.gait, len(due), self.generator)
+            fresh = self._draw_commands(len(due))
             s.command.velocity[due] = fresh.velocity
             s.command.dwell[due] = fresh.dwell
+
+    def _draw_commands(self, count: int) -> Command:
+        return sample_commands(self.task.gait, count, self.generator, self.task.speed_range)
 
     def _fresh(self, count: int) -> TaskState:
         randomization = self.task.randomization
         plant = randomization.initial_states(count, self.generator)
-        command = sample_commands(self.task.gait, count, self.generator)
+        command = self._draw_commands(count)
         feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
         start = self.machine.step(
             self.machine.initial((count,)), feet.contact, feet.height, command.dwell, self.ease

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
@@ -56,9 +55,11 @@ class DrawnCommands:
 
     Attributes:
         seed: Seed of the draws.
+        speed_range: Least and greatest forward speed (m/s); the gait's by default.
     """
 
     seed: int = 0
+    speed_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -116,13 +117,14 @@ def MakeLocomotion(  # noqa: N802
         - foot_height
         - failures
         - command
+        - commanded_dwell
         - state
 
     Inputs: actions (12), only where neither expert nor student is given.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
     and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
-    rm_iterations (1). foot_contact (4), foot_height (4, m). failures (6). command (2; m/s, rad/s).
-    state (37), the plant's.
+    rm_iterations (1). foot_contact (4), foot_height (4, m). failures (6). command (2; m/s, rad/s),
+    commanded_dwell (1, control steps). state (37), the plant's.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
 
@@ -183,9 +185,7 @@ def MakeLocomotion(  # noqa: N802
         connect(action, hold.get_action_input_port())
         builder.ExportOutput(action, "actions")
     connect(hold.get_held_action_output_port(), targets.get_action_input_port())
-    connect(
-        targets.get_desired_state_output_port(), plant.get_desired_state_input_port(instance)
-    )
+    connect(targets.get_desired_state_output_port(), plant.get_desired_state_input_port(instance))
 
     reward = builder.AddNamedSystem("reward", RewardSystem(config.weights))
     monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(config.limits))
@@ -195,9 +195,7 @@ def MakeLocomotion(  # noqa: N802
         connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
     connect(command, reward.get_command_input_port())
     connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
-    connect(
-        machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port()
-    )
+    connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
     if meshcat is not None:
         AddLocomotionDisplay(
             builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
@@ -214,6 +212,7 @@ def MakeLocomotion(  # noqa: N802
         "foot_height": foot_sensor.get_foot_height_output_port(),
         "failures": monitor.get_failures_output_port(),
         "command": command,
+        "commanded_dwell": commanded_dwell,
         "state": state,
     }
     for name, port in exported.items():
@@ -246,8 +245,8 @@ def _add_command(
             builder.AddNamedSystem("command", velocity)
             rhythm = builder.AddNamedSystem("commanded_dwell", ConstantVectorSource([dwell]))
             return velocity.get_output_port(), rhythm.get_output_port()
-        case DrawnCommands(seed=seed):
-            source = RandomCommand(gait, seed)
+        case DrawnCommands(seed=seed, speed_range=speed_range):
+            source = RandomCommand(gait, seed, speed_range)
         case SliderCommand():
             if meshcat is None:
                 raise ValueError("locomotion: commands from sliders need a Meshcat")
@@ -304,7 +303,5 @@ def _add_policies(
         student_port=ports["student"].get_index() if student else first,
     )
     builder.AddNamedSystem("alternation_schedule", schedule)
-    builder.Connect(
-        schedule.get_port_selector_output_port(), switch.get_port_selector_input_port()
-    )
+    builder.Connect(schedule.get_port_selector_output_port(), switch.get_port_selector_input_port())
     return switch.get_output_port()

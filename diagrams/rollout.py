@@ -23,6 +23,7 @@ RECORDED_PORTS = (
     "foot_height",
     "failures",
     "command",
+    "commanded_dwell",
     "state",
 )
 
@@ -103,6 +104,4 @@ def record(simulator: Simulator, n_steps: int, *, stop_on_failure: bool = True) 
             recorded[name].append(port.Eval(context).copy())
         if stop_on_failure and recorded["failures"][-1].any():
             break
-    return Rollout(
-        np.array(times), {name: np.array(values) for name, values in recorded.items()}
-    )
+    return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})

@@ -15,7 +15,7 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     CoulombFriction,

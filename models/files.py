@@ -28,9 +28,7 @@ def write_atomically(path: Path, data: bytes | str) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def save_arrays(
-    path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]
-) -> None:
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
     """Writes named arrays and a JSON header to one safetensors file, atomically."""
     whole = {name: np.ascontiguousarray(value) for name, value in arrays.items()}
     write_atomically(path, save(whole, metadata={"header": json.dumps(dict(header))}))

@@ -1,7 +1,7 @@
 """Holds the action between two control steps."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
 
 from models.a1 import robot
 from models.task import CONTROL_PERIOD

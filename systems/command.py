@@ -20,25 +20,36 @@ class RandomCommand(LeafSystem):
 
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame.
     commanded_dwell (1, control steps).
+    Parameters: seed (1), a whole number.
     State: none; each command is a function of the seed and of the 10 s that time is in.
     Feedthrough: none.
     """
 
-    def __init__(self, gait: Gait, seed: int) -> None:
+    def __init__(
+        self, gait: Gait, seed: int, speed_range: tuple[float, float] | None = None
+    ) -> None:
+        """
+        Args:
+            gait: The gait, for its ranges.
+            seed: Seed of the draws, as a fresh context has it.
+            speed_range: Least and greatest forward speed (m/s); the gait's by default.
+        """
         super().__init__()
         self._gait = gait
-        self._seed = seed
+        self._speed_range = speed_range
+        self._seed = self.DeclareNumericParameter(BasicVector([float(seed)]))
+        prerequisites = {self.time_ticket(), self.all_parameters_ticket()}
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
             size=2,
             calc=self._calc_command,
-            prerequisites_of_calc={self.time_ticket()},
+            prerequisites_of_calc=prerequisites,
         )
         self._commanded_dwell_port = self.DeclareVectorOutputPort(
             name="commanded_dwell",
             size=1,
             calc=self._calc_commanded_dwell,
-            prerequisites_of_calc={self.time_ticket()},
+            prerequisites_of_calc=prerequisites,
         )
 
     def get_command_output_port(self) -> OutputPort:
@@ -49,10 +60,15 @@ class RandomCommand(LeafSystem):
         """Gives the commanded iterations in a state."""
         return self._commanded_dwell_port
 
+    def set_seed(self, context: Context, seed: int) -> None:
+        """Changes the seed in this system's own context."""
+        context.get_mutable_numeric_parameter(self._seed).SetAtIndex(0, float(seed))
+
     def _draw(self, context: Context) -> Command:
+        seed = int(context.get_numeric_parameter(self._seed)[0])
         step = round(context.get_time() / CONTROL_PERIOD)
-        generator = np.random.default_rng([self._seed, step // COMMAND_STEPS])
-        return sample_commands(self._gait, 1, generator)
+        generator = np.random.default_rng([seed, step // COMMAND_STEPS])
+        return sample_commands(self._gait, 1, generator, self._speed_range)
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._draw(context).velocity[0])

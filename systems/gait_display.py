@@ -66,7 +66,7 @@ class GaitDisplay(LeafSystem):
         contact = self._foot_contact_port.Eval(context)
         origin = state[robot.POSITION]
         rotation = kinematics.rotation_matrix(state[robot.QUATERNION])
-        above = RigidTransform(origin + [0.0, 0.0, 0.16])
+        above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i, name in enumerate(self._gait.states):
             self._show(f"{PATH}/state/{name}", bool(rm_state[i] > 0.5), time)

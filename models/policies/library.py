@@ -34,7 +34,9 @@ def load_policy(path: Path) -> Policy:
     arrays, header = read_policy_file(path)
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None:
-        raise InputError(f"{path}: holds an unknown kind of policy, {header['kind']!r}; make it anew")
+        raise InputError(
+            f"{path}: holds an unknown kind of policy, {header['kind']!r}; make it anew"
+        )
     try:
         names = tuple(header["observation_names"])
         return policy.from_arrays(header["gait"], names, arrays, header["values"])

@@ -23,19 +23,31 @@ class Command(NamedTuple):
     dwell: Array
 
 
-def sample_commands(gait: Gait, count: int, generator: np.random.Generator) -> Command:
-    """Draws commands over the gait's whole range.
+def sample_commands(
+    gait: Gait,
+    count: int,
+    generator: np.random.Generator,
+    speed_range: tuple[float, float] | None = None,
+) -> Command:
+    """Draws commands.
 
     Args:
         gait: The gait, for its ranges.
         count: Number of commands.
         generator: Source of randomness.
+        speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
 
     Returns:
         Velocities (count, 2) and dwells (count,).
     """
-    velocity = generator.uniform(-1.0, 1.0, size=(count, 2))
-    velocity *= [gait.max_speed, gait.max_yaw_rate]
+    slowest, fastest = speed_range or (-gait.max_speed, gait.max_speed)
+    velocity = np.stack(
+        [
+            generator.uniform(slowest, fastest, size=count),
+            generator.uniform(-gait.max_yaw_rate, gait.max_yaw_rate, size=count),
+        ],
+        axis=1,
+    )
     velocity[np.abs(velocity[:, 0]) < DEAD_BAND, 0] = 0.0
     low, high = gait.dwell
     return Command(velocity, generator.integers(low, high + 1, size=count).astype(float))

@@ -119,4 +119,3 @@ def collect(
         np.swapaxes(labels, 0, 1).reshape(n * n_steps, -1),
         np.repeat(episodes, n_steps),
     )
-

@@ -73,11 +73,11 @@ class SymbolicConfig:
     max_nodes: int = 90
     operator_complexity: int = 4
     iterations: int = 20
-    generations: int = 200
-    population: int = 500
+    generations: int = 150
+    population: int = 200
     coefficient_iterations: int = 3
     linear_terms: int = 12
-    max_samples: int = 6000
+    max_samples: int = 4000
 
 
 @dataclass(frozen=True)

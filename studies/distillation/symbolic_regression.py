@@ -110,9 +110,7 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
             return _scaled(variable, factor / scale[variable.variable])
         case _:
             operands = tuple(_rescaled(operand, scale) for operand in expression.operands)
-            return Expression(
-                expression.operator, operands, expression.value, expression.variable
-            )
+            return Expression(expression.operator, operands, expression.value, expression.variable)
 
 
 def _operon_length(max_nodes: int) -> int:
@@ -127,8 +125,8 @@ def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
     return {
         "unary_operators": list(PYSR_UNARY_OPERATORS),
         "binary_operators": list(PYSR_BINARY_OPERATORS),
-        "constraints": {operator: limit for operator in PYSR_UNARY_OPERATORS}
-        | {operator: (limit, limit) for operator in PYSR_BINARY_OPERATORS},
+        "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit)
+        | dict.fromkeys(PYSR_BINARY_OPERATORS, (limit, limit)),
         "maxsize": settings.max_nodes,
         "niterations": settings.iterations,
         "model_selection": "accuracy",

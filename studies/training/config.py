@@ -36,7 +36,9 @@ class PpoConfig:
         clip: Clipping of the probability ratio.
         discount: Discount of the return.
         trace_decay: λ of the generalized advantage estimate.
-        entropy: Weight of the entropy.
+        entropy: Weight of the entropy at first, which keeps the robots trying.
+        final_entropy: Weight of the entropy in the end, which lets them become precise.
+        entropy_decay: Updates between which the weight falls from the one to the other.
         learning_rate: Initial learning rate, then adapted to the desired divergence.
         desired_kl: Divergence that the learning rate is adapted to.
         initial_std: Initial standard deviation of the actions.
@@ -52,6 +54,8 @@ class PpoConfig:
     discount: float = 0.99
     trace_decay: float = 0.95
     entropy: float = 0.01
+    final_entropy: float = 0.001
+    entropy_decay: tuple[int, int] = (650, 900)
     learning_rate: float = 1e-3
     desired_kl: float = 0.01
     initial_std: float = 1.0
@@ -98,7 +102,7 @@ class TrainingConfig:
 
     gait: str = "trot"
     seed: int = 0
-    updates: int = 1500
+    updates: int = 1400
     n_robots: int = 256
     n_friction_groups: int = 4
     friction_updates: int = 20

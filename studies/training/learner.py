@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from rsl_rl.algorithms import PPO
@@ -29,6 +30,7 @@ class Learner:
             observations: Observation groups of all robots, for their sizes.
         """
         ppo = config.ppo
+        self._config = ppo
         self.estimator = estimator
         self.estimator_trainer = EstimatorTrainer(estimator, config.estimator)
         actor = MLPModel(
@@ -62,8 +64,14 @@ class Learner:
         )
         self.ppo.train_mode()
 
-    def update(self, last_observations: TensorDict) -> dict[str, float]:
-        """Learns from the stored steps and returns the losses by name."""
+    def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
+        """Learns from the stored steps and returns the losses by name.
+
+        Args:
+            last_observations: Observation groups after the last stored step.
+            number: Updates done before this one.
+        """
+        self.ppo.entropy_coef = self._entropy(number)
         with torch.inference_mode():
             self.ppo.compute_returns(last_observations)
         stored = self.ppo.storage.observations.flatten(0, 1).clone()
@@ -72,6 +80,10 @@ class Learner:
         losses["action_std"] = self.ppo.actor.distribution.std_param.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
+
+    def _entropy(self, number: int) -> float:
+        ppo = self._config
+        return float(np.interp(number, ppo.entropy_decay, (ppo.entropy, ppo.final_entropy)))
 
     def to_policy(self, gait: str, environment: TrainingEnvironment) -> NeuralPolicy:
         """Returns the expert as it is now."""

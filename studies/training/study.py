@@ -99,7 +99,7 @@ class TrainingRun:
                     observations, step.rewards, step.dones, {"time_outs": step.time_outs}
                 )
                 statistics.add(step.task)
-        losses = self.learner.update(observations)
+        losses = self.learner.update(observations, self.progress.update)
         self.progress.update += 1
         row = {
             "update": float(self.progress.update),

@@ -1,0 +1,1 @@
+"""Speed, measured as ratios against the obvious alternative in one run."""

@@ -1,0 +1,99 @@
+"""`glassgait benchmark`: measures speed as ratios."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+
+from models.policies.library import load_expert, load_policy
+from studies.benchmark.inference import single_row_microseconds
+from studies.benchmark.throughput import gymnasium_processes, training_and_physics
+from studies.console import console, say
+from studies.distillation.config import STUDENT_TITLES
+from studies.distillation.study import student_path
+from studies.tables import print_table, write_metrics, write_table
+from studies.training.config import TrainingConfig
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Measure training throughput and the time of one action, as ratios.
+
+    Attributes:
+        gait: Name of a gait.
+        training: Folder of a training run to continue in memory, so that robots walk rather than
+            fall; from the beginning by default.
+        updates: Updates that are timed at once.
+        repeats: Number of timings; medians are told.
+        gym_steps: Steps of gymnasium's sixteen environments.
+        students: Folder of a distillation; runs/distillation/<gait> by default.
+        output: Folder of the results.
+    """
+
+    gait: str = "trot"
+    training: Path | None = None
+    updates: int = 4
+    repeats: int = 5
+    gym_steps: int = 200
+    students: Path | None = None
+    output: Path = Path("runs/benchmark")
+
+    def run(self) -> None:
+        """Measures, and writes tables."""
+        throughput = self._throughput()
+        write_table(throughput, self.output / "throughput")
+        print_table("Throughput (2 cores unless your machine has more)", throughput)
+        inference = self._inference()
+        write_table(inference, self.output / "inference")
+        print_table("One action, one observation", inference)
+        metrics = {
+            "throughput": throughput.to_dict(orient="records"),
+            "inference": inference.to_dict(orient="records"),
+            "peak_memory_mb": round(psutil.Process().memory_info().rss / 2**20),
+        }
+        write_metrics(metrics, self.output / "metrics.json")
+        console.print(f"written to {self.output}")
+
+    def _throughput(self) -> pd.DataFrame:
+        config = TrainingConfig(gait=self.gait)
+        say("timing training and bare physics in turn")
+        pairs = pd.DataFrame(
+            training_and_physics(config, self.training, self.updates, self.repeats)
+        )
+        say("timing gymnasium's AsyncVectorEnv of DrakeGymEnv, 16 environments")
+        processes = gymnasium_processes(16, self.gym_steps)
+        training, physics = pairs["training"].median(), pairs["physics"].median()
+        return pd.DataFrame(
+            {
+                "what": [
+                    f"PPO training, {config.n_robots} robots",
+                    "bare BatchEvalUniquePeriodicDiscreteUpdate, same states and targets",
+                    "AsyncVectorEnv of 16 DrakeGymEnv over the diagram, no learning",
+                ],
+                "control steps/s": [round(training), round(physics), round(processes)],
+                "training is": [
+                    "1",
+                    f"{(pairs['training'] / pairs['physics']).median():.2f} of it",
+                    f"{training / processes:.1f} times it",
+                ],
+            }
+        )
+
+    def _inference(self) -> pd.DataFrame:
+        expert = load_expert(self.gait)
+        policies = {"neural expert": expert}
+        folder = self.students or Path("runs/distillation") / self.gait
+        for kind, title in STUDENT_TITLES.items():
+            path = student_path(folder, kind)
+            if path.exists():
+                policies[title] = load_policy(path)
+        observation = np.random.default_rng(0).normal(size=len(expert.observation_names))
+        times = {
+            title: single_row_microseconds(policy, observation)
+            for title, policy in policies.items()
+        }
+        return pd.DataFrame(
+            {"policy": times.keys(), "12 joints (µs)": [round(t, 1) for t in times.values()]}
+        )

@@ -1,0 +1,128 @@
+"""Training throughput against bare physics, and against gymnasium's processes."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv
+from pydrake.common import Parallelism
+from pydrake.gym import DrakeGymEnv
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.gym import action_space, observation_space
+from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, set_plant_state
+from diagrams.station import AddA1Station, StationConfig
+from models.a1 import robot
+from models.a1.robot import Array
+from models.task import CONTROL_PERIOD
+from models.task.gait import load_gait
+from studies.training.config import TrainingConfig
+from studies.training.study import TrainingRun
+
+
+def training_and_physics(
+    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
+) -> list[dict[str, float]]:
+    """Times updates of PPO, and bare physics over the very same states and targets.
+
+    The two are timed in turn, `repeats` times, so that both meet the machine's moods alike.
+
+    Args:
+        config: The training run.
+        checkpoint: Folder of a run to start from, or None to start at the beginning.
+        n_updates: Updates to time at once.
+        repeats: Number of pairs.
+
+    Returns:
+        Control steps/s of `training` and `physics`, a row a pair.
+    """
+    with TemporaryDirectory() as temporary:
+        folder = checkpoint or Path(temporary)
+        run = TrainingRun(config, folder, resume=checkpoint is not None)
+    physics = _BarePhysics(config.station)
+    recorded = _record_steps(run)
+    run.update()
+    rows = []
+    for _ in range(repeats):
+        recorded.clear()
+        n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
+        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
+        bare = _seconds(lambda: [physics.step(*pair) for pair in recorded])
+        rows.append({"training": n_steps / training, "physics": n_steps / bare})
+    return rows
+
+
+def gymnasium_processes(n_envs: int, n_processes_steps: int) -> float:
+    """Times `DrakeGymEnv` over the full diagram in `AsyncVectorEnv`; returns control steps/s."""
+    envs = AsyncVectorEnv([_drake_gym_env] * n_envs)
+    try:
+        envs.reset(seed=0)
+        generator = np.random.default_rng(0)
+        actions = generator.normal(scale=0.3, size=(n_processes_steps, n_envs, robot.N_JOINTS))
+        envs.step(actions[0])
+        seconds = _seconds(lambda: [envs.step(action) for action in actions])
+    finally:
+        envs.close()
+    return n_envs * n_processes_steps / seconds
+
+
+class _BarePhysics:
+    """One call of Drake's batch evaluation a control step, and nothing else."""
+
+    def __init__(self, station: StationConfig) -> None:
+        builder = DiagramBuilder()
+        plant, _, instance = AddA1Station(builder, station)
+        builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._n_steps = round(CONTROL_PERIOD / station.time_step)
+
+    def step(self, states: Array, targets: Array) -> None:
+        desired = np.hstack([targets, np.zeros_like(targets)])
+        BatchEvalUniquePeriodicDiscreteUpdate(
+            self._diagram,
+            self._context,
+            times=np.zeros((1, len(states))),
+            states=states.T,
+            inputs=desired.T,
+            num_time_steps=self._n_steps,
+            parallelize=Parallelism.Max(),
+        )
+
+
+def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
+    physics = run.environment.simulator.physics
+    recorded: list[tuple[Array, Array]] = []
+    step = physics.step
+
+    def recording_step(states: Array, targets: Array) -> Array:
+        recorded.append((states.copy(), targets.copy()))
+        return step(states, targets)
+
+    physics.step = recording_step
+    return recorded
+
+
+def _drake_gym_env() -> gym.Env:
+    gait = load_gait("trot")
+    diagram = MakeLocomotion(gait, LocomotionConfig(command=DrawnCommands()))
+    return DrakeGymEnv(
+        simulator=Simulator(diagram),
+        time_step=CONTROL_PERIOD,
+        action_space=action_space(),
+        observation_space=observation_space(gait),
+        reward="reward",
+        action_port_id="actions",
+        observation_port_id="observations",
+        reset_handler=lambda simulator, context, seed: set_plant_state(diagram, context),
+    )
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

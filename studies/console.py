@@ -1,0 +1,55 @@
+"""What studies say on the terminal, and how they end on a person's mistake."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from models.errors import InputError
+
+console = Console(highlight=False)
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def say(line: str) -> None:
+    """Prints a line of progress."""
+    console.print(f"[dim]·[/dim] {line}")
+
+
+@contextmanager
+def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
+    """Shows a bar with the time left; its task's `text` field is the study's own line."""
+    columns = (
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[text]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, refresh_per_second=2) as progress:
+        yield progress, progress.add_task("", total=total, completed=done, text="")
+
+
+@contextmanager
+def told_plainly() -> Iterator[None]:
+    """Turns bad input into one sentence and exit code 2, and Ctrl-C into exit code 130."""
+    try:
+        yield
+    except InputError as error:
+        console.file.flush()
+        print(f"glassgait: {error}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        print("\nglassgait: interrupted; what was finished is kept", file=sys.stderr)
+        sys.exit(INTERRUPTED)

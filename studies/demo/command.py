@@ -1,0 +1,115 @@
+"""`glassgait demo`: distils the shipped expert quickly and writes a report."""
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from diagrams.rollout import Rollout, make_simulator, record
+from diagrams.visualization import open_meshcat, save_replay, start_recording
+from models.policies.library import load_expert
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait, load_gait
+from studies.console import console, say
+from studies.demo.report import write_report
+from studies.distillation.config import (
+    DistillationConfig,
+    EbmConfig,
+    GbmConfig,
+    SymbolicConfig,
+)
+from studies.distillation.study import distill, load_students
+from studies.distillation.tables import write_r2_table
+from studies.evaluation.alternation import evaluate_alternation
+from studies.evaluation.config import RolloutConfig
+from studies.evaluation.figures import gait_figure, reward_figure
+from studies.evaluation.tables import alternation_table, standalone_table
+from studies.figures import save_figure
+from studies.tables import print_table, write_metrics, write_table
+
+QUICK = DistillationConfig(
+    episodes=16,
+    episode_steps=500,
+    gbm=GbmConfig(n_trees=100, subsample=0.3),
+    ebm=EbmConfig(interactions=0, max_rounds=600),
+    symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
+)
+"""A quarter of the paper's samples, and students that take seconds to fit."""
+
+REPLAY_SECONDS = 8.0
+REPLAYED = "symbolic"
+"""The student whose replay and gait diagram stand beside the expert's."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.
+
+    Attributes:
+        output: Folder of the report; what it held before is replaced.
+        n_robots: Robots to evaluate with.
+    """
+
+    output: Path = Path("runs/demo")
+    n_robots: int = 26
+
+    def run(self) -> None:
+        """Runs the whole road."""
+        started = time.monotonic()
+        gait = load_gait(QUICK.gait)
+        expert = load_expert(gait.name)
+        folder = self.output
+        distillation = folder / "distillation"
+        shutil.rmtree(distillation, ignore_errors=True)
+        r2 = distill(QUICK, expert, distillation, say)
+        r2_summary = write_r2_table(r2, gait.name, distillation)
+        print_table("R² on held-out data", r2_summary)
+
+        students = load_students(distillation, expert)
+        config = RolloutConfig(n_robots=self.n_robots)
+        scores = evaluate_alternation(gait, expert, students, config, say)
+        write_table(alternation_table(scores), folder / "ratios")
+        standalone = standalone_table(scores)
+        write_table(standalone, folder / "standalone")
+        write_metrics(alternation_table(scores).to_dict(orient="records"), folder / "metrics.json")
+        save_figure(reward_figure(scores, "Trot"), folder / "reward")
+        print_table("Alone, without the expert", standalone)
+
+        for name, student in (("expert", None), (REPLAYED, students[REPLAYED])):
+            say(f"recording the {name}")
+            rollout = _replay(gait, expert, student, folder / f"{name}_replay.html")
+            save_figure(gait_figure(rollout, gait, f"Trot, {name}"), folder / f"{name}_gait")
+        minutes = (time.monotonic() - started) / 60
+        write_report(
+            folder,
+            gait=gait,
+            expert=expert,
+            students=students,
+            r2=r2_summary,
+            standalone=standalone,
+            minutes=minutes,
+        )
+        console.print(f"report written to {folder / 'report.html'} after {minutes:.1f} minutes")
+
+
+def _replay(gait: Gait, expert: NeuralPolicy, student: Policy | None, path: Path) -> Rollout:
+    meshcat = open_meshcat()
+    period = 1 if student is None else 0
+    diagram = MakeLocomotion(
+        gait,
+        LocomotionConfig(
+            command=FixedCommand(speed=0.5), alternation_period=period, sensor_noise=True
+        ),
+        expert=expert if student is None else None,
+        student=student,
+        estimator=expert.estimator,
+        meshcat=meshcat,
+    )
+    simulator = make_simulator(diagram)
+    start_recording(meshcat)
+    rollout = record(simulator, round(REPLAY_SECONDS / CONTROL_PERIOD))
+    save_replay(meshcat, path)
+    return rollout

@@ -1,0 +1,44 @@
+"""`glassgait distill`: distils an expert into students."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from models.policies.library import load_expert
+from models.task.gait import load_gait
+from studies.console import console, say
+from studies.distillation.config import DistillationConfig
+from studies.distillation.study import distill
+from studies.distillation.tables import write_r2_table
+from studies.tables import print_table
+
+
+@dataclass(frozen=True)
+class Distill:
+    """Distil an expert into glass-box students by DAgger with alternation.
+
+    Attributes:
+        config: Settings of the run.
+        expert: Policy file of the expert; the shipped one by default.
+        output: Folder of the run; runs/distillation/<gait> by default.
+        resume: Continue the run that the folder holds.
+    """
+
+    config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=DistillationConfig
+    )
+    expert: Path | None = None
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        load_gait(self.config.gait)
+        expert = load_expert(self.config.gait, self.expert)
+        folder = self.output or Path("runs/distillation") / self.config.gait
+        r2 = distill(self.config, expert, folder, say, resume=self.resume)
+        table = write_r2_table(r2, self.config.gait, folder)
+        print_table("R² on held-out data", table)
+        console.print(f"students written to {folder}")

@@ -1,0 +1,191 @@
+"""The distillation study: Algorithm 1 of the paper for each student, one level at a time."""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+from sklearn.model_selection import train_test_split
+
+from models.a1 import robot
+from models.a1.robot import Array
+from models.errors import InputError
+from models.files import write_atomically
+from models.policies.library import load_policy
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task.gait import load_gait
+from studies.distillation.collection import Dataset, collect
+from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
+from studies.distillation.students import fit_student, untrained_student
+
+CONFIG_NAME = "config.yaml"
+SHUFFLED_TEST_SHARE = 0.2
+
+Report = Callable[[str], None]
+
+
+def distill(
+    config: DistillationConfig,
+    expert: NeuralPolicy,
+    folder: Path,
+    report: Report,
+    *,
+    resume: bool = False,
+) -> pd.DataFrame:
+    """Distils the expert into every student of the configuration.
+
+    Each level's samples and each finished student are written at once, and every level draws from
+    a generator of its own: a run that was killed and resumed ends as if it had not been.
+
+    Args:
+        config: Settings.
+        expert: The expert.
+        folder: Where the run is kept.
+        report: Called with a line of progress.
+        resume: Whether to continue the run that the folder holds.
+
+    Returns:
+        The R² table: a row a student.
+
+    Raises:
+        InputError: if the folder holds a run and `resume` is not given, or one of other settings.
+    """
+    _open_folder(config, folder, resume)
+    rows = []
+    for kind in config.students:
+        student_folder = folder / kind
+        record_path = student_folder / "record.json"
+        if not record_path.exists():
+            started = time.monotonic()
+            dataset = _collect_levels(kind, config, expert, student_folder, report)
+            row = _fit_final(kind, config, expert, dataset, folder)
+            row["minutes"] = (time.monotonic() - started) / 60
+            write_atomically(record_path, json.dumps(row, indent=2))
+        row = json.loads(record_path.read_text())
+        report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def student_path(folder: Path, kind: str) -> Path:
+    """Returns where a run keeps the student of a kind."""
+    return folder / f"{kind}.safetensors"
+
+
+def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of a run, by kind.
+
+    Raises:
+        InputError: if the folder holds none, or a student does not fit the expert.
+    """
+    students = {}
+    for kind in STUDENT_TITLES:
+        path = student_path(folder, kind)
+        if path.exists():
+            students[kind] = load_policy(path)
+            students[kind].check(gait=expert.gait, observation_names=expert.observation_names)
+    if not students:
+        raise InputError(
+            f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
+        )
+    return students
+
+
+def r2_scores(policy: Policy, dataset: Dataset) -> Array:
+    """Returns the coefficient of determination of each joint (12,)."""
+    error = np.square(dataset.actions - policy(dataset.observations)).sum(axis=0)
+    spread = np.square(dataset.actions - dataset.actions.mean(axis=0)).sum(axis=0)
+    return 1.0 - error / spread
+
+
+def _collect_levels(
+    kind: StudentKind,
+    config: DistillationConfig,
+    expert: NeuralPolicy,
+    folder: Path,
+    report: Report,
+) -> Dataset:
+    gait = load_gait(config.gait)
+    dataset = None
+    student = untrained_student(config.gait, expert.observation_names)
+    episodes = np.arange(1, config.episodes + 1)
+    levels = -(-episodes // config.episodes_per_level)
+    for level in range(1, levels[-1] + 1):
+        path = folder / f"level_{level}.safetensors"
+        if path.exists():
+            samples = Dataset.load(path)
+        else:
+            if dataset is not None:
+                seen = dataset.subset(~dataset.held_out)
+                report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples")
+                student = fit_student(
+                    kind, config, expert.observation_names, seen.observations, seen.actions
+                )
+            mine = episodes[levels == level]
+            report(f"{STUDENT_TITLES[kind]}: level {level} of {levels[-1]}, ratio 1/{level}")
+            samples = collect(
+                gait,
+                expert,
+                student,
+                period=level,
+                episodes=mine,
+                speeds=np.array(config.speeds)[(mine - 1) % len(config.speeds)],
+                n_steps=config.episode_steps,
+                station=config.station,
+                generator=np.random.default_rng([config.seed, level]),
+            )
+            samples.save(path)
+        dataset = samples if dataset is None else dataset.union(samples)
+    assert dataset is not None
+    return dataset
+
+
+def _fit_final(
+    kind: StudentKind,
+    config: DistillationConfig,
+    expert: NeuralPolicy,
+    dataset: Dataset,
+    folder: Path,
+) -> dict:
+    names = expert.observation_names
+    seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
+    student = fit_student(kind, config, names, seen.observations, seen.actions)
+    student.save(student_path(folder, kind))
+    scores = r2_scores(student, held_out)
+
+    # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
+    index = np.arange(len(dataset.episodes))
+    train, test = train_test_split(index, test_size=SHUFFLED_TEST_SHARE, random_state=config.seed)
+    shuffled = fit_student(kind, config, names, dataset.observations[train], dataset.actions[train])
+    mask = np.isin(index, test)
+    return {
+        "student": kind,
+        "samples": len(seen.actions),
+        "held_out_samples": len(held_out.actions),
+        "r2": float(scores.mean()),
+        "r2_shuffled_split": float(r2_scores(shuffled, dataset.subset(mask)).mean()),
+        **{f"r2_{joint}": float(r2) for joint, r2 in zip(robot.JOINTS, scores, strict=True)},
+    }
+
+
+def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:
+    path = folder / CONFIG_NAME
+    text = yaml.safe_dump(json.loads(json.dumps(asdict(config))), sort_keys=False)
+    if path.exists():
+        if not resume:
+            raise InputError(
+                f"{folder}: holds a distillation already; continue it with --resume, "
+                "or name another folder with --output"
+            )
+        if path.read_text() != text:
+            raise InputError(
+                f"{path}: was made with other settings; resume with the same, "
+                "or name another folder with --output"
+            )
+    else:
+        write_atomically(path, text)

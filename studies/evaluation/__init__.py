@@ -1,0 +1,1 @@
+"""Evaluating policies in closed loop: falls, tracking, rhythm and reward."""

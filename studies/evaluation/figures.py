@@ -1,0 +1,101 @@
+"""Figures of closed-loop scores: reward against ratio, and the gait diagram."""
+
+import numpy as np
+import pandas as pd
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from diagrams.rollout import Rollout
+from models.a1 import robot
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait
+from models.task.palette import STATE_COLORS
+from studies.evaluation.alternation import PERIODS, ratio_title
+from studies.evaluation.tables import POLICY_TITLES, alternation_table
+from studies.figures import COLUMN_WIDTH
+
+_LINES = {
+    "linear": ("#999999", "v"),
+    "statewise_linear": ("#56B4E9", "^"),
+    "gbm": ("#0072B2", "o"),
+    "ebm": ("#D55E00", "s"),
+    "symbolic": ("#009E73", "D"),
+}
+
+
+def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
+    """Average episodic reward and falls against the alternation ratio (paper, Figure 2)."""
+    means = alternation_table(scores)
+    expert = means[means["policy"] == "expert"].iloc[0]
+    figure, (reward, falls) = plt.subplots(
+        2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True, height_ratios=(3, 1)
+    )
+    ratios = [ratio_title(period) for period in PERIODS]
+    students = [policy for policy in _LINES if policy in set(means["policy"])]
+    for i, policy in enumerate(students):
+        color, marker = _LINES[policy]
+        mine = means[means["policy"] == policy].set_index("ratio")
+        mine.loc["1"] = expert
+        mine = mine.loc[ratios]
+        shift = 0.08 * (i - (len(students) - 1) / 2)
+        at = np.arange(len(ratios)) + shift
+        style = {"color": color, "marker": marker, "markersize": 3.5, "linewidth": 1.0}
+        reward.errorbar(
+            at, mine["reward"], mine["reward_ci"], label=POLICY_TITLES[policy], capsize=1.5, **style
+        )
+        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+    reward.axhline(expert["reward"], color="black", linewidth=0.8, linestyle=":")
+    reward.set(ylabel="episodic reward", title=title, ylim=(0, None))
+    reward.legend(ncols=2, loc="lower left")
+    falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
+    falls.set_xticks(np.arange(len(ratios)), ratios)
+    return figure
+
+
+def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
+    """Feet in contact over time, with the reward machine's states as bands."""
+    figure, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
+    last = rollout.time[-1]
+    draw_gait(axes, rollout, gait)
+    axes.set(xlim=(max(0.0, last - seconds), last), title=title)
+    return figure
+
+
+def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
+    """Draws the gait diagram of a whole rollout."""
+    states = rollout["rm_state"].argmax(axis=1)
+    for start, stop in _runs(states):
+        color = STATE_COLORS[states[start] % len(STATE_COLORS)]
+        axes.axvspan(
+            rollout.time[start],
+            rollout.time[start] + (stop - start) * CONTROL_PERIOD,
+            color=color,
+            alpha=0.25,
+            linewidth=0,
+        )
+    for row, leg in enumerate(robot.LEGS):
+        touches = rollout["foot_contact"][:, row] > 0.5
+        bars = [
+            (rollout.time[start], (stop - start) * CONTROL_PERIOD)
+            for start, stop in _runs(touches)
+            if touches[start]
+        ]
+        axes.broken_barh(bars, (row - 0.35, 0.7), color="0.15", linewidth=0)
+    axes.set_yticks(range(robot.N_LEGS), robot.LEGS)
+    axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
+    axes.grid(visible=False)
+    handles = [
+        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
+        for i, name in enumerate(gait.states)
+    ]
+    handles.insert(0, Patch(color="0.15", label="contact"))
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+    """Finds the stretches [start, stop) of equal values."""
+    edges = np.flatnonzero(np.diff(values)) + 1
+    borders = [0, *edges.tolist(), len(values)]
+    return list(zip(borders[:-1], borders[1:], strict=True))

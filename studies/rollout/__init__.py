@@ -1,0 +1,1 @@
+"""Watching one robot: live in Meshcat, and as a replay that opens without a server."""

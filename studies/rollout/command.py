@@ -1,0 +1,91 @@
+"""`glassgait rollout`: watches one robot."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion, SliderCommand
+from diagrams.rollout import Rollout, make_simulator, record
+from diagrams.station import StationConfig
+from diagrams.visualization import open_meshcat, save_replay, start_recording
+from models.policies.library import load_expert
+from models.policies.policy import Policy
+from models.task import CONTROL_PERIOD
+from models.task.gait import load_gait
+from studies.console import console
+from studies.evaluation.figures import gait_figure
+from studies.figures import save_figure
+from studies.rollout.config import find_student, parse_ratio
+
+
+@dataclass(frozen=True)
+class ShowRollout:
+    """Watch one robot, live in Meshcat with sliders or as fast as it goes.
+
+    Attributes:
+        gait: Name of a gait.
+        policy: `expert`, a kind of student, or the path of a policy file.
+        ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
+            default the policy acts alone.
+        live: Play at real time in Meshcat, commands from sliders.
+        command: The command where there are no sliders.
+        seconds: Length of the rollout (s).
+        seed: Seed of the sensors' noise.
+        station: Physics.
+        students: Folder of the distillation; runs/distillation/<gait> by default.
+        expert: Policy file of the expert; the shipped one by default.
+        output: Folder of the replay; runs/rollout/<gait> by default.
+    """
+
+    gait: str = "trot"
+    policy: str = "expert"
+    ratio: str | None = None
+    live: bool = False
+    command: FixedCommand = field(default_factory=FixedCommand)
+    seconds: float = 10.0
+    seed: int = 0
+    station: StationConfig = field(default_factory=StationConfig)
+    students: Path | None = None
+    expert: Path | None = None
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Plays, and writes replay and gait diagram."""
+        gait = load_gait(self.gait)
+        expert = load_expert(self.gait, self.expert)
+        student: Policy | None = None
+        if self.policy != "expert":
+            folder = self.students or Path("runs/distillation") / self.gait
+            student = find_student(self.policy, folder, expert)
+        period = parse_ratio(self.ratio or ("1" if student is None else "0"))
+        config = LocomotionConfig(
+            station=self.station,
+            command=SliderCommand() if self.live else self.command,
+            alternation_period=period if student is not None else 1,
+            sensor_noise=True,
+        )
+        meshcat = open_meshcat()
+        diagram = MakeLocomotion(
+            gait,
+            config,
+            expert=expert if config.alternation_period != 0 else None,
+            student=student if config.alternation_period != 1 else None,
+            estimator=expert.estimator,
+            meshcat=meshcat,
+        )
+        simulator = make_simulator(diagram, seed=self.seed, realtime_rate=1.0 if self.live else 0.0)
+        if self.live:
+            console.print(f"open {meshcat.web_url()} and move the sliders; Ctrl-C ends the rollout")
+        start_recording(meshcat)
+        rollout = record(simulator, round(self.seconds / CONTROL_PERIOD))
+        name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
+        stem = (self.output or Path("runs/rollout") / self.gait) / name
+        save_replay(meshcat, stem.with_suffix(".html"))
+        save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
+        _tell(rollout, stem)
+
+
+def _tell(rollout: Rollout, stem: Path) -> None:
+    seconds = rollout.time[-1]
+    end = "fell" if rollout.failed else "stayed up"
+    console.print(f"{end} after {seconds:.2f} s, reward {rollout['reward'][1:].sum():.0f}")
+    console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf")

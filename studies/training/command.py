@@ -1,0 +1,58 @@
+"""`glassgait train`: trains an expert."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from models.errors import InputError
+from models.task.gait import load_gait
+from studies.console import console, progress_bar
+from studies.training.checkpoint import CHECKPOINT_NAME
+from studies.training.config import TrainingConfig
+from studies.training.study import TrainingRun
+
+LINES_EVERY = 10
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a neural expert by PPO.
+
+    Attributes:
+        config: Settings of the run.
+        output: Folder of the run; runs/training/<gait> by default.
+        resume: Continue from the folder's checkpoint.
+    """
+
+    config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TrainingConfig
+    )
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.config.gait)
+        folder = self.output or Path("runs/training") / gait.name
+        if not self.resume and (folder / CHECKPOINT_NAME).exists():
+            raise InputError(
+                f"{folder}: holds a training run already; continue it with --resume, "
+                "or name another folder with --output"
+            )
+        run = TrainingRun(self.config, folder, resume=self.resume)
+        with progress_bar(self.config.updates, run.progress.update) as (progress, task):
+
+            def report(run: TrainingRun, row: dict[str, float]) -> None:
+                line = (
+                    f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
+                    f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
+                    f"ease {row['ease']:.2f}  failures {row['failure_rate']:.4f}"
+                )
+                progress.update(task, completed=run.progress.update, text=line)
+                if not console.is_terminal and run.progress.update % LINES_EVERY == 0:
+                    console.print(f"update {run.progress.update}/{self.config.updates}  {line}")
+
+            run.run(report)
+        console.print(f"expert written to {folder / gait.name}.safetensors")
