@@ -91,10 +91,10 @@ class BatchPhysics:
         """
         desired = np.zeros((len(states), 2 * robot.N_JOINTS))
         desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
-        sound = np.isfinite(states).all(axis=1) & np.isfinite(desired).all(axis=1)
+        sound = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(desired), axis=1)
         after = np.full_like(states, np.nan)
-        for group, members in enumerate(np.array_split(np.arange(len(states)), self.n_groups)):
-            members = members[sound[members]]
+        for group, everyone in enumerate(np.array_split(np.arange(len(states)), self.n_groups)):
+            members = everyone[sound[everyone]]
             after[members] = self._step_group(group, states[members], desired[members])
         return after
 

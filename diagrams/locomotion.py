@@ -232,7 +232,8 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
     """
     if state is None:
         state = kinematics.standing_state(robot.DEFAULT_STANCE)
-    plant: MultibodyPlant = diagram.GetSubsystemByName("plant")
+    plant = diagram.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
 
 

@@ -1,7 +1,7 @@
 """Gradient-boosted trees, compiled to flat arrays and evaluated for all joints at once."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,11 +63,14 @@ class BoostedTreesPolicy(Policy):
             [_complete(tree.tree_, depth, model.learning_rate) for tree in model.estimators_[:, 0]]
             for model in models
         ]
-        features, thresholds, leaves = (
-            np.array([[tree[part] for tree in joint] for joint in compiled]) for part in range(3)
+        return cls(
+            gait,
+            observation_names,
+            features=np.array([[tree.features for tree in joint] for joint in compiled]),
+            thresholds=np.array([[tree.thresholds for tree in joint] for joint in compiled]),
+            leaves=np.array([[tree.leaves for tree in joint] for joint in compiled]),
+            intercepts=np.array([_constant(model.init_) for model in models]),
         )
-        intercepts = np.array([float(np.ravel(model.init_.constant_)[0]) for model in models])
-        return cls(gait, observation_names, features, thresholds, leaves, intercepts)
 
     def __call__(self, observation: Array) -> Array:
         # scikit-learn compares in single precision; so must we, to take the same branches.
@@ -104,9 +107,18 @@ class BoostedTreesPolicy(Policy):
         return cls(gait, observation_names, *(arrays[name] for name in names))
 
 
-def _complete(
-    tree: Any, depth: int, learning_rate: float
-) -> tuple[NDArray[np.int32], Array, Array]:
+class _CompleteTree(NamedTuple):
+    features: NDArray[np.int32]
+    thresholds: Array
+    leaves: Array
+
+
+def _constant(initial: Any) -> float:
+    # scikit-learn starts from the mean of the samples, held by a dummy regressor.
+    return float(np.ravel(initial.constant_)[0])
+
+
+def _complete(tree: Any, depth: int, learning_rate: float) -> _CompleteTree:
     features = np.zeros(2**depth - 1, dtype=np.int32)
     thresholds = np.full(2**depth - 1, np.inf)
     leaves = np.zeros(2**depth)
@@ -124,4 +136,4 @@ def _complete(
             place(tree.children_right[node], 2 * slot + 2, level + 1)
 
     place(0, 0, 0)
-    return features, thresholds, leaves
+    return _CompleteTree(features, thresholds, leaves)

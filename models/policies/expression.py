@@ -122,7 +122,9 @@ def _expression(node: ast.expr, index: dict[str, int]) -> Expression:
             if inner.operator == "constant":
                 return Expression("constant", value=-inner.value)
             return Expression("neg", (inner,))
-        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=2 | 3 as power)):
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as power)) if (
+            power in _POWERS
+        ):
             return Expression(_POWERS[power], (_expression(left, index),))
         case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _BINARY_NODES:
             operands = (_expression(left, index), _expression(right, index))

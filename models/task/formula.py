@@ -38,7 +38,7 @@ class Formula:
     def swing_feet(self) -> tuple[bool, ...]:
         """The feet (4) that are in the air in every stance where the formula holds."""
         holds = np.array(self.table)
-        return tuple(bool(foot) for foot in ~STANCES[holds].any(axis=0))
+        return tuple(bool(foot) for foot in ~np.any(STANCES[holds], axis=0))
 
 
 def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:

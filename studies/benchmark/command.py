@@ -8,6 +8,7 @@ import pandas as pd
 import psutil
 
 from models.policies.library import load_expert, load_policy
+from models.policies.policy import Policy
 from studies.benchmark.inference import single_row_microseconds
 from studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from studies.console import console, say
@@ -83,7 +84,7 @@ class Benchmark:
 
     def _inference(self) -> pd.DataFrame:
         expert = load_expert(self.gait)
-        policies = {"neural expert": expert}
+        policies: dict[str, Policy] = {"neural expert": expert}
         folder = self.students or Path("runs/distillation") / self.gait
         for kind, title in STUDENT_TITLES.items():
             path = student_path(folder, kind)

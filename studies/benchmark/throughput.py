@@ -83,9 +83,9 @@ class _BarePhysics:
 
     def step(self, states: Array, targets: Array) -> None:
         desired = np.hstack([targets, np.zeros_like(targets)])
-        BatchEvalUniquePeriodicDiscreteUpdate(
-            self._diagram,
-            self._context,
+        BatchEvalUniquePeriodicDiscreteUpdate(  # pyright: ignore[reportCallIssue]
+            self._diagram,  # pyright: ignore[reportArgumentType]
+            self._context,  # pyright: ignore[reportArgumentType]
             times=np.zeros((1, len(states))),
             states=states.T,
             inputs=desired.T,
@@ -118,7 +118,8 @@ def _drake_gym_env() -> gym.Env:
         reward="reward",
         action_port_id="actions",
         observation_port_id="observations",
-        reset_handler=lambda simulator, context, seed: set_plant_state(diagram, context),
+        # Drake calls the handler with a seed that its own hint leaves out.
+        reset_handler=lambda simulator, context, seed=None: set_plant_state(diagram, context),
     )
 
 

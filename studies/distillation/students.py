@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from interpret.glassbox import ExplainableBoostingRegressor
 from joblib import Parallel, delayed
 from sklearn.ensemble import GradientBoostingRegressor
 from sklearn.linear_model import Ridge
@@ -96,8 +97,6 @@ def _fit_ebm(
 
 
 def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmConfig) -> Any:
-    from interpret.glassbox import ExplainableBoostingRegressor
-
     return ExplainableBoostingRegressor(
         # One-hot observations are numbers to every student alike.
         feature_types=["continuous"] * observations.shape[1],

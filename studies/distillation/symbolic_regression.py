@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from pyoperon.sklearn import SymbolicRegressor
 from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from models.a1.robot import Array
@@ -51,8 +52,6 @@ def _fit_operon(
 def _evolve(
     observations: Array, target: Array, max_nodes: int, seed: int, settings: SymbolicConfig
 ) -> Expression:
-    from pyoperon.sklearn import SymbolicRegressor
-
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
     scale[scale == 0] = 1.0
@@ -144,7 +143,7 @@ def _fit_pysr(
 ) -> Expression:
     try:
         # Importing PySR starts Julia, and fetches it first where it is missing.
-        from pysr import PySRRegressor
+        from pysr import PySRRegressor  # noqa: PLC0415
     except Exception as error:
         raise InputError(
             "the engine 'pysr' needs Julia, which could not be started here; install Julia, "

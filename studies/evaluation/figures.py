@@ -1,5 +1,7 @@
 """Figures of closed-loop scores: reward against ratio, and the gait diagram."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt
@@ -75,7 +77,7 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
             alpha=0.25,
             linewidth=0,
         )
-    for row, leg in enumerate(robot.LEGS):
+    for row in range(robot.N_LEGS):
         touches = rollout["foot_contact"][:, row] > 0.5
         bars = [
             (rollout.time[start], (stop - start) * CONTROL_PERIOD)
@@ -98,4 +100,4 @@ def _runs(values: np.ndarray) -> list[tuple[int, int]]:
     """Finds the stretches [start, stop) of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     borders = [0, *edges.tolist(), len(values)]
-    return list(zip(borders[:-1], borders[1:], strict=True))
+    return list(pairwise(borders))

@@ -48,7 +48,7 @@ def score_rollouts(log: RolloutLog) -> pd.DataFrame:
     new command is left out.
     """
     n_steps, n_robots = log.reward.shape
-    failed = log.failures.any(axis=2)
+    failed = np.any(log.failures, axis=2)
     rows = []
     for robot in range(n_robots):
         fell = bool(failed[:, robot].any())
@@ -85,10 +85,11 @@ def _tracking_errors(velocity: Array, command: Array) -> Array:
 
 def interval(values: pd.Series) -> float:
     """Returns half the width of the 95 % interval of the mean (Student's t)."""
-    known = values.dropna().astype(float)
+    known = values.dropna().to_numpy(dtype=float)
     if len(known) < 2:
         return float("nan")
-    return float(stats.t.ppf(0.975, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known)))
+    quantile = stats.t.ppf(0.975, len(known) - 1)
+    return float(quantile * np.std(known, ddof=1) / np.sqrt(len(known)))
 
 
 def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:

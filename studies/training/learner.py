@@ -77,7 +77,7 @@ class Learner:
         stored = self.ppo.storage.observations.flatten(0, 1).clone()
         losses = self.ppo.update()
         losses["estimator"] = self.estimator_trainer.update(stored)
-        losses["action_std"] = self.ppo.actor.distribution.std_param.mean().item()
+        losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
 

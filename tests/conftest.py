@@ -1,0 +1,112 @@
+"""What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, LeafSystem
+
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from models.policies.linear import LinearPolicy
+from models.task.gait import Gait, load_gait
+from models.task.observation import ObservationLayout
+
+
+@pytest.fixture
+def trot() -> Gait:
+    return load_gait("trot")
+
+
+@pytest.fixture
+def generator() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def standing() -> Array:
+    """The plant's state of a robot that stands at rest."""
+    return kinematics.standing_state(robot.DEFAULT_STANCE)
+
+
+@pytest.fixture
+def random_states() -> Callable[[int], Array]:
+    """Draws plant states with any attitude and joints inside their limits."""
+
+    def draw(count: int) -> Array:
+        generator = np.random.default_rng(11)
+        state = generator.normal(size=(count, robot.N_POSITIONS + robot.N_VELOCITIES))
+        state[:, :4] /= np.linalg.norm(state[:, :4], axis=1, keepdims=True)
+        state[:, robot.JOINT_POSITION] = generator.uniform(
+            robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=(count, robot.N_JOINTS)
+        )
+        return state
+
+    return draw
+
+
+@pytest.fixture
+def make_policy() -> Callable[..., LinearPolicy]:
+    """Makes small random linear policies: they move all joints and need no training."""
+
+    def make(gait: Gait, seed: int = 3) -> LinearPolicy:
+        names = ObservationLayout(gait.n_states).names
+        weights = 0.1 * np.random.default_rng(seed).normal(size=(robot.N_JOINTS, len(names)))
+        return LinearPolicy(gait.name, names, weights, np.zeros(robot.N_JOINTS))
+
+    return make
+
+
+@pytest.fixture
+def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]]:
+    """Lists a system's input and output ports with their sizes."""
+
+    def sizes(system: LeafSystem) -> tuple[dict[str, int], dict[str, int]]:
+        inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
+        outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
+        return (
+            {port.get_name(): port.size() for port in inputs},
+            {port.get_name(): port.size() for port in outputs},
+        )
+
+    return sizes
+
+
+@pytest.fixture
+def fix_inputs() -> Callable[..., Context]:
+    """Makes a context whose input ports hold the given values."""
+
+    def fix(system: LeafSystem, context: Context | None = None, **values: Array) -> Context:
+        context = context or system.CreateDefaultContext()
+        for name, value in values.items():
+            system.GetInputPort(name).FixValue(context, np.atleast_1d(value).astype(float))
+        return context
+
+    return fix
+
+
+@pytest.fixture
+def feedthrough() -> Callable[[LeafSystem], set[tuple[str, str]]]:
+    """Lists the pairs of input and output port with direct feedthrough."""
+
+    def pairs(system: LeafSystem) -> set[tuple[str, str]]:
+        return {
+            (system.get_input_port(i).get_name(), system.get_output_port(o).get_name())
+            for i, o in system.GetDirectFeedthroughs()
+        }
+
+    return pairs
+
+
+@pytest.fixture
+def latch() -> Callable[[LeafSystem, Context], None]:
+    """Runs the update that is due at the context's time, and goes on to the next control instant."""
+
+    def run(system: LeafSystem, context: Context) -> None:
+        simulator = Simulator(system, context)
+        simulator.Initialize()
+        steps = round(context.get_time() / 0.02)
+        simulator.AdvanceTo((steps + 1) * 0.02)
+
+    return run

@@ -1,0 +1,41 @@
+"""Boolean formulas over the feet."""
+
+import numpy as np
+import pytest
+
+from models.errors import InputError
+from models.task.formula import STANCES, parse_formula, stance_code
+
+
+def test_table_agrees_with_python_on_every_stance():
+    formula = parse_formula("(FL | FR) & ~(RL & RR)")
+    for contact in STANCES:
+        fl, fr, rl, rr = contact
+        assert formula.table[int(stance_code(contact))] == ((fl or fr) and not (rl and rr))
+
+
+def test_swing_feet_are_those_that_must_be_in_the_air():
+    assert parse_formula("FL & RR & ~FR & ~RL").swing_feet == (False, True, True, False)
+    assert parse_formula("FL").swing_feet == (False, False, False, False)
+
+
+def test_codes_number_the_stances():
+    np.testing.assert_array_equal(stance_code(STANCES), np.arange(16))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("FX & FL", "unknown foot 'FX'; the feet are FL, FR, RL, RR"),
+        ("FL &", "cannot be read"),
+        ("FL & ~FL", "can never hold"),
+        ("FL + FR", "does not belong"),
+        ("__import__('os')", "does not belong"),
+        ("FL if FR else RL", "does not belong"),
+        ("1", "does not belong"),
+    ],
+)
+def test_bad_formulas_are_refused_in_one_sentence(text, message):
+    with pytest.raises(InputError, match=message.replace("'", ".")) as raised:
+        parse_formula(text)
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,73 @@
+"""The closed forms against Drake's own kinematics."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.station import AddA1Station, StationConfig
+from models.a1 import kinematics, robot
+
+TOLERANCE = 1e-12
+
+
+@pytest.fixture(scope="module")
+def drake_plant():
+    builder = DiagramBuilder()
+    plant, _, _ = AddA1Station(builder, StationConfig())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    return plant, plant.GetMyMutableContextFromRoot(context), diagram, context
+
+
+def box_points(box, middle):
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1)
+    return 0.5 * np.array(box)[:, None] * signs + np.array([0, 0, middle])[:, None]
+
+
+def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_plant, random_states):
+    plant, context, *_ = drake_plant
+    world, trunk = plant.world_frame(), plant.GetFrameByName("trunk")
+    for state in random_states(50):
+        plant.SetPositionsAndVelocities(context, state)
+
+        def locate(frame, point, expressed, context=context):
+            moved = plant.GetFrameByName(frame)
+            return plant.CalcPointsPositions(context, moved, point, expressed)
+
+        feet = [locate(f"{leg}_calf", [0, 0, -0.2], trunk)[:, 0] for leg in robot.LEGS]
+        found = kinematics.foot_positions(state[robot.JOINT_POSITION])
+        np.testing.assert_allclose(found, feet, atol=TOLERANCE)
+
+        low = [locate(f"{leg}_calf", [0, 0, -0.2], world)[2, 0] - 0.02 for leg in robot.LEGS]
+        np.testing.assert_allclose(kinematics.foot_heights(state), low, atol=TOLERANCE)
+
+        limb_box = {"thigh": robot.THIGH_BOX[::-1], "calf": robot.CALF_BOX[::-1]}
+        lowest = [locate("trunk", box_points(robot.TRUNK_BOX, 0.0), world)[2].min()]
+        for limb, (x, y, z) in limb_box.items():
+            for leg in robot.LEGS:
+                lowest.append(locate(f"{leg}_{limb}", box_points((x, y, z), -0.1), world)[2].min())
+        np.testing.assert_allclose(kinematics.body_clearance(state), lowest, atol=TOLERANCE)
+
+        velocity = trunk.CalcSpatialVelocity(context, world, trunk)
+        linear, angular = kinematics.base_velocity(state)
+        np.testing.assert_allclose(linear, velocity.translational(), atol=TOLERANCE)
+        np.testing.assert_allclose(angular, velocity.rotational(), atol=TOLERANCE)
+
+
+def test_batches_agree_with_single_robots(random_states):
+    states = random_states(6)
+    for function in (kinematics.foot_heights, kinematics.body_clearance):
+        batch = function(states.reshape(2, 3, -1))
+        single = np.array([function(state) for state in states])
+        np.testing.assert_allclose(batch.reshape(6, -1), single, atol=1e-14)
+
+
+def test_gravity_points_down_in_a_level_trunk():
+    np.testing.assert_allclose(kinematics.gravity_direction(np.array([1.0, 0, 0, 0])), [0, 0, -1])
+
+
+def test_standing_robot_touches_with_its_lowest_foot(generator):
+    joints = robot.DEFAULT_STANCE * generator.uniform(0.8, 1.2, size=(20, 12))
+    state = kinematics.standing_state(joints, heading=0.3)
+    np.testing.assert_allclose(kinematics.foot_heights(state).min(axis=1), 0.0, atol=TOLERANCE)
+    np.testing.assert_allclose(np.linalg.norm(state[:, :4], axis=1), 1.0)

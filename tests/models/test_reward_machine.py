@@ -1,0 +1,141 @@
+"""The reward machine: its rules, and properties that hold for every gait."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.task.gait import gait_names, load_gait
+from models.task.reward_machine import MachineState, RewardMachine
+
+FL_RR = np.array([True, False, False, True])
+FR_RL = ~FL_RR
+ALL = np.ones(4, dtype=bool)
+LIFTED = 0.04
+
+
+def heights(contact, lifted=LIFTED):
+    return np.where(contact, 0.0, lifted)
+
+
+def run(machine, contacts, dwell, ease=1.0, lifted=LIFTED):
+    state, steps = machine.initial(), []
+    for contact in contacts:
+        step = machine.step(state, contact, heights(contact, lifted), dwell, ease)
+        steps.append(step)
+        state = step.machine
+    return steps
+
+
+def test_leaves_state_only_after_the_commanded_dwell(trot):
+    steps = run(RewardMachine(trot), [FL_RR] * 8, dwell=6)
+    assert [bool(step.fired) for step in steps] == [False] * 5 + [True] + [False] * 2
+    assert steps[5].machine.state == 1
+    assert steps[5].machine.iterations == 0
+    assert steps[5].multiplier == 1000
+    assert steps[4].multiplier == 1
+
+
+def test_keeping_the_rhythm_serves_every_step(trot):
+    contacts = ([FL_RR] * 6 + [FR_RL] * 6) * 3
+    steps = run(RewardMachine(trot), contacts, dwell=6)
+    assert sum(float(step.served_dwell) for step in steps) == len(contacts)
+
+
+def test_wrong_stance_never_fires(trot):
+    assert not any(step.fired for step in run(RewardMachine(trot), [FR_RL] * 20, dwell=6))
+    assert not any(step.fired for step in run(RewardMachine(trot), [ALL] * 20, dwell=6))
+
+
+def test_swing_feet_must_clear_the_ground(trot):
+    assert not any(step.fired for step in run(RewardMachine(trot), [FL_RR] * 20, 6, lifted=0.029))
+
+
+def test_ease_scales_dwell_and_clearance(trot):
+    steps = run(RewardMachine(trot), [FL_RR] * 4, dwell=10, ease=0.2, lifted=0.007)
+    assert [bool(step.fired) for step in steps] == [False, True, False, False]
+
+
+def test_single_foot_stages_of_three_one_need_half_the_dwell():
+    machine = RewardMachine(load_gait("three_one"))
+    one_foot = np.array([True, False, False, False])
+    step = machine.step(
+        MachineState(np.int64(1), np.int64(4), np.int64(30)), one_foot, heights(one_foot), 10
+    )
+    assert step.fired
+    assert step.served_dwell == 5
+
+
+def test_half_bound_sinks_on_the_wrong_foot_after_the_grace():
+    gait = load_gait("half_bound")
+    machine = RewardMachine(gait)
+    sink = gait.states.index("missed")
+    steps = run(machine, [ALL] * 25, dwell=6)
+    assert [int(step.machine.state) == sink for step in steps] == [False] * 20 + [True] * 5
+    assert steps[20].multiplier == 0
+    assert steps[24].multiplier == 0
+
+
+@st.composite
+def histories(draw):
+    gait = draw(st.sampled_from(gait_names()))
+    length = draw(st.integers(1, 60))
+    codes = draw(st.lists(st.integers(0, 15), min_size=length, max_size=length))
+    lifts = draw(st.lists(st.floats(0, 0.1), min_size=length, max_size=length))
+    contacts = [np.array([code >> i & 1 for i in range(4)], dtype=bool) for code in codes]
+    return gait, contacts, lifts, draw(st.integers(6, 11))
+
+
+@settings(max_examples=150, deadline=None)
+@given(histories())
+def test_every_run_obeys_the_machine(history):
+    name, contacts, lifts, dwell = history
+    gait = load_gait(name)
+    machine = RewardMachine(gait)
+    edges = {(gait.states.index(t.source), gait.states.index(t.target)): t for t in gait.transitions}
+    state = machine.initial()
+    for age, (contact, lift) in enumerate(zip(contacts, lifts, strict=True)):
+        step = machine.step(state, contact, heights(contact, lift), dwell)
+        after = step.machine
+        assert after.age == age + 1
+        if step.fired:
+            edge = edges[int(state.state), int(after.state)]
+            assert edge.when.table[int(contact @ [1, 2, 4, 8])]
+            assert int(state.iterations) + 1 >= edge.dwell * dwell
+            assert age >= edge.grace
+            assert after.iterations == 0
+        else:
+            assert after.state == state.state
+            assert after.iterations == state.iterations + 1
+        in_sink = gait.sink is not None and gait.states[int(after.state)] == gait.sink
+        assert float(step.multiplier) == (0 if in_sink else 1000 if step.fired else 1)
+        state = after
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(gait_names()), st.integers(0, 2**32 - 1))
+def test_a_batch_is_its_robots_one_by_one(name, seed):
+    generator = np.random.default_rng(seed)
+    machine = RewardMachine(load_gait(name))
+    n, n_steps = 5, 30
+    contact = generator.random((n_steps, n, 4)) < 0.5
+    height = generator.uniform(0, 0.08, (n_steps, n, 4))
+    dwell = generator.integers(6, 12, n)
+    batch = machine.initial((n,))
+    single = [machine.initial() for _ in range(n)]
+    for t in range(n_steps):
+        step = machine.step(batch, contact[t], height[t], dwell)
+        batch = step.machine
+        for i in range(n):
+            own = machine.step(single[i], contact[t, i], height[t, i], dwell[i])
+            single[i] = own.machine
+            assert tuple(int(x) for x in own.machine) == tuple(int(x[i]) for x in batch)
+            assert own.multiplier == step.multiplier[i]
+
+
+@pytest.mark.parametrize("name", gait_names())
+def test_one_hot_has_one_entry_a_state(name):
+    machine = RewardMachine(load_gait(name))
+    np.testing.assert_array_equal(
+        machine.one_hot(np.arange(machine.n_states)), np.eye(machine.n_states)
+    )

@@ -1,0 +1,31 @@
+"""Constants of the robot and its joint law."""
+
+import numpy as np
+import pytest
+
+from models.a1 import robot
+
+
+def test_joints_are_ordered_by_leg():
+    assert robot.JOINTS[:4] == ("FL_hip", "FL_thigh", "FL_calf", "FR_hip")
+    assert len(robot.JOINTS) == 12
+
+
+def test_stance_is_inside_the_limits():
+    assert np.all(robot.DEFAULT_STANCE > robot.LOWER_LIMITS)
+    assert np.all(robot.DEFAULT_STANCE < robot.UPPER_LIMITS)
+
+
+def test_constants_cannot_be_overwritten():
+    with pytest.raises(ValueError, match="read-only"):
+        robot.DEFAULT_STANCE[0] = 1.0
+
+
+def test_zero_action_asks_for_the_stance():
+    np.testing.assert_array_equal(robot.joint_targets(np.zeros(12)), robot.DEFAULT_STANCE)
+
+
+def test_torque_follows_the_pd_law_up_to_the_effort():
+    zero = np.zeros(12)
+    np.testing.assert_allclose(robot.joint_torque(zero + 0.1, zero, zero + 2.0), 1.0)
+    np.testing.assert_allclose(robot.joint_torque(zero + 5.0, zero, zero), robot.EFFORT_LIMIT)
