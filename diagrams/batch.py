@@ -286,6 +286,15 @@ class BatchSimulator:
         if len(index):
             self._state.replace(index, self._fresh(len(index)))
 
+    def start_at(self, plant: Array, command: Command) -> None:
+        """Starts a new episode for all robots in given states and with given commands.
+
+        Args:
+            plant: Plant states x (n, 37).
+            command: Velocities (n, 2) and dwells (n,).
+        """
+        self._state = self._begin(plant, command)
+
     def set_command(self, command: Command) -> None:
         """Gives every robot a command, until it is drawn anew or its episode ends."""
         self._state.command = command
@@ -385,9 +394,11 @@ class BatchSimulator:
         return sample_commands(self.task.gait, count, self.generator, self.task.speed_range)
 
     def _fresh(self, count: int) -> TaskState:
-        randomization = self.task.randomization
-        plant = randomization.initial_states(count, self.generator)
-        command = self._draw_commands(count)
+        plant = self.task.randomization.initial_states(count, self.generator)
+        return self._begin(plant, self._draw_commands(count))
+
+    def _begin(self, plant: Array, command: Command) -> TaskState:
+        count = len(plant)
         feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
         start = self.machine.step(
             self.machine.initial((count,)), feet.contact, feet.height, command.dwell, self.ease
@@ -399,6 +410,6 @@ class BatchSimulator:
             touching=feet.touching,
             air_time=np.zeros((count, robot.N_LEGS)),
             action=np.zeros((count, robot.N_JOINTS)),
-            joint_noise=randomization.joint_noise(count, self.generator),
+            joint_noise=self.task.randomization.joint_noise(count, self.generator),
             steps=np.zeros(count, dtype=np.int64),
         )

@@ -158,7 +158,7 @@ def _add_payload(plant: MultibodyPlant, mass: float) -> None:
     if mass == 0:
         return
     inertia = SpatialInertia(mass, np.zeros(3), UnitInertia.SolidBox(0.2, 0.1, 0.05))
-    payload = plant.AddRigidBody("payload", inertia)
+    payload = plant.AddRigidBody("payload", plant.GetModelInstanceByName("a1"), inertia)
     plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame())
 
 

@@ -93,7 +93,9 @@ def feedthrough() -> Callable[[LeafSystem], set[tuple[str, str]]]:
     def pairs(system: LeafSystem) -> set[tuple[str, str]]:
         return {
             (system.get_input_port(i).get_name(), system.get_output_port(o).get_name())
-            for i, o in system.GetDirectFeedthroughs()
+            for i in range(system.num_input_ports())
+            for o in range(system.num_output_ports())
+            if system.HasDirectFeedthrough(i, o)
         }
 
     return pairs

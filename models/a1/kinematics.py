@@ -92,11 +92,12 @@ def foot_heights(positions: Array) -> Array:
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.FOOT_RADIUS
 
 
-def body_clearance(positions: Array) -> Array:
+def body_clearance(positions: Array, shank_share: float = 1.0) -> Array:
     """Measures the lowest point above ground of each collision box that must never touch it.
 
     Args:
         positions: The plant's positions q (..., 19), or its state x (..., 37).
+        shank_share: Share of the calf's box, from the knee down, that is measured.
 
     Returns:
         Heights (..., 9; m) of the trunk, the four thighs and the four calves.
@@ -120,7 +121,10 @@ def body_clearance(positions: Array) -> Array:
 
     trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.TRUNK_BOX)
     thigh = limb(points.thigh, points.knee, q_thigh, robot.THIGH_BOX)
-    calf = limb(points.knee, points.foot, q_thigh + q_calf, robot.CALF_BOX)
+    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    length, *section = robot.CALF_BOX
+    shank_box = (shank_share * length, *section)
+    calf = limb(points.knee, shank_end, q_thigh + q_calf, shank_box)
     return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
 
 

@@ -102,7 +102,7 @@ class AdditivePolicy(Policy):
         )
 
     def __call__(self, observation: Array) -> Array:
-        rows = np.atleast_2d(observation)
+        rows = observation.reshape(-1, observation.shape[-1])
         single = _digitize(rows, self.cuts)
         action = self.tables[:, self._feature, single].sum(axis=-1).T + self.intercepts
         if len(self.pairs):

@@ -74,7 +74,7 @@ class BoostedTreesPolicy(Policy):
 
     def __call__(self, observation: Array) -> Array:
         # scikit-learn compares in single precision; so must we, to take the same branches.
-        rows = np.atleast_2d(observation).astype(np.float32).astype(float)
+        rows = observation.reshape(-1, observation.shape[-1]).astype(np.float32).astype(float)
         node = np.zeros((len(rows), len(self._first_inner)), dtype=np.intp)
         row = np.arange(len(rows))[:, None]
         for _ in range(self._depth):

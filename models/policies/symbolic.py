@@ -89,7 +89,7 @@ class Tape:
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
         # Nodes along the first axis, so that an instruction writes one block of memory.
-        rows = np.atleast_2d(observation)
+        rows = observation.reshape(-1, self._n_variables)
         values = np.empty((self._size, len(rows)))
         values[: self._n_variables] = rows.T
         first = self._n_variables

@@ -29,12 +29,16 @@ class TerminationLimits:
         foot_height: Greatest height of a foot (m).
         joint_overrun: How far a joint may go past its range (rad); the plant's own limits give way
             a little.
+        shank_share: Share of the calf, from the knee down, whose contact is a failure. The rest is
+            the foot's: in a hard landing a foot is pressed deeper into the ground than its radius
+            clears the calf's end.
     """
 
     trunk_height: float = 0.20
     action_change: float = 60.0
     foot_height: float = 0.25
     joint_overrun: float = 0.05
+    shank_share: float = 0.9
 
 
 def failures(
@@ -61,7 +65,7 @@ def failures(
     change = np.where(finite[..., None], action - previous_action, 0.0)
     shown = np.stack(
         [
-            kinematics.body_clearance(state).min(axis=-1) < 0.0,
+            kinematics.body_clearance(state, limits.shank_share).min(axis=-1) < 0.0,
             state[..., robot.POSITION][..., 2] < limits.trunk_height,
             overrun > limits.joint_overrun,
             np.sum(np.square(change), axis=-1) > limits.action_change,

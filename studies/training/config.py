@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from diagrams.station import StationConfig
 from models.task.randomization import Randomization
+from models.task.termination import TerminationLimits
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,7 @@ class TrainingConfig:
         checkpoint_updates: Updates between two checkpoints.
         station: Physics.
         randomization: What differs between robots and episodes.
+        limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
         ppo: Settings of PPO.
         estimator: Settings of the state estimator.
@@ -109,6 +111,7 @@ class TrainingConfig:
     checkpoint_updates: int = 50
     station: StationConfig = field(default_factory=StationConfig)
     randomization: Randomization = field(default_factory=Randomization)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)

@@ -51,7 +51,7 @@ class TrainingEnvironment:
         self._estimator = estimator
         self.generator = generator
         self.simulator = BatchSimulator(
-            TaskConfig(load_gait(config.gait), config.randomization),
+            TaskConfig(load_gait(config.gait), config.randomization, limits=config.limits),
             BatchPhysics(config.station, n_groups=config.n_friction_groups),
             n_robots=config.n_robots,
             generator=generator,

@@ -1,0 +1,51 @@
+"""Foot contacts from poses."""
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.station import AddA1Station, StationConfig
+from models.a1 import kinematics, robot
+from models.task.contact import sense_feet
+
+NONE = np.zeros(4, dtype=bool)
+
+
+def test_pressed_feet_touch_and_lifted_feet_do_not(standing):
+    pressed = standing.copy()
+    pressed[6] -= 0.012
+    assert sense_feet(pressed, NONE).touching.all()
+    lifted = standing.copy()
+    lifted[6] += 0.001
+    assert not sense_feet(lifted, NONE).touching.any()
+
+
+def test_contact_outlasts_the_touch_by_one_step(standing):
+    lifted = standing.copy()
+    lifted[6] += 0.01
+    before = np.array([True, False, True, False])
+    sense = sense_feet(lifted, before)
+    np.testing.assert_array_equal(sense.contact, before)
+    assert not sense.touching.any()
+    assert not sense_feet(lifted, sense.touching).contact.any()
+
+
+def test_touching_is_what_drakes_contact_solver_finds(generator):
+    builder = DiagramBuilder()
+    plant, _, _ = AddA1Station(builder, StationConfig())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    instance = plant.GetModelInstanceByName("a1")
+    plant.get_desired_state_input_port(instance).FixValue(plant_context, np.zeros(24))
+    for _ in range(20):
+        joints = robot.DEFAULT_STANCE + 0.1 * generator.normal(size=12)
+        state = kinematics.standing_state(joints)
+        state[6] -= generator.uniform(0, 0.03)
+        plant.SetPositionsAndVelocities(plant_context, state)
+        results = plant.get_contact_results_output_port().Eval(plant_context)
+        bodies = set()
+        for i in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(i)
+            bodies |= {plant.get_body(b).name() for b in (info.bodyA_index(), info.bodyB_index())}
+        pressing = [f"{leg}_calf" in bodies for leg in robot.LEGS]
+        np.testing.assert_array_equal(sense_feet(state, NONE).touching, pressing)

@@ -1,0 +1,204 @@
+"""What holds for every kind of policy: files, refusals, and compiled against the library."""
+
+import numpy as np
+import pytest
+from interpret.glassbox import ExplainableBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor
+
+from models.a1 import robot
+from models.errors import InputError
+from models.files import load_arrays, save_arrays
+from models.policies.additive import AdditivePolicy
+from models.policies.boosting import BoostedTreesPolicy
+from models.policies.expression import parse_expression, variable_names
+from models.policies.library import load_expert, load_policy
+from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.neural import Network, NeuralPolicy, elu
+from models.policies.symbolic import SymbolicPolicy
+from models.task.observation import ObservationLayout
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+
+
+def samples(count=400, seed=0):
+    generator = np.random.default_rng(seed)
+    observations = generator.normal(size=(count, N))
+    one_hot = slice(NAMES.index("RM State 0"), NAMES.index("RM State 1") + 1)
+    observations[:, one_hot] = np.eye(2)[generator.integers(2, size=count)]
+    mixing = generator.normal(size=(N, robot.N_JOINTS))
+    actions = np.tanh(observations @ mixing) + observations[:, :1] * observations[:, 2:14]
+    return observations, actions
+
+
+@pytest.fixture(scope="module")
+def boosted_models():
+    observations, actions = samples()
+    return [
+        GradientBoostingRegressor(n_estimators=15, max_depth=3, random_state=j).fit(
+            observations, actions[:, j]
+        )
+        for j in range(robot.N_JOINTS)
+    ]
+
+
+@pytest.fixture(scope="module")
+def additive_models():
+    observations, actions = samples()
+    return [
+        ExplainableBoostingRegressor(
+            feature_types=["continuous"] * N,
+            outer_bags=1,
+            interactions=j % 3,
+            max_rounds=20,
+            n_jobs=1,
+            random_state=j,
+        ).fit(observations, actions[:, j])
+        for j in range(robot.N_JOINTS)
+    ]
+
+
+def neural():
+    generator = np.random.default_rng(1)
+
+    def network(n_in, n_out):
+        sizes = (n_in, 8, n_out)
+        shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
+        return Network(
+            tuple(generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes),
+            tuple(np.zeros(shape[0]) for shape in shapes),
+        )
+
+    return NeuralPolicy("trot", NAMES, network(N, robot.N_JOINTS), network(N - 7, 7))
+
+
+def linear():
+    weights = np.random.default_rng(2).normal(size=(robot.N_JOINTS, N))
+    return LinearPolicy("trot", NAMES, weights, np.ones(robot.N_JOINTS))
+
+
+def statewise():
+    weights = np.random.default_rng(3).normal(size=(2, robot.N_JOINTS, N))
+    return StatewiseLinearPolicy("trot", NAMES, weights, np.ones((2, robot.N_JOINTS)))
+
+
+def symbolic():
+    names = variable_names(N)
+    texts = [
+        f"({0.1 * j} * x{j} + sin(x{j + 1} * -2.5)) / 3 - tanh(x3)^2 + x1**3" for j in range(12)
+    ]
+    return SymbolicPolicy("trot", NAMES, [parse_expression(text, names) for text in texts])
+
+
+def every_policy(boosted_models, additive_models):
+    return [
+        neural(),
+        linear(),
+        statewise(),
+        symbolic(),
+        BoostedTreesPolicy.compile("trot", NAMES, boosted_models),
+        AdditivePolicy.compile("trot", NAMES, additive_models),
+    ]
+
+
+def test_files_give_back_the_same_policy(boosted_models, additive_models, tmp_path):
+    observations, _ = samples(20, seed=5)
+    for policy in every_policy(boosted_models, additive_models):
+        path = tmp_path / f"{policy.kind}.safetensors"
+        policy.save(path)
+        loaded = load_policy(path)
+        assert type(loaded) is type(policy)
+        assert (loaded.gait, loaded.observation_names) == ("trot", NAMES)
+        np.testing.assert_array_equal(loaded(observations), policy(observations))
+
+
+def test_batches_agree_with_single_rows(boosted_models, additive_models):
+    observations, _ = samples(12, seed=6)
+    for policy in every_policy(boosted_models, additive_models):
+        batch = policy(observations.reshape(3, 4, -1))
+        assert batch.shape == (3, 4, 12)
+        single = np.array([policy(row) for row in observations])
+        np.testing.assert_allclose(batch.reshape(12, 12), single, rtol=0, atol=1e-12)
+
+
+def test_boosted_trees_equal_scikit_learn(boosted_models):
+    observations, _ = samples(3000, seed=8)
+    policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
+    expected = np.stack([model.predict(observations) for model in boosted_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+
+
+def test_boosted_trees_take_scikit_learns_branch_at_the_threshold(boosted_models):
+    observations, _ = samples(1, seed=8)
+    tree = boosted_models[0].estimators_[0, 0].tree_
+    at = np.repeat(observations, 3, axis=0)
+    feature, threshold = tree.feature[0], tree.threshold[0]
+    at[:, feature] = [threshold, np.nextafter(threshold, 9), np.nextafter(threshold, -9)]
+    policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
+    expected = np.stack([model.predict(at) for model in boosted_models], axis=1)
+    np.testing.assert_allclose(policy(at), expected, rtol=0, atol=1e-12)
+
+
+def test_additive_equals_interpret_also_outside_the_training_range(additive_models):
+    observations, _ = samples(3000, seed=9)
+    observations[:100] *= 10.0
+    policy = AdditivePolicy.compile("trot", NAMES, additive_models)
+    expected = np.stack([model.predict(observations) for model in additive_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+    single = np.array([policy(row) for row in observations[:50]])
+    np.testing.assert_allclose(single, expected[:50], rtol=0, atol=1e-12)
+
+
+def test_statewise_linear_uses_the_weights_of_its_state():
+    policy = statewise()
+    observations, _ = samples(2, seed=4)
+    observations[:, policy._one_hot] = np.eye(2)
+    for state in range(2):
+        expected = policy.weights[state] @ observations[state] + 1.0
+        np.testing.assert_allclose(policy(observations)[state], expected)
+
+
+def test_neural_network_is_a_perceptron_with_elu():
+    policy = neural()
+    observation = samples(1)[0][0]
+    hidden = elu(policy.actor.weights[0] @ observation + policy.actor.biases[0])
+    np.testing.assert_allclose(policy(observation), policy.actor.weights[1] @ hidden)
+    np.testing.assert_allclose(elu(np.array([-1.0, 2.0])), [np.exp(-1) - 1, 2.0])
+
+
+def test_policies_refuse_another_gait_or_layout():
+    policy = linear()
+    policy.check(gait="trot", observation_names=NAMES)
+    with pytest.raises(InputError, match="made for gait 'trot', not 'pace'"):
+        policy.check(gait="pace", observation_names=NAMES)
+    with pytest.raises(InputError, match="'Command X' instead of 'Speed'"):
+        policy.check(gait="trot", observation_names=("Speed", *NAMES[1:]))
+    with pytest.raises(InputError, match="49 entries instead of 51"):
+        policy.check(gait="trot", observation_names=(*NAMES, "a", "b"))
+
+
+def test_files_of_unknown_kind_or_with_parts_missing_are_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    linear().save(path)
+    arrays, header = load_arrays(path)
+    save_arrays(path, arrays, header | {"kind": "oracle"})
+    with pytest.raises(InputError, match="unknown kind of policy, 'oracle'"):
+        load_policy(path)
+    save_arrays(path, {}, header)
+    with pytest.raises(InputError, match="lacks part of a linear policy"):
+        load_policy(path)
+    save_arrays(path, arrays, header | {"format": 99})
+    with pytest.raises(InputError, match="not a policy of format 1"):
+        load_policy(path)
+
+
+def test_experts_must_be_neural_and_of_the_gait(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    linear().save(path)
+    with pytest.raises(InputError, match="an expert is neural"):
+        load_expert("trot", path)
+    neural().save(path)
+    with pytest.raises(InputError, match="is an expert for gait 'trot', not 'walk'"):
+        load_expert("walk", path)
+    with pytest.raises(InputError, match="no expert for gait 'amble'"):
+        load_expert("amble")

@@ -1,0 +1,32 @@
+"""Draws of initial states, noise and pushes."""
+
+import numpy as np
+
+from models.a1 import kinematics, robot
+from models.task.randomization import NOMINAL, Randomization
+
+
+def test_initial_states_stand_on_a_foot_with_joints_inside_their_limits(generator):
+    states = Randomization().initial_states(500, generator)
+    joints = states[:, robot.JOINT_POSITION]
+    assert np.all(joints >= robot.LOWER_LIMITS)
+    assert np.all(joints <= robot.UPPER_LIMITS)
+    np.testing.assert_allclose(kinematics.foot_heights(states).min(axis=1), 0, atol=1e-12)
+    assert 0.4 < np.abs(states[:, robot.LINEAR_VELOCITY]).max() <= 0.5
+
+
+def test_noise_stays_within_its_half_widths(generator):
+    noise = Randomization().joint_noise(2000, generator)
+    assert 0.0099 < np.abs(noise[:, :12]).max() <= 0.01
+    assert 1.49 < np.abs(noise[:, 12:]).max() <= 1.5
+
+
+def test_pushes_are_horizontal_and_come_about_every_interval(generator):
+    pushes = Randomization(push_interval=0.2).pushes(20_000, generator)
+    assert np.all(pushes[:, 2] == 0)
+    assert abs(np.mean(pushes.any(axis=1)) - 0.1) < 0.01
+    assert np.abs(pushes).max() <= 1.0
+
+
+def test_nominal_has_no_pushes(generator):
+    assert not NOMINAL.pushes(1000, generator).any()

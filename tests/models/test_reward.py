@@ -1,0 +1,98 @@
+"""The reward, term by term, against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from models.a1 import robot
+from models.task.reward import REWARD_TERMS, RewardWeights, step_reward
+
+WEIGHTS = RewardWeights().as_array()
+
+
+def reward(state, **changes):
+    arguments = {
+        "state": state,
+        "previous_joint_velocity": state[robot.JOINT_VELOCITY],
+        "action": np.zeros(12),
+        "previous_action": np.zeros(12),
+        "command": np.zeros(2),
+        "foot_contact": np.ones(4, dtype=bool),
+        "air_time": np.zeros(4),
+        "weights": WEIGHTS,
+    }
+    outcome = step_reward(**(arguments | changes))
+    return outcome, dict(zip(REWARD_TERMS, outcome.terms, strict=True))
+
+
+def test_standing_still_as_commanded_earns_the_tracking_terms(standing):
+    outcome, terms = reward(standing)
+    assert terms["forward_tracking"] == pytest.approx(1.0)
+    assert terms["yaw_tracking"] == pytest.approx(0.5)
+    assert sum(terms.values()) == pytest.approx(1.5)
+    assert outcome.plain == pytest.approx(0.03)
+
+
+def test_tracking_falls_with_the_squared_error(standing):
+    _, terms = reward(standing, command=np.array([0.5, -0.5]))
+    assert terms["forward_tracking"] == pytest.approx(np.exp(-1))
+    assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
+
+
+def test_penalties(standing):
+    state = standing.copy()
+    state[robot.LINEAR_VELOCITY] = [0, 0, 0.3]
+    state[robot.ANGULAR_VELOCITY] = [0.5, 0.5, 0]
+    state[robot.JOINT_VELOCITY] = 1.0
+    _, terms = reward(
+        state, previous_joint_velocity=np.zeros(12), action=np.full(12, 0.5)
+    )
+    assert terms["vertical_velocity"] == pytest.approx(-2 * 0.09)
+    assert terms["roll_pitch_rate"] == pytest.approx(-0.05 * 0.5)
+    assert terms["joint_acceleration"] == pytest.approx(-2.5e-7 * 12 * 50**2)
+    assert terms["action_change"] == pytest.approx(-0.01 * 12 * 0.25)
+    assert terms["torque"] == pytest.approx(-2e-4 * 12 * (20 * 0.125 - 0.5) ** 2)
+
+
+def test_excursion_past_ninety_percent_of_the_range_costs(standing):
+    state = standing.copy()
+    state[robot.JOINT_POSITION][0] = 0.8029
+    _, terms = reward(state)
+    assert terms["joint_limits"] == pytest.approx(-10 * 0.1 * 0.8029)
+
+
+def test_air_time_counts_at_touch_down_and_only_when_commanded_to_move(standing):
+    flown = np.array([0.58, 0.0, 0.0, 0.0])
+    outcome, terms = reward(standing, air_time=flown, command=np.array([0.5, 0.0]))
+    assert terms["air_time"] == pytest.approx(0.6 - 0.5)
+    np.testing.assert_array_equal(outcome.air_time, 0.0)
+    _, terms = reward(standing, air_time=flown)
+    assert terms["air_time"] == 0.0
+
+
+def test_air_time_grows_while_a_foot_is_up(standing):
+    up = np.array([True, True, True, False])
+    outcome, _ = reward(standing, foot_contact=up, air_time=np.full(4, 0.1))
+    np.testing.assert_allclose(outcome.air_time, [0, 0, 0, 0.12])
+
+
+def test_plain_reward_is_never_negative(standing):
+    outcome, _ = reward(standing, action=np.full(12, 50.0))
+    assert outcome.plain == 0.0
+
+
+def test_a_batch_is_its_robots_one_by_one(random_states, generator):
+    states = random_states(5)
+    contact = generator.random((5, 4)) < 0.5
+    arguments = {
+        "previous_joint_velocity": generator.normal(size=(5, 12)),
+        "action": generator.normal(size=(5, 12)),
+        "previous_action": generator.normal(size=(5, 12)),
+        "command": generator.normal(size=(5, 2)),
+        "air_time": generator.random((5, 4)),
+    }
+    batch = step_reward(states, foot_contact=contact, weights=WEIGHTS, **arguments)
+    for i in range(5):
+        own = {name: values[i] for name, values in arguments.items()}
+        single = step_reward(states[i], foot_contact=contact[i], weights=WEIGHTS, **own)
+        np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
+        np.testing.assert_allclose(batch.air_time[i], single.air_time)

@@ -1,0 +1,55 @@
+"""Failures, each provoked alone."""
+
+import numpy as np
+import pytest
+
+from models.a1 import robot
+from models.task.termination import FAILURES, TerminationLimits, failures
+
+LIMITS = TerminationLimits()
+STILL = np.zeros(12)
+
+
+def shown(state, action=STILL, previous=STILL):
+    return {
+        name for name, flag in zip(FAILURES, failures(state, action, previous, LIMITS), strict=True)
+        if flag
+    }  # fmt: skip
+
+
+def test_a_standing_robot_shows_none(standing):
+    assert shown(standing) == set()
+
+
+def test_low_trunk(standing):
+    standing[6] = 0.19
+    assert "low_trunk" in shown(standing)
+
+
+def test_body_contact_when_lying_on_the_side(standing):
+    standing[:4] = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0]
+    standing[6] = 0.08
+    assert "body_contact" in shown(standing)
+
+
+def test_high_foot(standing):
+    standing[6] += 0.26
+    assert shown(standing) == {"high_foot"}
+
+
+def test_joint_limit(standing):
+    standing[robot.JOINT_POSITION][0] = 0.9
+    assert "joint_limit" in shown(standing)
+
+
+def test_abrupt_action(standing):
+    assert shown(standing, action=np.full(12, 2.3)) == {"abrupt_action"}
+    assert shown(standing, action=np.full(12, 2.2)) == set()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_shows_that_alone(standing, bad):
+    standing[20] = bad
+    assert shown(standing) == {"not_finite"}
+    standing[20] = 0.0
+    assert shown(standing, action=np.full(12, bad)) == {"not_finite"}

@@ -1,0 +1,28 @@
+"""The joint targets."""
+
+import numpy as np
+import pytest
+
+from models.a1 import robot
+from systems.joint_targets import JointTargets
+
+
+def test_ports(port_sizes, feedthrough):
+    system = JointTargets(robot.JOINTS)
+    assert port_sizes(system) == ({"action": 12}, {"desired_state": 24})
+    assert feedthrough(system) == {("action", "desired_state")}
+
+
+def test_targets_follow_the_actuators_order(fix_inputs):
+    reversed_joints = robot.JOINTS[::-1]
+    system = JointTargets(reversed_joints)
+    action = np.arange(12.0)
+    context = fix_inputs(system, action=action)
+    desired = system.get_desired_state_output_port().Eval(context)
+    np.testing.assert_allclose(desired[:12], (robot.DEFAULT_STANCE + 0.25 * action)[::-1])
+    np.testing.assert_array_equal(desired[12:], 0)
+
+
+def test_refuses_other_joints():
+    with pytest.raises(ValueError, match="not the robot's joints"):
+        JointTargets(["knee"] * 12)

@@ -1,0 +1,61 @@
+"""The observer."""
+
+import numpy as np
+
+from models.a1 import robot
+from models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
+from systems.observer import Observer
+
+LAYOUT = ObservationLayout(4)
+
+
+def inputs(standing):
+    return {
+        "state": standing,
+        "command": np.array([0.5, -0.2]),
+        "commanded_dwell": 9,
+        "previous_action": np.arange(12.0),
+        "rm_state": np.eye(4)[2],
+        "rm_iterations": 3,
+    }
+
+
+def test_ports(port_sizes, feedthrough):
+    system = Observer(LAYOUT)
+    found, outputs = port_sizes(system)
+    assert found == {
+        "state": 37,
+        "command": 2,
+        "commanded_dwell": 1,
+        "previous_action": 12,
+        "rm_state": 4,
+        "rm_iterations": 1,
+        "uniform_noise": 24,
+    }
+    assert outputs == {"proprioception": 44}
+    assert feedthrough(system) == {(name, "proprioception") for name in found}
+
+
+def test_without_noise_it_is_the_models_function(standing, fix_inputs):
+    system = Observer(LAYOUT)
+    context = fix_inputs(system, **inputs(standing))
+    expected = proprioception(
+        np.array([0.5, -0.2]),
+        standing[robot.JOINT_POSITION],
+        standing[robot.JOINT_VELOCITY],
+        np.arange(12.0),
+        np.eye(4)[2],
+        np.array(3.0),
+        np.array(9.0),
+    )
+    np.testing.assert_array_equal(system.get_proprioception_output_port().Eval(context), expected)
+
+
+def test_noise_of_one_half_is_none_and_of_one_is_the_half_width(standing, fix_inputs):
+    system = Observer(LAYOUT)
+    port = system.get_proprioception_output_port()
+    quiet = port.Eval(fix_inputs(system, **inputs(standing)))
+    none = fix_inputs(system, **inputs(standing), uniform_noise=np.full(24, 0.5))
+    np.testing.assert_array_equal(port.Eval(none), quiet)
+    most = fix_inputs(system, **inputs(standing), uniform_noise=np.ones(24))
+    np.testing.assert_allclose((port.Eval(most) - quiet)[2:14], JOINT_NOISE[:12])

@@ -1,0 +1,76 @@
+"""The reward as a system."""
+
+import numpy as np
+
+from models.a1 import robot
+from models.task.reward import RewardWeights, step_reward
+from systems.reward import RewardSystem
+
+
+def inputs(state, **changes):
+    values = {
+        "state": state,
+        "command": np.array([0.3, 0.1]),
+        "action": np.zeros(12),
+        "previous_action": np.zeros(12),
+        "foot_contact": np.ones(4),
+        "reward_multiplier": 1.0,
+    }
+    return values | changes
+
+
+def test_ports(port_sizes, feedthrough):
+    system = RewardSystem()
+    found, outputs = port_sizes(system)
+    assert found == {
+        "state": 37,
+        "command": 2,
+        "action": 12,
+        "previous_action": 12,
+        "foot_contact": 4,
+        "reward_multiplier": 1,
+    }
+    assert outputs == {"reward": 1, "plain_reward": 1, "reward_terms": 9}
+    pairs = feedthrough(system)
+    assert ("reward_multiplier", "reward") in pairs
+    assert ("reward_multiplier", "plain_reward") not in pairs
+
+
+def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
+    system = RewardSystem()
+    standing[robot.JOINT_VELOCITY] = np.arange(12.0)
+    up = np.array([1.0, 1.0, 1.0, 0.0])
+    context = fix_inputs(system, **inputs(standing, foot_contact=up))
+    latch(system, context)
+    latch(system, context)
+    moved = standing.copy()
+    moved[robot.JOINT_VELOCITY] += 1.0
+    fix_inputs(system, context, **inputs(moved, reward_multiplier=1000.0))
+    expected = step_reward(
+        moved,
+        np.arange(12.0),
+        np.zeros(12),
+        np.zeros(12),
+        np.array([0.3, 0.1]),
+        np.ones(4, dtype=bool),
+        np.array([0, 0, 0, 0.02]),
+        RewardWeights().as_array(),
+    )
+    np.testing.assert_array_equal(
+        system.get_reward_terms_output_port().Eval(context), expected.terms
+    )
+    assert system.get_plain_reward_output_port().Eval(context)[0] == expected.plain
+    assert system.get_reward_output_port().Eval(context)[0] == 1000 * expected.plain
+
+
+def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
+    system = RewardSystem()
+    standing[robot.JOINT_VELOCITY] = 5.0
+    context = fix_inputs(system, **inputs(standing))
+    clone = context.Clone()
+    latch(system, context)
+    acceleration = [
+        system.get_reward_terms_output_port().Eval(c)[5] for c in (context, clone)
+    ]
+    assert acceleration[0] == 0
+    assert acceleration[1] < 0

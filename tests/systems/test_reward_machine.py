@@ -1,0 +1,59 @@
+"""The reward machine as a Mealy system."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from models.task.gait import gait_names, load_gait
+from systems.reward_machine import RewardMachineSystem
+
+FL_RR = np.array([1.0, 0, 0, 1])
+HEIGHT = np.array([0.0, 0.04, 0.04, 0])
+
+
+def outputs(system, context):
+    ports = (
+        system.get_rm_state_output_port(),
+        system.get_rm_iterations_output_port(),
+        system.get_reward_multiplier_output_port(),
+    )
+    return [port.Eval(context).tolist() for port in ports]
+
+
+@pytest.mark.parametrize("name", gait_names())
+def test_ports(name, port_sizes, feedthrough):
+    gait = load_gait(name)
+    system = RewardMachineSystem(gait)
+    inputs, found = port_sizes(system)
+    assert inputs == {"foot_contact": 4, "foot_height": 4, "commanded_dwell": 1}
+    assert found == {"rm_state": gait.n_states, "rm_iterations": 1, "reward_multiplier": 1}
+    assert feedthrough(system) == {(i, o) for i in inputs for o in found}
+
+
+def test_outputs_are_those_after_this_instants_propositions(trot, fix_inputs):
+    system = RewardMachineSystem(trot)
+    context = fix_inputs(system, foot_contact=FL_RR, foot_height=HEIGHT, commanded_dwell=1)
+    assert outputs(system, context) == [[0, 1], [0], [1000]]
+    fix_inputs(system, context, commanded_dwell=2)
+    assert outputs(system, context) == [[1, 0], [1], [1]]
+
+
+def test_state_follows_in_the_update(trot, fix_inputs):
+    system = RewardMachineSystem(trot)
+    context = fix_inputs(system, foot_contact=FL_RR, foot_height=HEIGHT, commanded_dwell=6)
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    assert context.get_discrete_state_vector().value().tolist() == [0, 0, 0]
+    for step in range(1, 8):
+        simulator.AdvanceTo(step * 0.02)
+        expected = [[0, step, step], [1, step - 6, step]][step > 5]
+        assert context.get_discrete_state_vector().value().tolist() == expected
+
+
+def test_clones_keep_their_own_state(trot, fix_inputs, latch):
+    system = RewardMachineSystem(trot)
+    context = fix_inputs(system, foot_contact=FL_RR, foot_height=HEIGHT, commanded_dwell=1)
+    clone = context.Clone()
+    latch(system, context)
+    assert context.get_discrete_state_vector().value()[0] == 1
+    assert clone.get_discrete_state_vector().value()[0] == 0
