@@ -1,6 +1,7 @@
 """Fitting students: from samples to a compiled policy, joints in parallel."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,7 @@ def _fit_gbm_joint(
         max_depth=settings.depth,
         learning_rate=settings.learning_rate,
         subsample=settings.subsample,
+        max_features=settings.feature_share,
         random_state=seed,
     ).fit(observations, target)
 
@@ -102,9 +104,12 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
         feature_types=["continuous"] * observations.shape[1],
         outer_bags=settings.outer_bags,
         interactions=settings.interactions,
+        max_bins=settings.max_bins,
+        max_interaction_bins=settings.max_interaction_bins,
         max_rounds=settings.max_rounds,
         learning_rate=settings.learning_rate,
         smoothing_rounds=settings.smoothing_rounds,
+        interaction_smoothing_rounds=settings.interaction_smoothing_rounds,
         n_jobs=1,
         random_state=seed,
     ).fit(observations, target)
@@ -113,7 +118,10 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    formulas = _fit_joints(fit_formula, config, observations, actions, config.symbolic)
+    states = [i for i, name in enumerate(names) if name.startswith("RM State")]
+    gates = (*states[:-1], names.index("RM Iters"))
+    search = partial(fit_formula, gates=gates)
+    formulas = _fit_joints(search, config, observations, actions, config.symbolic)
     return SymbolicPolicy(config.gait, names, formulas)
 
 

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 from pyoperon.sklearn import SymbolicRegressor
-from sklearn.linear_model import OrthogonalMatchingPursuit
 
 from models.a1.robot import Array
 from models.errors import InputError
 from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.symbolic import Tape
 from studies.distillation.config import SymbolicConfig
+from studies.distillation.gated_sum import fit_gated_sum, scaled
 
 OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 
@@ -18,7 +19,7 @@ PYSR_BINARY_OPERATORS = ("+", "-", "*")
 
 
 def fit_formula(
-    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+    observations: Array, target: Array, seed: int, settings: SymbolicConfig, gates: tuple[int, ...]
 ) -> Expression:
     """Searches a formula for one joint.
 
@@ -26,6 +27,8 @@ def fit_formula(
         observations: Samples (m, n).
         target: The expert's actions (m,).
         seed: Seed of the search.
+        gates: Observations that tell where in the gait the robot is: the reward machine's states
+            but the last, and the iterations; see `fit_gated_sum`.
         settings: Engine and budget.
 
     Raises:
@@ -33,17 +36,16 @@ def fit_formula(
     """
     if settings.engine == "pysr":
         return _fit_pysr(observations, target, seed, settings)
-    return _fit_operon(observations, target, seed, settings)
+    return _fit_operon(observations, target, gates, seed, settings)
 
 
 def _fit_operon(
-    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+    observations: Array, target: Array, gates: tuple[int, ...], seed: int, settings: SymbolicConfig
 ) -> Expression:
-    # Evolution is slow to find sums that least squares finds at once. So the few best linear terms
-    # come first and the engine evolves what they leave.
-    terms, weights, intercept = _best_linear_terms(observations, target, settings.linear_terms)
-    backbone = _linear_expression(terms, weights, intercept)
-    residual = target - observations[:, terms] @ weights - intercept
+    # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
+    # first and the engine evolves what it leaves.
+    backbone = fit_gated_sum(observations, target, gates, settings.backbone_nodes)
+    residual = target - Tape([backbone], observations.shape[1])(observations)[:, 0]
     rest = settings.max_nodes - backbone.size - 1
     correction = _evolve(observations, residual, rest, seed, settings)
     return Expression("add", (backbone, correction))
@@ -73,40 +75,15 @@ def _evolve(
     return _rescaled(parse_expression(text, names), scale)
 
 
-def _best_linear_terms(
-    observations: Array, target: Array, count: int
-) -> tuple[Array, Array, float]:
-    scale = np.std(observations, axis=0)
-    usable = np.flatnonzero(scale > 0)
-    count = min(count, len(usable))
-    pursuit = OrthogonalMatchingPursuit(n_nonzero_coefs=count)
-    pursuit.fit(observations[:, usable] / scale[usable], target)
-    chosen = np.flatnonzero(pursuit.coef_)
-    terms = usable[chosen]
-    return terms, pursuit.coef_[chosen] / scale[terms], float(pursuit.intercept_)
-
-
-def _linear_expression(terms: Array, weights: Array, intercept: float) -> Expression:
-    formula = Expression("constant", value=intercept)
-    for term, weight in zip(terms, weights, strict=True):
-        product = _scaled(Expression("variable", variable=int(term)), float(weight))
-        formula = Expression("add", (formula, product))
-    return formula
-
-
-def _scaled(expression: Expression, factor: float) -> Expression:
-    return Expression("mul", (Expression("constant", value=factor), expression))
-
-
 def _rescaled(expression: Expression, scale: Array) -> Expression:
     """Turns a formula of scaled variables into one of the variables themselves."""
     match expression:
         case Expression("variable", variable=index):
-            return _scaled(expression, 1.0 / scale[index])
+            return scaled(expression, 1.0 / scale[index])
         case Expression(
             "mul", (Expression("constant", value=factor), Expression("variable") as variable)
         ):
-            return _scaled(variable, factor / scale[variable.variable])
+            return scaled(variable, factor / scale[variable.variable])
         case _:
             operands = tuple(_rescaled(operand, scale) for operand in expression.operands)
             return Expression(expression.operator, operands, expression.value, expression.variable)

@@ -64,10 +64,7 @@ class TrainingRun:
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.progress.update)
         try:
             while self.progress.update < self.config.updates:
-                start = time.monotonic()
                 row = self.update()
-                self.progress.seconds += time.monotonic() - start
-                row["seconds"] = self.progress.seconds
                 self.curve.append(row)
                 for name, value in row.items():
                     writer.add_scalar(name, value, self.progress.update)
@@ -85,6 +82,7 @@ class TrainingRun:
 
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
+        started = time.monotonic()
         simulator = self.environment.simulator
         if self.progress.update and self.progress.update % self.config.friction_updates == 0:
             simulator.resample_friction()
@@ -101,12 +99,14 @@ class TrainingRun:
                 statistics.add(step.task)
         losses = self.learner.update(observations, self.progress.update)
         self.progress.update += 1
+        self.progress.seconds += time.monotonic() - started
         row = {
             "update": float(self.progress.update),
             "control_steps": float(self.control_steps),
             "ease": simulator.ease,
             **statistics.means(),
             **losses,
+            "seconds": self.progress.seconds,
         }
         self._ease(row["rhythm"])
         return row

@@ -144,9 +144,7 @@ def test_noise_changes_observations_and_repeats_with_its_seed(trot, make_policy)
 
 def test_drawn_commands_reach_the_observation(trot, make_policy):
     config = LocomotionConfig(command=DrawnCommands(seed=4))
-    rollout = record(
-        make_simulator(MakeLocomotion(trot, config, expert=make_policy(trot))), 5
-    )
+    rollout = record(make_simulator(MakeLocomotion(trot, config, expert=make_policy(trot))), 5)
     np.testing.assert_array_equal(rollout["observations"][:, :2], rollout["command"])
 
 

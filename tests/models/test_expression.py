@@ -73,7 +73,17 @@ def test_repeated_parts_are_evaluated_once():
 
 @pytest.mark.parametrize(
     "text",
-    ["x0 +", "x9", "open('f')", "x0.real", "x0 ** 4", "lambda: 0", "x0 if x1 else x2", "True", "[x0]"],
+    [
+        "x0 +",
+        "x9",
+        "open('f')",
+        "x0.real",
+        "x0 ** 4",
+        "lambda: 0",
+        "x0 if x1 else x2",
+        "True",
+        "[x0]",
+    ],
 )
 def test_anything_else_is_refused(text):
     with pytest.raises(InputError, match="fit it again"):

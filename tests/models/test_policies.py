@@ -65,7 +65,9 @@ def neural():
         sizes = (n_in, 8, n_out)
         shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
         return Network(
-            tuple(generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes),
+            tuple(
+                generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes
+            ),
             tuple(np.zeros(shape[0]) for shape in shapes),
         )
 

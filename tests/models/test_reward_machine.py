@@ -92,7 +92,9 @@ def test_every_run_obeys_the_machine(history):
     name, contacts, lifts, dwell = history
     gait = load_gait(name)
     machine = RewardMachine(gait)
-    edges = {(gait.states.index(t.source), gait.states.index(t.target)): t for t in gait.transitions}
+    edges = {
+        (gait.states.index(t.source), gait.states.index(t.target)): t for t in gait.transitions
+    }
     state = machine.initial()
     for age, (contact, lift) in enumerate(zip(contacts, lifts, strict=True)):
         step = machine.step(state, contact, heights(contact, lift), dwell)

@@ -69,8 +69,6 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
     context = fix_inputs(system, **inputs(standing))
     clone = context.Clone()
     latch(system, context)
-    acceleration = [
-        system.get_reward_terms_output_port().Eval(c)[5] for c in (context, clone)
-    ]
+    acceleration = [system.get_reward_terms_output_port().Eval(c)[5] for c in (context, clone)]
     assert acceleration[0] == 0
     assert acceleration[1] < 0

@@ -1,0 +1,80 @@
+"""Sparse gated sums: formulas that least squares finds, for evolution to start from.
+
+A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
+g, h, … tell where in the gait the robot is: a state of the reward machine, the iterations in it, and
+their products.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from sklearn.linear_model import orthogonal_mp_gram
+
+from models.a1.robot import Array
+from models.policies.expression import Expression
+
+Gate = tuple[int, ...]
+"""Observations whose product is the gate; empty for the ungated sum."""
+
+
+def fit_gated_sum(
+    observations: Array, target: Array, gates: Sequence[int], max_nodes: int
+) -> Expression:
+    """Fits the largest gated sum of at most `max_nodes` nodes, by orthogonal matching pursuit.
+
+    Args:
+        observations: Samples (m, n).
+        target: What to fit (m,).
+        gates: Observations that gate: any number of 0-1 states, then one that counts iterations.
+        max_nodes: Bound on the formula's size.
+    """
+    *states, iterations = gates
+    products: list[Gate] = [(), *((s,) for s in states), (iterations,)]
+    products += [(s, iterations) for s in states]
+    columns = [
+        observations * np.prod(observations[:, list(gate)], axis=1, keepdims=True)
+        for gate in products
+    ]
+    candidates = np.concatenate(columns, axis=1)
+    mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
+    # A product of a state with itself is the state again: of equal columns the first is enough.
+    _, first = np.unique(candidates, axis=1, return_index=True)
+    usable = np.sort(first[spread[first] > 1e-12])
+    standard = (candidates[:, usable] - mean[usable]) / spread[usable]
+    gram, product = standard.T @ standard, standard.T @ (target - target.mean())
+
+    n = observations.shape[1]
+    formula = Expression("constant", value=float(target.mean()))
+    for count in range(1, min(len(usable), max_nodes // 4) + 1):
+        weights = np.zeros(len(mean))
+        found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
+        weights[usable] = found / spread[usable]
+        larger = _gated_expression(products, weights.reshape(-1, n), target.mean() - weights @ mean)
+        if larger.size > max_nodes:
+            break
+        formula = larger
+    return formula
+
+
+def scaled(expression: Expression, factor: float) -> Expression:
+    """Multiplies a formula by a number."""
+    return Expression("mul", (Expression("constant", value=factor), expression))
+
+
+def _gated_expression(products: Sequence[Gate], weights: Array, intercept: float) -> Expression:
+    total = Expression("constant", value=float(intercept))
+    for gate, row in zip(products, weights, strict=True):
+        terms = [scaled(_variable(i), float(row[i])) for i in np.flatnonzero(row)]
+        if not terms:
+            continue
+        part = terms[0]
+        for term in terms[1:]:
+            part = Expression("add", (part, term))
+        for index in gate:
+            part = Expression("mul", (_variable(index), part))
+        total = Expression("add", (total, part))
+    return total
+
+
+def _variable(index: int) -> Expression:
+    return Expression("variable", variable=int(index))

@@ -1,0 +1,160 @@
+"""The batch simulator: physics, groups, resets, and robots that go wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig, TaskState
+from diagrams.station import StationConfig
+from models.a1 import kinematics, robot
+from models.task import COMMAND_STEPS
+from models.task.command import Command
+from models.task.randomization import NOMINAL, Randomization
+from models.task.termination import FAILURES
+
+
+def make_simulator(gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, **task):
+    return BatchSimulator(
+        TaskConfig(gait, randomization, **task),
+        BatchPhysics(StationConfig(), n_groups=n_groups),
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
+    )
+
+
+@pytest.fixture(scope="module")
+def physics():
+    return BatchPhysics(StationConfig())
+
+
+def standing_batch(count):
+    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
+    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+
+
+def test_robots_stand(physics):
+    states, targets = standing_batch(3)
+    for _ in range(50):
+        states = physics.step(states, targets)
+    assert np.all(states[:, 6] > 0.24)
+    np.testing.assert_allclose(states[0], states[2])
+
+
+@pytest.mark.parametrize("where", ["state", "target"])
+def test_one_robots_nan_never_spoils_another(physics, where):
+    states, targets = standing_batch(4)
+    states[:, 19] = [0.1, 0.2, 0.3, 0.4]
+    alone = physics.step(states, targets)
+    (states if where == "state" else targets)[1, 8] = np.nan
+    after = physics.step(states, targets)
+    assert np.isnan(after[1]).all()
+    np.testing.assert_array_equal(after[[0, 2, 3]], alone[[0, 2, 3]])
+
+
+def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
+    states, targets = standing_batch(5)
+    alone = physics.step(states, targets)
+    states[3, 19:] = 1e200
+    after = physics.step(states, targets)
+    assert not np.isfinite(after[3]).all()
+    np.testing.assert_array_equal(after[[0, 1, 2, 4]], alone[[0, 1, 2, 4]])
+
+
+def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
+    simulator = make_simulator(trot)
+    action = np.zeros((6, 12))
+    action[2] = np.nan
+    step = simulator.step(action)
+    assert step.failures[2, FAILURES.index("not_finite")]
+    assert step.terminated.tolist() == [False, False, True, False, False, False]
+    assert step.reward[2] == 0
+    assert all(np.isfinite(values).all() for values in simulator.state.as_arrays().values())
+    assert np.isfinite(simulator.observe()).all()
+
+
+def test_slippery_groups_slide_further(trot):
+    physics = BatchPhysics(StationConfig(), n_groups=2)
+    physics.set_friction(np.array([0.05, 1.0]))
+    states, targets = standing_batch(4)
+    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
+    for _ in range(15):
+        states = physics.step(states, targets)
+    slid = states[:, 4]
+    assert slid[0] == slid[1]
+    assert slid[2] == slid[3]
+    assert slid[0] > slid[2] + 0.05
+
+
+def test_steps_that_do_not_divide_the_control_period_are_refused():
+    for step in (0.0, 0.015):
+        with pytest.raises(ValueError, match="divides 0.02"):
+            BatchPhysics(StationConfig(time_step=step))
+
+
+def test_reset_starts_the_given_robots_alone(trot, generator):
+    simulator = make_simulator(trot)
+    for _ in range(5):
+        simulator.step(0.3 * generator.normal(size=(6, 12)))
+    before = {name: values.copy() for name, values in simulator.state.as_arrays().items()}
+    simulator.reset(np.array([1, 4]))
+    for name, values in simulator.state.as_arrays().items():
+        np.testing.assert_array_equal(values[[0, 2, 3, 5]], before[name][[0, 2, 3, 5]])
+    assert simulator.state.steps.tolist() == [5, 0, 5, 5, 0, 5]
+    assert not simulator.state.action[[1, 4]].any()
+
+
+def test_episodes_are_truncated_at_their_length(trot):
+    simulator = make_simulator(trot, episode_steps=3)
+    truncated = [simulator.step(np.zeros((6, 12))).truncated.any() for _ in range(3)]
+    assert truncated == [False, False, True]
+
+
+def test_commands_are_drawn_anew_every_ten_seconds(trot):
+    simulator = make_simulator(trot)
+    simulator.state.steps[:] = [COMMAND_STEPS - 1, 1, 2, 3, 4, 5]
+    before = simulator.state.command.velocity.copy()
+    simulator.step(np.zeros((6, 12)))
+    changed = np.any(simulator.state.command.velocity != before, axis=1)
+    assert changed.tolist() == [True, False, False, False, False, False]
+
+
+def test_pushes_add_to_the_base_velocity(trot):
+    always = Randomization(push_interval=0.02, push_speed=1.0)
+    pushed, quiet = (
+        make_simulator(trot, randomization=randomization)
+        for randomization in (always, replace(always, push_speed=0.0))
+    )
+    for simulator in (pushed, quiet):
+        states, _ = standing_batch(6)
+        simulator.start_at(states, Command(np.zeros((6, 2)), np.full(6, 8.0)))
+        simulator.step(np.zeros((6, 12)))
+    difference = (pushed.state.plant - quiet.state.plant)[:, robot.LINEAR_VELOCITY]
+    assert np.all(np.abs(difference[:, :2]).max(axis=1) > 0.01)
+    np.testing.assert_array_equal(difference[:, 2], 0)
+
+
+def test_the_same_seed_gives_the_same_rollout(trot, make_policy):
+    policy = make_policy(trot)
+    rollouts = []
+    for _ in range(2):
+        simulator = make_simulator(trot, randomization=Randomization(), n_groups=2, seed=9)
+        for _ in range(30):
+            step = simulator.step(policy(simulator.observe()))
+            simulator.reset(np.flatnonzero(step.terminated))
+        rollouts.append(simulator.state.plant)
+    np.testing.assert_array_equal(*rollouts)
+
+
+def test_state_survives_being_taken_apart(trot):
+    simulator = make_simulator(trot)
+    again = TaskState.from_arrays(simulator.state.as_arrays())
+    for name, values in simulator.state.as_arrays().items():
+        assert again.as_arrays()[name] is values
+
+
+def test_the_estimator_fills_the_body_state(trot):
+    simulator = make_simulator(trot)
+    observation = simulator.observe(lambda own: np.full((len(own), 7), 9.0))
+    assert np.all(observation[:, -7:] == 9.0)
+    np.testing.assert_array_equal(simulator.observe()[:, -7:], simulator.body_state())

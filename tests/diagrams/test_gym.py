@@ -1,0 +1,70 @@
+"""Gymnasium's faces of the task."""
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from diagrams.gym import LocomotionEnv, LocomotionVectorEnv
+from models.task.gait import load_gait
+from models.task.termination import FAILURES
+
+
+@pytest.fixture(scope="module")
+def env():
+    return LocomotionEnv(load_gait("trot"))
+
+
+def test_gymnasiums_checker_passes(env):
+    check_env(env, skip_render_check=True)
+
+
+def test_a_seed_repeats_the_episode_and_those_after_it(env):
+    def play():
+        observations = [env.reset(seed=3)[0]]
+        for _ in range(2):
+            for _ in range(5):
+                observations.append(env.step(np.full(12, 0.1))[0])
+            observations.append(env.reset()[0])
+        return np.array(observations)
+
+    first = play()
+    np.testing.assert_array_equal(first, play())
+    assert not np.array_equal(first[0], first[6])
+
+
+def test_a_fall_terminates_and_is_named(env):
+    env.reset(seed=0)
+    for _ in range(200):
+        *_, terminated, truncated, info = env.step(np.full(12, 8.0))
+        if terminated:
+            break
+    assert terminated
+    assert not truncated
+    assert set(info["failures"]) <= set(FAILURES)
+
+
+def test_vector_env_autoresets_in_the_same_step(trot):
+    envs = LocomotionVectorEnv(trot, 3)
+    assert envs.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+    envs.reset(seed=0)
+    actions = np.zeros((3, 12))
+    actions[1] = 10.0
+    observation, reward, terminated, truncated, info = envs.step(actions)
+    assert terminated.tolist() == [False, True, False]
+    assert info["_final_obs"].tolist() == [False, True, False]
+    assert info["final_obs"][0] is None
+    previous_action = slice(26, 38)
+    np.testing.assert_array_equal(info["final_obs"][1][previous_action], 10.0)
+    np.testing.assert_array_equal(observation[1][previous_action], 0.0)
+    assert observation in envs.observation_space
+    assert reward.shape == truncated.shape == (3,)
+
+
+def test_vector_env_repeats_with_its_seed(trot):
+    envs = LocomotionVectorEnv(trot, 3)
+    first, _ = envs.reset(seed=5)
+    again, _ = envs.reset(seed=5)
+    other, _ = envs.reset(seed=6)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)

@@ -1,0 +1,130 @@
+"""Training: resuming, records, and what goes wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from models.errors import InputError
+from models.files import load_arrays
+from models.policies.library import load_policy
+from studies.training.checkpoint import CHECKPOINT_NAME
+from studies.training.config import PpoConfig, TrainingConfig
+from studies.training.study import TrainingRun
+
+TINY = TrainingConfig(
+    updates=4,
+    n_robots=8,
+    n_friction_groups=2,
+    friction_updates=2,
+    checkpoint_updates=2,
+    ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),
+)
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from studies.training.study import TrainingRun
+sys.path.insert(0, sys.argv[2])
+from test_training import TINY
+
+def report(run, row):
+    if run.progress.update == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+TrainingRun(TINY, Path(sys.argv[1])).run(report)
+"""
+
+
+def silent(run, row):
+    pass
+
+
+def weights(folder):
+    return load_arrays(folder / "trot.safetensors")[0]
+
+
+def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
+    TrainingRun(TINY, tmp_path / "whole").run(silent)
+    killed = tmp_path / "killed"
+    here = os.path.dirname(__file__)
+    ended = subprocess.run(
+        [sys.executable, "-c", KILLED, str(killed), here], check=False, capture_output=True
+    )
+    assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
+    resumed = TrainingRun(TINY, killed, resume=True)
+    assert resumed.progress.update == 2
+    resumed.run(silent)
+    whole, again = weights(tmp_path / "whole"), weights(killed)
+    assert whole.keys() == again.keys()
+    for name, value in whole.items():
+        np.testing.assert_array_equal(value, again[name], err_msg=name)
+
+
+def test_checkpoints_hold_everything(tmp_path):
+    run = TrainingRun(TINY, tmp_path)
+    run.update()
+    run.save()
+    again = TrainingRun(TINY, tmp_path, resume=True)
+    for mine, theirs in ((run.learner, again.learner), (run.environment, again.environment)):
+        arrays, values = mine.to_arrays()
+        found_arrays, found_values = theirs.to_arrays()
+        assert values == found_values
+        assert arrays.keys() == found_arrays.keys()
+        for name, value in arrays.items():
+            np.testing.assert_array_equal(value, found_arrays[name], err_msg=name)
+
+
+def test_the_expert_acts_as_the_network_that_was_trained(tmp_path):
+    run = TrainingRun(TINY, tmp_path)
+    run.update()
+    run.save()
+    policy = load_policy(tmp_path / "trot.safetensors")
+    observations = run.environment.observe()
+    with torch.no_grad():
+        expected = run.learner.ppo.actor(observations).numpy()
+        estimate = run.learner.estimator(observations["proprioception"]).numpy()
+    own = observations["proprioception"].numpy().astype(float)
+    np.testing.assert_allclose(policy.estimator(own), estimate, atol=1e-5)
+    seen = np.concatenate([own, estimate.astype(float)], axis=1)
+    np.testing.assert_allclose(policy(seen), expected, atol=1e-5)
+
+
+def test_the_record_tells_how_the_expert_was_trained(tmp_path):
+    TrainingRun(replace(TINY, updates=2), tmp_path).run(silent)
+    record = yaml.safe_load((tmp_path / "trot.yaml").read_text())
+    assert record["control_steps"] == 2 * 8 * 8
+    assert record["config"]["ppo"]["steps_per_update"] == 8
+    assert record["seed"] == 0
+    assert len((tmp_path / "trot.csv").read_text().splitlines()) == 3
+
+
+def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
+    run = TrainingRun(TINY, tmp_path)
+    run._ease(0.4)
+    assert run.environment.simulator.ease == pytest.approx(0.2)
+    run._ease(0.6)
+    assert run.environment.simulator.ease == pytest.approx(0.22)
+    for _ in range(100):
+        run._ease(0.6)
+    assert run.environment.simulator.ease == 1.0
+
+
+def test_other_settings_or_no_checkpoint_cannot_be_resumed(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        TrainingRun(TINY, tmp_path, resume=True)
+    run = TrainingRun(TINY, tmp_path)
+    run.update()
+    run.save()
+    with pytest.raises(InputError, match="was trained with seed = 0, not 1"):
+        TrainingRun(replace(TINY, seed=1), tmp_path, resume=True)
+    TrainingRun(replace(TINY, updates=9), tmp_path, resume=True)
+    (tmp_path / CHECKPOINT_NAME).write_bytes(b"nonsense")
+    with pytest.raises(InputError, match="damaged"):
+        TrainingRun(TINY, tmp_path, resume=True)
