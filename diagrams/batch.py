@@ -14,7 +14,7 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, StationConfig, set_friction
+from diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
 from models.a1 import robot
 from models.a1.robot import Array
 from models.task import COMMAND_STEPS, CONTROL_PERIOD, EPISODE_STEPS
@@ -60,10 +60,7 @@ class BatchPhysics:
         self._diagram = builder.Build()
         self._contexts = [self._diagram.CreateDefaultContext() for _ in range(n_groups)]
         self._parallelism = Parallelism(n_threads) if n_threads else Parallelism.Max()
-        self._actuator_order = [
-            robot.JOINTS.index(self._plant.get_joint_actuator(index).joint().name())
-            for index in self._plant.GetJointActuatorIndices(instance)
-        ]
+        self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
 
     @property
     def n_groups(self) -> int:

@@ -114,18 +114,38 @@ def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
         output_ports:
         - state
         - contact_results
+        - query
 
-    Inputs: desired_state (24; rad, rad/s), joint positions then velocities.
-    Outputs: state (37), as laid out in `models.a1.robot`. contact_results (abstract).
+    Inputs: desired_state (24; rad, rad/s), joint positions then velocities, in the order of the
+    plant's actuators.
+    Outputs: state (37), as laid out in `models.a1.robot`. contact_results (abstract). query
+    (abstract, QueryObject), for visualizers.
     """
     builder = DiagramBuilder()
-    plant, _, instance = AddA1Station(builder, config or StationConfig())
+    plant, scene_graph, instance = AddA1Station(builder, config or StationConfig())
     builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
     builder.ExportOutput(plant.get_state_output_port(), "state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
+    builder.ExportOutput(scene_graph.get_query_output_port(), "query")
     station = builder.Build()
     station.set_name("A1Station")
     return station
+
+
+def plant_of(station: Diagram) -> MultibodyPlant:
+    """Returns the plant of a station that `MakeA1Station` built."""
+    plant = station.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    return plant
+
+
+def actuated_joints(plant: MultibodyPlant) -> list[str]:
+    """Names the robot's joints in the order of the plant's actuators and of `desired_state`."""
+    instance = plant.GetModelInstanceByName("a1")
+    return [
+        plant.get_joint_actuator(index).joint().name()
+        for index in plant.GetJointActuatorIndices(instance)
+    ]
 
 
 def set_friction(

@@ -9,11 +9,9 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
-    SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from models.files import write_atomically
 from models.task.gait import Gait
@@ -33,8 +31,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
+    station: Diagram,
     gait: Gait,
     foot_sensor: FootSensor,
     machine: RewardMachineSystem,
@@ -44,10 +41,13 @@ def AddLocomotionDisplay(  # noqa: N802
     """Shows robot, ground, contacts and machine state in Meshcat."""
     _draw_ground(meshcat)
     MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
+        builder,
+        station.GetOutputPort("query"),
+        meshcat,
+        MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD),
     )
     display = builder.AddNamedSystem("gait_display", GaitDisplay(gait, meshcat))
-    builder.Connect(plant.get_state_output_port(), display.get_state_input_port())
+    builder.Connect(station.GetOutputPort("state"), display.get_state_input_port())
     builder.Connect(machine.get_rm_state_output_port(), display.get_rm_state_input_port())
     builder.Connect(
         foot_sensor.get_foot_contact_output_port(), display.get_foot_contact_input_port()
@@ -71,9 +71,11 @@ def save_replay(meshcat: Meshcat, path: Path) -> None:
 def _draw_ground(meshcat: Meshcat) -> None:
     # A pavement of tiles, since a plain plane hides how fast the robot moves.
     meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
     meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.97])
     meshcat.SetProperty("/Background", "bottom_color", [0.80, 0.83, 0.86])
-    meshcat.SetObject("ground", Box(60.0, 60.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
+    meshcat.SetObject("ground", Box(20.0, 20.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
     meshcat.SetTransform("ground", RigidTransform([0.0, 0.0, -0.0125]))
     lines = int(10.0 / TILE)
     for i in range(-lines, lines + 1):

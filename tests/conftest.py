@@ -103,7 +103,7 @@ def feedthrough() -> Callable[[LeafSystem], set[tuple[str, str]]]:
 
 @pytest.fixture
 def latch() -> Callable[[LeafSystem, Context], None]:
-    """Runs the update that is due at the context's time, and goes on to the next control instant."""
+    """Runs the update that is due now, and goes on to the next control instant."""
 
     def run(system: LeafSystem, context: Context) -> None:
         simulator = Simulator(system, context)

@@ -47,7 +47,7 @@ class Expression:
         """Writes the formula with the given variable names, so that it can be read back."""
         match self.operator:
             case "constant":
-                return repr(self.value)
+                return repr(float(self.value))
             case "variable":
                 return names[self.variable]
             case "neg":

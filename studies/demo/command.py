@@ -33,8 +33,8 @@ from studies.tables import print_table, write_metrics, write_table
 QUICK = DistillationConfig(
     episodes=16,
     episode_steps=500,
-    gbm=GbmConfig(n_trees=100, subsample=0.3),
-    ebm=EbmConfig(interactions=0, max_rounds=600),
+    gbm=GbmConfig(n_trees=100),
+    ebm=EbmConfig(interactions=40, max_rounds=1000),
     symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""

@@ -1,8 +1,8 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
 A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
-g, h, … tell where in the gait the robot is: a state of the reward machine, the iterations in it, and
-their products.
+g, h, … tell where in the gait the robot is: a state of the reward machine, the iterations in it,
+and their products.
 """
 
 from collections.abc import Sequence

@@ -34,7 +34,8 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     figure, (reward, falls) = plt.subplots(
         2, 1, figsize=(COLUMN_WIDTH, 3.6), sharex=True, height_ratios=(3, 1)
     )
-    ratios = [ratio_title(period) for period in PERIODS]
+    known = set(means["ratio"])
+    ratios = [ratio_title(period) for period in PERIODS if ratio_title(period) in known]
     students = [policy for policy in _LINES if policy in set(means["policy"])]
     for i, policy in enumerate(students):
         color, marker = _LINES[policy]

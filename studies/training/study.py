@@ -65,7 +65,6 @@ class TrainingRun:
         try:
             while self.progress.update < self.config.updates:
                 row = self.update()
-                self.curve.append(row)
                 for name, value in row.items():
                     writer.add_scalar(name, value, self.progress.update)
                 done = self.progress.update
@@ -109,6 +108,7 @@ class TrainingRun:
             "seconds": self.progress.seconds,
         }
         self._ease(row["rhythm"])
+        self.curve.append(row)
         return row
 
     @property

@@ -47,7 +47,7 @@ def assert_agreement(gait, policy, estimator):
             found, rollout[port][step], rtol=0, atol=TOLERANCE, err_msg=f"{port} at step {step}"
         )
 
-    fired = 0
+    fired, outcome = 0, None
     for step in range(N_STEPS + 1):
         machine = simulator.state.machine
         observation = simulator.observe(estimator)
@@ -55,7 +55,7 @@ def assert_agreement(gait, policy, estimator):
         close(observation[0], "observations", step)
         close(simulator.machine.one_hot(machine.state)[0], "rm_state", step)
         close(machine.iterations, "rm_iterations", step)
-        if step > 0:
+        if outcome is not None:
             close(outcome.reward, "reward", step)
             close(outcome.plain_reward, "plain_reward", step)
             close(outcome.terms[0], "reward_terms", step)

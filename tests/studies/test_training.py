@@ -1,10 +1,10 @@
 """Training: resuming, records, and what goes wrong."""
 
-import os
 import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def weights(folder):
 def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
     TrainingRun(TINY, tmp_path / "whole").run(silent)
     killed = tmp_path / "killed"
-    here = os.path.dirname(__file__)
+    here = str(Path(__file__).parent)
     ended = subprocess.run(
         [sys.executable, "-c", KILLED, str(killed), here], check=False, capture_output=True
     )

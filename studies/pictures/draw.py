@@ -1,0 +1,97 @@
+"""Draws the README's pictures: `python -m studies.pictures.draw`.
+
+The loop is drawn by Graphviz's `dot` from the diagram's own description.
+"""
+
+import io
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from diagrams.camera import Camera
+from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from diagrams.rollout import Rollout, make_simulator, record
+from models.files import write_atomically
+from models.policies.library import load_expert
+from models.task.gait import Gait, load_gait
+from studies.console import say
+from studies.distillation.students import untrained_student
+
+FOLDER = Path(__file__).parent
+FRAME_STEPS = 2
+"""Control steps between two frames: 25 frames a second."""
+N_STILLS = 5
+
+
+def draw_all(name: str = "trot") -> None:
+    """Draws every picture of the README."""
+    gait = load_gait(name)
+    say("drawing the loop")
+    write_atomically(FOLDER / "locomotion.svg", loop_svg(gait))
+    say("filming the expert")
+    command = FixedCommand(speed=0.6, dwell=8)
+    cycle = 2 * command.dwell
+    rollout = expert_rollout(gait, command, n_steps=100 + 6 * cycle)
+    camera = Camera(480, 300)
+    states = rollout["state"][100:]
+    frames = [camera.take(state) for state in states[::FRAME_STEPS][: 3 * cycle]]
+    write_atomically(FOLDER / f"{name}.gif", gif(frames))
+    stills = [camera.take(state) for state in states[np.linspace(0, cycle, N_STILLS, dtype=int)]]
+    write_atomically(FOLDER / f"{name}_stills.png", png(np.concatenate(stills, axis=1)))
+
+
+def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
+    """Rolls the expert out under one command."""
+    expert = load_expert(gait.name)
+    diagram = MakeLocomotion(
+        gait, LocomotionConfig(command=command), expert=expert, estimator=expert.estimator
+    )
+    return record(make_simulator(diagram), n_steps)
+
+
+def loop_svg(gait: Gait) -> str:
+    """Draws the locomotion diagram, with expert and student, as SVG."""
+    expert = load_expert(gait.name)
+    diagram = MakeLocomotion(
+        gait,
+        LocomotionConfig(alternation_period=4),
+        expert=expert,
+        student=untrained_student(gait.name, expert.observation_names),
+        estimator=expert.estimator,
+    )
+    dot = _without_exports(diagram.GetGraphvizString(max_depth=1))
+    arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
+    drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)
+    return re.sub(r"<!--.*?-->\n", "", drawn.stdout, flags=re.DOTALL)
+
+
+def _without_exports(dot: str) -> str:
+    """Leaves out the exported ports, a dozen lines across the picture, and module names."""
+    dot = re.sub(r"^.*\[color=(green|blue)\];\n", "", dot, flags=re.MULTILINE)
+    dot = re.sub(r"subgraph clusters\d+out \{.*?^\}\n", "", dot, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"systems\.\w+\.", "", dot)
+
+
+def gif(frames: list[np.ndarray]) -> bytes:
+    """Encodes frames (height, width, 3) as an endless GIF."""
+    palette = Image.fromarray(frames[0]).quantize(96)
+    images = [Image.fromarray(frame).quantize(palette=palette, dither=0) for frame in frames]
+    buffer = io.BytesIO()
+    images[0].save(
+        buffer, "GIF", save_all=True, append_images=images[1:], duration=40, loop=0, optimize=True
+    )
+    return buffer.getvalue()
+
+
+def png(image: np.ndarray) -> bytes:
+    """Encodes a picture (height, width, 3) as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+if __name__ == "__main__":
+    draw_all()

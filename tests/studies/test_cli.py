@@ -1,0 +1,85 @@
+"""The command line: what it prints, writes and refuses."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from studies.cli import main
+from studies.console import BAD_INPUT
+from studies.rollout.config import parse_ratio
+from studies.tables import format_cell, to_markdown
+
+
+def refused(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == BAD_INPUT
+    message = capsys.readouterr().err.strip()
+    assert message.startswith("glassgait: ")
+    assert "\n" not in message
+    return message
+
+
+def test_bad_input_is_told_in_one_sentence(capsys, tmp_path):
+    unknown = "unknown gait 'gallop'; the gaits are"
+    assert unknown in refused(["train", "--gait", "gallop"], capsys)
+    assert unknown in refused(["gait", "gallop"], capsys)
+    assert unknown in refused(["rollout", "--gait", "gallop"], capsys)
+    assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"], capsys)
+    assert "is not an alternation ratio" in refused(
+        ["rollout", "--policy", "expert", "--ratio", "2/3"], capsys
+    )
+    assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"], capsys)
+    students = ["--students", str(tmp_path)]
+    assert "no such student" in refused(["rollout", "--policy", "ebm", *students], capsys)
+    assert "holds no students" in refused(["evaluate", "--policy", "students", *students], capsys)
+
+
+def test_nothing_is_left_behind_by_a_refusal(capsys, tmp_path):
+    output = tmp_path / "run"
+    refused(["train", "--gait", "gallop", "--output", str(output)], capsys)
+    refused(["train", "--resume", "--output", str(output)], capsys)
+    assert not output.exists()
+
+
+def test_gait_command_draws_the_machine(capsys, tmp_path):
+    main(["gait", "trot"])
+    assert "q0 --> q1: FL & RR & ~FR & ~RL" in capsys.readouterr().out
+    path = tmp_path / "trot.dot"
+    main(["gait", "trot", "--format", "graphviz", "--output", str(path)])
+    assert path.read_text().startswith("digraph")
+
+
+def test_evaluate_writes_its_tables(tmp_path):
+    main(["evaluate", "--n-robots", "2", "--n-steps", "60", "--output", str(tmp_path)])
+    written = {path.name for path in (tmp_path / "expert").iterdir()}
+    assert written == {
+        "config.yaml", "metrics.json", "robots.csv", "robots.md", "worlds.csv", "worlds.md",
+    }  # fmt: skip
+
+
+def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
+    main(["rollout", "--seconds", "0.5", "--output", str(tmp_path)])
+    assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf"}
+    assert "stayed up after 0.50 s" in capsys.readouterr().out
+
+
+def test_train_refuses_to_overwrite_a_run(tmp_path, capsys):
+    small = ["--updates", "1", "--n-robots", "4", "--n-friction-groups", "1"]
+    run = ["train", *small, "--output", str(tmp_path)]
+    main(run)
+    assert "continue it with --resume" in refused(run, capsys)
+    assert (tmp_path / "trot.safetensors").exists()
+
+
+@pytest.mark.parametrize(("text", "period"), [("1", 1), ("1/4", 4), ("0", 0), ("0.5", 2)])
+def test_ratios(text, period):
+    assert parse_ratio(text) == period
+
+
+def test_cells_and_markdown():
+    assert [format_cell(x) for x in (np.nan, 0.0123, 3.14159, 1234.5, "a", 3)] == [
+        "–", "0.0123", "3.142", "1,234", "a", "3",
+    ]  # fmt: skip
+    table = to_markdown(pd.DataFrame({"a": [1], "b": [0.5]}))
+    assert table == "| a | b |\n| --- | --- |\n| 1 | 0.500 |\n"

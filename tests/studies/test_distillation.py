@@ -1,0 +1,230 @@
+"""Distillation: Algorithm 1, its splits, its students, and what goes wrong."""
+
+import ast
+import importlib.util
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.linear_model import LinearRegression
+from sklearn.metrics import r2_score
+
+from diagrams.station import StationConfig
+from models.errors import InputError
+from models.policies.library import load_expert, load_policy
+from models.policies.symbolic import Tape
+from models.task.gait import load_gait
+from studies.distillation.collection import Dataset, collect
+from studies.distillation.config import (
+    DistillationConfig,
+    EbmConfig,
+    GbmConfig,
+    SymbolicConfig,
+)
+from studies.distillation.formulas import readable_formula
+from studies.distillation.gated_sum import fit_gated_sum
+from studies.distillation.students import fit_student, untrained_student
+from studies.distillation.study import distill, load_students, r2_scores
+from studies.distillation.symbolic_regression import fit_formula, pysr_arguments
+from studies.distillation.tables import write_r2_table
+
+TINY = DistillationConfig(
+    students=("linear", "statewise_linear", "gbm", "ebm", "symbolic"),
+    episodes=5,
+    episode_steps=60,
+    gbm=GbmConfig(n_trees=5),
+    ebm=EbmConfig(interactions=2, max_rounds=10),
+    symbolic=SymbolicConfig(population=20, generations=2, max_samples=100, backbone_nodes=30),
+    n_jobs=1,
+)
+
+
+@pytest.fixture(scope="module")
+def expert():
+    return load_expert("trot")
+
+
+@pytest.fixture(scope="module")
+def finished(expert, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("distillation")
+    r2 = distill(TINY, expert, folder, lambda line: None)
+    write_r2_table(r2, "trot", folder)
+    return folder, r2
+
+
+def test_every_student_is_made_scored_and_saved(finished, expert):
+    folder, r2 = finished
+    students = load_students(folder, expert)
+    assert list(students) == list(TINY.students) == r2["student"].tolist()
+    for name in ("metrics.json", "r2.csv", "r2.md", "config.yaml"):
+        assert (folder / name).exists()
+
+
+def test_the_same_seed_gives_the_same_metrics(finished, expert, tmp_path):
+    folder, _ = finished
+    write_r2_table(distill(TINY, expert, tmp_path, lambda line: None), "trot", tmp_path)
+    assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+
+
+def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
+    folder, _ = finished
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "metrics.json").unlink()
+    for path in ("gbm/record.json", "gbm.safetensors", "gbm/level_2.safetensors"):
+        (tmp_path / path).unlink()
+    shutil.rmtree(tmp_path / "symbolic")
+    write_r2_table(
+        distill(TINY, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
+    )
+    assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+
+
+def test_a_finished_folder_is_not_overwritten(finished, expert):
+    folder, _ = finished
+    with pytest.raises(InputError, match="continue it with --resume"):
+        distill(TINY, expert, folder, lambda line: None)
+    with pytest.raises(InputError, match="made with other settings"):
+        distill(replace(TINY, seed=1), expert, folder, lambda line: None, resume=True)
+
+
+def test_levels_follow_the_paper(finished):
+    folder, _ = finished
+    first, second = (Dataset.load(folder / "linear" / f"level_{n}.safetensors") for n in (1, 2))
+    assert sorted(set(first.episodes)) == [1, 2, 3, 4]
+    assert set(second.episodes) == {5}
+    speeds = [first.observations[first.episodes == episode, 0] for episode in (1, 2, 3, 4)]
+    for speed, values in zip((0.0, 0.25, 0.5, 0.75), speeds, strict=True):
+        assert set(values) == {speed}
+
+
+def test_whole_episodes_are_held_out():
+    episodes = np.repeat(np.arange(1, 31), 3)
+    dataset = Dataset(np.zeros((90, 2)), np.zeros((90, 12)), episodes)
+    held_out = set(episodes[dataset.held_out])
+    assert len(held_out) == 6
+    assert not held_out & set(episodes[~dataset.held_out])
+    assert {(episode - 1) % 4 for episode in held_out} == {0, 1, 2, 3}
+
+
+def test_labels_are_the_experts_whoever_acts(expert):
+    gait = load_gait("trot")
+    student = untrained_student("trot", expert.observation_names)
+    samples = collect(
+        gait,
+        expert,
+        student,
+        period=3,
+        episodes=np.array([1, 2]),
+        speeds=np.array([0.0, 0.5]),
+        n_steps=20,
+        station=StationConfig(),
+        generator=np.random.default_rng(0),
+    )
+    np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
+    previous = samples.observations[1:20, 26:38]
+    acted = samples.actions[:19]
+    by_expert = np.all(np.isclose(previous, acted), axis=1)
+    assert by_expert.tolist() == [step % 3 == 0 for step in range(19)]
+
+
+def test_r2_is_scikit_learns(generator):
+    observations = generator.normal(size=(200, 49))
+    actions = observations[:, :12] + 0.3 * generator.normal(size=(200, 12))
+    dataset = Dataset(observations, actions, np.ones(200, dtype=np.int64))
+    policy = fit_student(
+        "linear", TINY, load_expert("trot").observation_names, *(observations, actions)
+    )
+    expected = r2_score(actions, policy(observations), multioutput="raw_values")
+    np.testing.assert_allclose(r2_scores(policy, dataset), expected)
+
+
+def sample_of_a_gated_law(generator, count=3000):
+    x = generator.normal(size=(count, 6))
+    x[:, 4] = generator.random(count) < 0.5
+    x[:, 5] = generator.integers(0, 10, count) / 10
+    return x, 1.0 + 2.0 * x[:, 0] + x[:, 4] * (3.0 * x[:, 1] - 1.0) + x[:, 5] * x[:, 2]
+
+
+def test_gated_sum_finds_a_gated_law(generator):
+    x, y = sample_of_a_gated_law(generator)
+    formula = fit_gated_sum(x, y, gates=(4, 5), max_nodes=60)
+    assert formula.size <= 60
+    np.testing.assert_allclose(Tape([formula], 6)(x)[:, 0], y, atol=1e-6)
+
+
+def test_gated_sum_keeps_its_bound(generator):
+    x, y = sample_of_a_gated_law(generator)
+    sizes = [fit_gated_sum(x, y, (4, 5), bound).size for bound in (1, 10, 20)]
+    assert all(size <= bound for size, bound in zip(sizes, (1, 10, 20), strict=True))
+
+
+def test_operon_finds_what_is_not_linear(generator):
+    x = generator.normal(size=(1500, 5))
+    x[:, 3] = 0.0
+    y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
+    settings = SymbolicConfig(
+        population=200, generations=40, max_samples=1500, backbone_nodes=10, max_nodes=60
+    )
+    formula = fit_formula(x, y, 0, settings, gates=(3, 4))
+    linear = LinearRegression().fit(x, y).score(x, y)
+    error = Tape([formula], 5)(x)[:, 0] - y
+    assert formula.size <= 60
+    assert 1 - error.var() / y.var() > linear + 0.05
+
+
+def test_pysr_is_asked_as_the_paper_did():
+    pysr = importlib.util.find_spec("pysr")
+    assert pysr is not None, "the test extra installs pysr"
+    source = (Path(pysr.origin).parent / "sr.py").read_text()
+    # Importing PySR would start Julia; its constructor is read from the installed text instead.
+    regressor = next(
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.ClassDef) and node.name == "PySRRegressor"
+    )
+    constructor = next(
+        node
+        for node in regressor.body
+        if isinstance(node, ast.FunctionDef) and node.name == "__init__"
+    )
+    accepted = {argument.arg for argument in (*constructor.args.args, *constructor.args.kwonlyargs)}
+    arguments = pysr_arguments(0, SymbolicConfig(engine="pysr"))
+    assert set(arguments) <= accepted
+    assert arguments["unary_operators"] == ["sin", "tanh", "square", "cube"]
+    assert arguments["binary_operators"] == ["+", "-", "*"]
+    assert arguments["maxsize"] == 90
+    assert arguments["niterations"] == 20
+    assert arguments["constraints"]["*"] == (4, 4)
+
+
+def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
+    monkeypatch.setitem(sys.modules, "pysr", None)
+    with pytest.raises(InputError, match="needs Julia") as raised:
+        fit_formula(
+            generator.normal(size=(10, 3)), np.zeros(10), 0, SymbolicConfig(engine="pysr"), (0, 1)
+        )
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.skipif(shutil.which("julia") is None, reason="Julia is not installed")
+@pytest.mark.slow
+def test_pysr_finds_a_law(generator):
+    x = generator.normal(size=(200, 3))
+    formula = fit_formula(x, x[:, 0] * x[:, 1], 0, SymbolicConfig(engine="pysr"), (0, 1))
+    np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], x[:, 0] * x[:, 1], atol=1e-3)
+
+
+def test_formulas_are_readable(finished):
+    folder, _ = finished
+    policy = load_policy(folder / "symbolic.safetensors")
+    text = readable_formula(policy.expressions[0], policy.observation_names)
+    assert any(name in text for name in policy.observation_names)
+    assert "x1" not in text
+
+
+def test_folders_without_students_are_refused(expert, tmp_path):
+    with pytest.raises(InputError, match="holds no students"):
+        load_students(tmp_path, expert)
