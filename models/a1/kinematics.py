@@ -122,8 +122,8 @@ def body_clearance(positions: Array, shank_share: float = 1.0) -> Array:
     trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.TRUNK_BOX)
     thigh = limb(points.thigh, points.knee, q_thigh, robot.THIGH_BOX)
     shank_end = points.knee + shank_share * (points.foot - points.knee)
-    length, *section = robot.CALF_BOX
-    shank_box = (shank_share * length, *section)
+    length, width, depth = robot.CALF_BOX
+    shank_box = (shank_share * length, width, depth)
     calf = limb(points.knee, shank_end, q_thigh + q_calf, shank_box)
     return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
 

@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +21,12 @@ from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
 from studies.distillation.students import fit_student, untrained_student
+from studies.records import read_yaml, to_plain
 
 CONFIG_NAME = "config.yaml"
+FREE_TO_CHANGE = ("students", "n_jobs")
+"""Settings that a resumed run may change: students are independent of one another."""
+
 SHUFFLED_TEST_SHARE = 0.2
 
 Report = Callable[[str], None]
@@ -175,17 +178,18 @@ def _fit_final(
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:
     path = folder / CONFIG_NAME
-    text = yaml.safe_dump(json.loads(json.dumps(asdict(config))), sort_keys=False)
+    settings = to_plain(config)
     if path.exists():
         if not resume:
             raise InputError(
                 f"{folder}: holds a distillation already; continue it with --resume, "
                 "or name another folder with --output"
             )
-        if path.read_text() != text:
-            raise InputError(
-                f"{path}: was made with other settings; resume with the same, "
-                "or name another folder with --output"
-            )
-    else:
-        write_atomically(path, text)
+        made_with = read_yaml(path)
+        for key, value in settings.items():
+            if key not in FREE_TO_CHANGE and made_with.get(key) != value:
+                raise InputError(
+                    f"{path}: was made with {key} = {made_with.get(key)}, not {value}; resume with "
+                    "the same settings, or name another folder with --output"
+                )
+    write_atomically(path, yaml.safe_dump(settings, sort_keys=False))

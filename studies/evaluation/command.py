@@ -1,6 +1,6 @@
 """`glassgait evaluate`: rolls policies out and scores them."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +20,7 @@ from studies.evaluation.rollouts import Team
 from studies.evaluation.tables import alternation_table, standalone_table, world_table
 from studies.evaluation.worlds import evaluate_worlds
 from studies.figures import save_figure
+from studies.records import to_plain
 from studies.tables import print_table, write_metrics, write_table
 
 
@@ -51,7 +52,7 @@ class Evaluate:
     def run(self) -> None:
         """Runs the study."""
         folder = self.output or Path("runs/evaluation") / self.gait
-        record = yaml.safe_dump(_plain(asdict(self)), sort_keys=False)
+        record = yaml.safe_dump(to_plain(self), sort_keys=False)
         if self.policy == "students":
             self._evaluate_students(folder, record)
         else:
@@ -95,11 +96,3 @@ class Evaluate:
         write_atomically(folder / "config.yaml", record)
         print_table(f"{gait.name}: {name}", table)
         console.print(f"written to {folder}")
-
-
-def _plain(value):
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
-    return str(value) if isinstance(value, Path) else value

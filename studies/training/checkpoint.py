@@ -1,11 +1,11 @@
 """Checkpoints: everything that a run needs to go on as if it had never stopped."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
+from studies.records import to_plain
 
 if TYPE_CHECKING:
     from studies.training.study import TrainingRun
@@ -20,7 +20,7 @@ def save_checkpoint(run: "TrainingRun", path: Path) -> None:
     arrays = {f"environment:{name}": value for name, value in environment_arrays.items()}
     arrays |= {f"learner:{name}": value for name, value in learner_arrays.items()}
     header = {
-        "config": run.settings(),
+        "config": to_plain(run.config),
         "update": run.progress.update,
         "seconds": run.progress.seconds,
         "curve": run.curve.rows,
@@ -50,7 +50,7 @@ def load_checkpoint(run: "TrainingRun", path: Path) -> None:
 
 
 def _check_settings(run: "TrainingRun", saved: dict, path: Path) -> None:
-    current = json.loads(json.dumps(run.settings()))
+    current = to_plain(run.config)
     for key, value in current.items():
         if key != "updates" and saved.get(key) != value:
             raise InputError(

@@ -11,6 +11,7 @@ from models.task.gait import load_gait
 from studies.console import console, progress_bar
 from studies.training.checkpoint import CHECKPOINT_NAME
 from studies.training.config import TrainingConfig
+from studies.training.record import read_config
 from studies.training.study import TrainingRun
 
 LINES_EVERY = 10
@@ -22,6 +23,7 @@ class Train:
 
     Attributes:
         config: Settings of the run.
+        like: Record of an expert (<gait>.yaml) whose settings are taken instead.
         output: Folder of the run; runs/training/<gait> by default.
         resume: Continue from the folder's checkpoint.
     """
@@ -29,20 +31,22 @@ class Train:
     config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(
         default_factory=TrainingConfig
     )
+    like: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.config.gait)
+        config = read_config(self.like) if self.like else self.config
+        gait = load_gait(config.gait)
         folder = self.output or Path("runs/training") / gait.name
         if not self.resume and (folder / CHECKPOINT_NAME).exists():
             raise InputError(
                 f"{folder}: holds a training run already; continue it with --resume, "
                 "or name another folder with --output"
             )
-        run = TrainingRun(self.config, folder, resume=self.resume)
-        with progress_bar(self.config.updates, run.progress.update) as (progress, task):
+        run = TrainingRun(config, folder, resume=self.resume)
+        with progress_bar(config.updates, run.progress.update) as (progress, task):
 
             def report(run: TrainingRun, row: dict[str, float]) -> None:
                 line = (
@@ -52,7 +56,7 @@ class Train:
                 )
                 progress.update(task, completed=run.progress.update, text=line)
                 if not console.is_terminal and run.progress.update % LINES_EVERY == 0:
-                    console.print(f"update {run.progress.update}/{self.config.updates}  {line}")
+                    console.print(f"update {run.progress.update}/{config.updates}  {line}")
 
             run.run(report)
         console.print(f"expert written to {folder / gait.name}.safetensors")

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import yaml
 
+from models.errors import InputError
 from models.files import write_atomically
 from models.task import CONTROL_PERIOD
+from studies.records import from_plain, read_yaml, to_plain
+from studies.training.config import TrainingConfig
 
 if TYPE_CHECKING:
     from studies.training.study import TrainingRun
@@ -54,16 +57,20 @@ def write_expert(run: "TrainingRun", folder: Path) -> None:
             package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
         }
         | {"python": platform.python_version()},
-        "config": _plain(run.settings()),
+        "config": to_plain(run.config),
     }
     run.learner.to_policy(name, run.environment).save(folder / f"{name}.safetensors")
     write_atomically(folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
     write_atomically(folder / f"{name}.csv", curve.to_csv(index=False, float_format="%.6g"))
 
 
-def _plain(value):
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
-    return value
+def read_config(path: Path) -> TrainingConfig:
+    """Reads from an expert's record how it was trained.
+
+    Raises:
+        InputError: if the file is not such a record.
+    """
+    record = read_yaml(path)
+    if not isinstance(record, dict) or "config" not in record:
+        raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
+    return from_plain(TrainingConfig, record["config"], str(path))

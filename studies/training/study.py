@@ -1,7 +1,7 @@
 """The training study: collect, learn, log, checkpoint, and in the end an expert."""
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -115,10 +115,6 @@ class TrainingRun:
     def control_steps(self) -> int:
         """Control steps of all robots so far."""
         return self.progress.update * self.config.n_robots * self.config.ppo.steps_per_update
-
-    def settings(self) -> dict:
-        """Returns the settings as plain values."""
-        return asdict(self.config)
 
     def _ease(self, rhythm: float) -> None:
         curriculum, simulator = self.config.curriculum, self.environment.simulator

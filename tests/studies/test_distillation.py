@@ -86,7 +86,7 @@ def test_a_finished_folder_is_not_overwritten(finished, expert):
     folder, _ = finished
     with pytest.raises(InputError, match="continue it with --resume"):
         distill(TINY, expert, folder, lambda line: None)
-    with pytest.raises(InputError, match="made with other settings"):
+    with pytest.raises(InputError, match="made with seed = 0, not 1"):
         distill(replace(TINY, seed=1), expert, folder, lambda line: None, resume=True)
 
 

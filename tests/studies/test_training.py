@@ -13,9 +13,10 @@ import yaml
 
 from models.errors import InputError
 from models.files import load_arrays
-from models.policies.library import load_policy
+from models.policies.library import EXPERT_DIRECTORY, load_policy
 from studies.training.checkpoint import CHECKPOINT_NAME
 from studies.training.config import PpoConfig, TrainingConfig
+from studies.training.record import read_config
 from studies.training.study import TrainingRun
 
 TINY = TrainingConfig(
@@ -114,6 +115,31 @@ def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
     for _ in range(100):
         run._ease(0.6)
     assert run.environment.simulator.ease == 1.0
+
+
+def test_an_experts_record_gives_back_its_settings(tmp_path):
+    TrainingRun(replace(TINY, updates=1), tmp_path).run(silent)
+    assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
+    shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
+    assert shipped.limits.shank_share == 1.0
+    assert shipped.ppo.actor_layers == (256, 128, 64)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gait: trot", "has no key 'config'"),
+        ("config: {gate: trot}", "unknown key 'gate'"),
+        ("config: {seed: many}", "key 'seed': must be int, not 'many'"),
+        ("config: {station: {friction: -1.0}}", "friction is -1.0"),
+        ("config: [", "not valid YAML"),
+    ],
+)
+def test_bad_records_are_refused(tmp_path, text, message):
+    path = tmp_path / "record.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_config(path)
 
 
 def test_other_settings_or_no_checkpoint_cannot_be_resumed(tmp_path):
