@@ -1,5 +1,6 @@
 """Rollouts of the locomotion diagram, recorded at every control step."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,13 +81,20 @@ def make_simulator(
     return simulator
 
 
-def record(simulator: Simulator, n_steps: int, *, stop_on_failure: bool = True) -> Rollout:
+def record(
+    simulator: Simulator,
+    n_steps: int,
+    *,
+    stop_on_failure: bool = True,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Rollout:
     """Advances by control steps and records every output.
 
     Args:
         simulator: A simulator at time 0.
         n_steps: Control steps to take.
         stop_on_failure: Whether to end at the first failure.
+        stopped: Asked after every step whether to end now.
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     ports = {
@@ -102,6 +110,6 @@ def record(simulator: Simulator, n_steps: int, *, stop_on_failure: bool = True) 
         times.append(context.get_time())
         for name, port in ports.items():
             recorded[name].append(port.Eval(context).copy())
-        if stop_on_failure and recorded["failures"][-1].any():
+        if stopped() or (stop_on_failure and recorded["failures"][-1].any()):
             break
     return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})

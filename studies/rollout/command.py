@@ -17,6 +17,9 @@ from studies.figures import save_figure
 from studies.rollout.config import find_student, parse_ratio
 
 
+STOP_BUTTON = "stop and save"
+
+
 @dataclass(frozen=True)
 class ShowRollout:
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
@@ -28,7 +31,7 @@ class ShowRollout:
             default the policy acts alone.
         live: Play at real time in Meshcat, commands from sliders.
         command: The command where there are no sliders.
-        seconds: Length of the rollout (s).
+        seconds: Length of the rollout (s); live, the button `stop and save` ends it before.
         seed: Seed of the sensors' noise.
         station: Physics.
         students: Folder of the distillation; runs/distillation/<gait> by default.
@@ -73,10 +76,15 @@ class ShowRollout:
             meshcat=meshcat,
         )
         simulator = make_simulator(diagram, seed=self.seed, realtime_rate=1.0 if self.live else 0.0)
+        meshcat.AddButton(STOP_BUTTON, "Escape")
         if self.live:
-            console.print(f"open {meshcat.web_url()} and move the sliders; Ctrl-C ends the rollout")
+            console.print(f"open {meshcat.web_url()}, move the sliders, and stop when you like")
         start_recording(meshcat)
-        rollout = record(simulator, round(self.seconds / CONTROL_PERIOD))
+        rollout = record(
+            simulator,
+            round(self.seconds / CONTROL_PERIOD),
+            stopped=lambda: meshcat.GetButtonClicks(STOP_BUTTON) > 0,
+        )
         name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
         stem = (self.output or Path("runs/rollout") / self.gait) / name
         save_replay(meshcat, stem.with_suffix(".html"))

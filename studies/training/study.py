@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
@@ -106,6 +107,7 @@ class TrainingRun:
             **statistics.means(),
             **losses,
             "seconds": self.progress.seconds,
+            "memory_mb": psutil.Process().memory_info().rss / 2**20,
         }
         self._ease(row["rhythm"])
         self.curve.append(row)

@@ -24,6 +24,13 @@ def test_stops_at_the_first_failure(trot):
     assert len(rollout.time) < 20
 
 
+def test_stops_when_told(trot, make_policy):
+    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot))
+    answers = iter([False, False, True])
+    rollout = record(make_simulator(diagram), 100, stopped=lambda: next(answers))
+    assert len(rollout.time) == 3
+
+
 @pytest.mark.slow
 def test_the_error_controlled_integrator_runs_the_continuous_plant(trot, make_policy):
     config = LocomotionConfig(station=StationConfig(time_step=0.0))
