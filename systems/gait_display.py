@@ -13,6 +13,8 @@ DISPLAY_PERIOD = 1.0 / 32.0
 """Time between two pictures (s), the frame rate of Meshcat's recordings."""
 
 PATH = "gait"
+WORLD_PATH = "/drake"
+"""Meshcat's root of everything that Drake draws."""
 
 
 class GaitDisplay(LeafSystem):
@@ -27,7 +29,8 @@ class GaitDisplay(LeafSystem):
         - foot_contact
 
     Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
-    Publishes to Meshcat every 1/32 s. State: none.
+    Publishes to Meshcat every 1/32 s, the whole scene moved so that the robot stays in the middle.
+    State: none.
     """
 
     def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
@@ -66,6 +69,8 @@ class GaitDisplay(LeafSystem):
         contact = self._foot_contact_port.Eval(context)
         origin = state[robot.POSITION]
         rotation = kinematics.rotation_matrix(state[robot.QUATERNION])
+        # The world passes under the robot, which a recording's camera cannot follow.
+        self._meshcat.SetTransform(WORLD_PATH, RigidTransform([-origin[0], -origin[1], 0.0]), time)
         above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i, name in enumerate(self._gait.states):

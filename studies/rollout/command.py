@@ -16,7 +16,6 @@ from studies.evaluation.figures import gait_figure
 from studies.figures import save_figure
 from studies.rollout.config import find_student, parse_ratio
 
-
 STOP_BUTTON = "stop and save"
 
 
