@@ -33,8 +33,17 @@ class Expression:
 
     @cached_property
     def size(self) -> int:
-        """Number of nodes, the complexity that regression engines bound."""
+        """Number of nodes, constants and operators each one, as PySR counts."""
         return 1 + sum(operand.size for operand in self.operands)
+
+    @cached_property
+    def length(self) -> int:
+        """Number of nodes where a weighted variable is one, as Operon counts."""
+        match self:
+            case Expression("mul", (Expression("constant"), Expression("variable"))):
+                return 1
+            case _:
+                return 1 + sum(operand.length for operand in self.operands)
 
     @property
     def variables(self) -> frozenset[int]:

@@ -38,7 +38,7 @@ def write_report(
     formulas = []
     if isinstance(symbolic, SymbolicPolicy):
         formulas = [
-            (joint, formula.size, readable_formula(formula, expert.observation_names))
+            (joint, formula.length, readable_formula(formula, expert.observation_names))
             for joint, formula in zip(robot.JOINTS, symbolic.expressions, strict=True)
         ]
     page = environment.get_template("report.html").render(

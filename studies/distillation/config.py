@@ -69,24 +69,25 @@ class SymbolicConfig:
 
     Attributes:
         engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.
-        max_nodes: Greatest number of nodes of a formula, the paper's overall complexity.
+        max_length: Greatest length of a formula in nodes, the paper's overall complexity, as the
+            engine counts: to Operon a weighted observation is one node, to PySR it is three.
         operator_complexity: Greatest complexity of an operator's operand (pysr).
         iterations: Iterations of the search (pysr).
         generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
-        backbone_nodes: Nodes of the gated sum that a formula starts from (operon).
+        backbone_length: Length of the gated sum that a formula starts from (operon).
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
 
     engine: Literal["operon", "pysr"] = "operon"
-    max_nodes: int = 90
+    max_length: int = 90
     operator_complexity: int = 4
     iterations: int = 20
     generations: int = 100
     population: int = 200
     coefficient_iterations: int = 3
-    backbone_nodes: int = 74
+    backbone_length: int = 74
     max_samples: int = 3000
 
 

@@ -18,15 +18,15 @@ Gate = tuple[int, ...]
 
 
 def fit_gated_sum(
-    observations: Array, target: Array, gates: Sequence[int], max_nodes: int
+    observations: Array, target: Array, gates: Sequence[int], max_length: int
 ) -> Expression:
-    """Fits the largest gated sum of at most `max_nodes` nodes, by orthogonal matching pursuit.
+    """Fits the longest gated sum of at most `max_length` nodes, by orthogonal matching pursuit.
 
     Args:
         observations: Samples (m, n).
         target: What to fit (m,).
         gates: Observations that gate: any number of 0-1 states, then one that counts iterations.
-        max_nodes: Bound on the formula's size.
+        max_length: Bound on `Expression.length`.
     """
     *states, iterations = gates
     products: list[Gate] = [(), *((s,) for s in states), (iterations,)]
@@ -45,12 +45,12 @@ def fit_gated_sum(
 
     n = observations.shape[1]
     formula = Expression("constant", value=float(target.mean()))
-    for count in range(1, min(len(usable), max_nodes // 4) + 1):
+    for count in range(1, min(len(usable), max_length // 2) + 1):
         weights = np.zeros(len(mean))
         found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
         weights[usable] = found / spread[usable]
         larger = _gated_expression(products, weights.reshape(-1, n), target.mean() - weights @ mean)
-        if larger.size > max_nodes:
+        if larger.length > max_length:
             break
         formula = larger
     return formula

@@ -12,6 +12,9 @@ from models.policies.symbolic import Tape
 from studies.distillation.config import SymbolicConfig
 from studies.distillation.gated_sum import fit_gated_sum, scaled
 
+OPERON_SCALING_NODES = 4
+"""Nodes of the scale and the offset that Operon puts around the formula it found."""
+
 OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
 
 PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
@@ -44,22 +47,22 @@ def _fit_operon(
 ) -> Expression:
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
-    backbone = fit_gated_sum(observations, target, gates, settings.backbone_nodes)
+    backbone = fit_gated_sum(observations, target, gates, settings.backbone_length)
     residual = target - Tape([backbone], observations.shape[1])(observations)[:, 0]
-    rest = settings.max_nodes - backbone.size - 1
+    rest = settings.max_length - backbone.length - 1
     correction = _evolve(observations, residual, rest, seed, settings)
     return Expression("add", (backbone, correction))
 
 
 def _evolve(
-    observations: Array, target: Array, max_nodes: int, seed: int, settings: SymbolicConfig
+    observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicConfig
 ) -> Expression:
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
     scale[scale == 0] = 1.0
     engine = SymbolicRegressor(
         allowed_symbols=OPERON_SYMBOLS,
-        max_length=_operon_length(max_nodes),
+        max_length=max(3, max_length - OPERON_SCALING_NODES),
         population_size=settings.population,
         generations=settings.generations,
         # The generations alone end the search: a limit in seconds would not repeat itself.
@@ -89,12 +92,6 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
             return Expression(expression.operator, operands, expression.value, expression.variable)
 
 
-def _operon_length(max_nodes: int) -> int:
-    # Operon counts a weighted variable as one node and we count three, which at most doubles a
-    # tree; its final scale and offset take four more.
-    return max(3, (max_nodes - 5) // 2)
-
-
 def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
     """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
     limit = settings.operator_complexity
@@ -103,7 +100,7 @@ def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
         "binary_operators": list(PYSR_BINARY_OPERATORS),
         "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit)
         | dict.fromkeys(PYSR_BINARY_OPERATORS, (limit, limit)),
-        "maxsize": settings.max_nodes,
+        "maxsize": settings.max_length,
         "niterations": settings.iterations,
         "model_selection": "accuracy",
         "random_state": seed,

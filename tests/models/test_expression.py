@@ -56,7 +56,7 @@ def test_compiled_values_are_sympys(expression):
 
 def test_size_counts_nodes_and_variables_are_listed():
     formula = parse_expression("2 * x0 + sin(x2)", NAMES)
-    assert formula.size == 6
+    assert (formula.size, formula.length) == (6, 4)
     assert formula.variables == {0, 2}
 
 

@@ -37,7 +37,7 @@ TINY = DistillationConfig(
     episode_steps=60,
     gbm=GbmConfig(n_trees=5),
     ebm=EbmConfig(interactions=2, max_rounds=10),
-    symbolic=SymbolicConfig(population=20, generations=2, max_samples=100, backbone_nodes=30),
+    symbolic=SymbolicConfig(population=20, generations=2, max_samples=100, backbone_length=30),
     n_jobs=1,
 )
 
@@ -150,14 +150,14 @@ def sample_of_a_gated_law(generator, count=3000):
 
 def test_gated_sum_finds_a_gated_law(generator):
     x, y = sample_of_a_gated_law(generator)
-    formula = fit_gated_sum(x, y, gates=(4, 5), max_nodes=60)
-    assert formula.size <= 60
+    formula = fit_gated_sum(x, y, gates=(4, 5), max_length=60)
+    assert formula.length <= 60
     np.testing.assert_allclose(Tape([formula], 6)(x)[:, 0], y, atol=1e-6)
 
 
 def test_gated_sum_keeps_its_bound(generator):
     x, y = sample_of_a_gated_law(generator)
-    sizes = [fit_gated_sum(x, y, (4, 5), bound).size for bound in (1, 10, 20)]
+    sizes = [fit_gated_sum(x, y, (4, 5), bound).length for bound in (1, 10, 20)]
     assert all(size <= bound for size, bound in zip(sizes, (1, 10, 20), strict=True))
 
 
@@ -166,12 +166,12 @@ def test_operon_finds_what_is_not_linear(generator):
     x[:, 3] = 0.0
     y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
     settings = SymbolicConfig(
-        population=200, generations=40, max_samples=1500, backbone_nodes=10, max_nodes=60
+        population=200, generations=40, max_samples=1500, backbone_length=10, max_length=60
     )
     formula = fit_formula(x, y, 0, settings, gates=(3, 4))
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
-    assert formula.size <= 60
+    assert formula.length <= 60
     assert 1 - error.var() / y.var() > linear + 0.05
 
 
