@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, PortSwitch, RandomSource
 
-from diagrams.station import MakeA1Station, StationConfig, actuated_joints, plant_of
+from diagrams.station import AddA1Station, StationConfig, actuated_joints
 from diagrams.visualization import AddLocomotionDisplay
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
@@ -145,16 +146,17 @@ def MakeLocomotion(  # noqa: N802
             policy.check(gait=gait.name, observation_names=layout.names)
 
     builder = DiagramBuilder()
-    station = builder.AddNamedSystem("station", MakeA1Station(config.station))
-    state = station.GetOutputPort("state")
+    # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
+    # there.
+    plant, scene_graph, instance = AddA1Station(builder, config.station)
+    state = plant.get_state_output_port()
 
     command, commanded_dwell = _add_command(builder, gait, config, meshcat)
     foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
     machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
     observer = builder.AddNamedSystem("observer", Observer(layout))
     hold = builder.AddNamedSystem("action_hold", ActionHold())
-    actuated = actuated_joints(plant_of(station))
-    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated))
+    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
 
     connect = builder.Connect
     connect(state, foot_sensor.get_state_input_port())
@@ -181,7 +183,7 @@ def MakeLocomotion(  # noqa: N802
         connect(action, hold.get_action_input_port())
         builder.ExportOutput(action, "actions")
     connect(hold.get_held_action_output_port(), targets.get_action_input_port())
-    connect(targets.get_desired_state_output_port(), station.GetInputPort("desired_state"))
+    connect(targets.get_desired_state_output_port(), plant.get_desired_state_input_port(instance))
 
     reward = builder.AddNamedSystem("reward", RewardSystem(config.weights))
     monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(config.limits))
@@ -193,7 +195,9 @@ def MakeLocomotion(  # noqa: N802
     connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
     connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
     if meshcat is not None:
-        AddLocomotionDisplay(builder, station, gait, foot_sensor, machine, meshcat=meshcat)
+        AddLocomotionDisplay(
+            builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
+        )
 
     exported = {
         "observations": observation,
@@ -226,9 +230,8 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
     """
     if state is None:
         state = kinematics.standing_state(robot.DEFAULT_STANCE)
-    station = diagram.GetSubsystemByName("station")
-    assert isinstance(station, Diagram)
-    plant = plant_of(station)
+    plant = diagram.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
 
 

@@ -132,13 +132,6 @@ def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
     return station
 
 
-def plant_of(station: Diagram) -> MultibodyPlant:
-    """Returns the plant of a station that `MakeA1Station` built."""
-    plant = station.GetSubsystemByName("plant")
-    assert isinstance(plant, MultibodyPlant)
-    return plant
-
-
 def actuated_joints(plant: MultibodyPlant) -> list[str]:
     """Names the robot's joints in the order of the plant's actuators and of `desired_state`."""
     instance = plant.GetModelInstanceByName("a1")

@@ -9,9 +9,11 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
+    SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
 
 from models.files import write_atomically
 from models.task.gait import Gait
@@ -31,7 +33,8 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
-    station: Diagram,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
     gait: Gait,
     foot_sensor: FootSensor,
     machine: RewardMachineSystem,
@@ -41,13 +44,10 @@ def AddLocomotionDisplay(  # noqa: N802
     """Shows robot, ground, contacts and machine state in Meshcat."""
     _draw_ground(meshcat)
     MeshcatVisualizer.AddToBuilder(
-        builder,
-        station.GetOutputPort("query"),
-        meshcat,
-        MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD),
+        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
     )
     display = builder.AddNamedSystem("gait_display", GaitDisplay(gait, meshcat))
-    builder.Connect(station.GetOutputPort("state"), display.get_state_input_port())
+    builder.Connect(plant.get_state_output_port(), display.get_state_input_port())
     builder.Connect(machine.get_rm_state_output_port(), display.get_rm_state_input_port())
     builder.Connect(
         foot_sensor.get_foot_contact_output_port(), display.get_foot_contact_input_port()

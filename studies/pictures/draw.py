@@ -6,6 +6,7 @@ The loop is drawn by Graphviz's `dot` from the diagram's own description.
 import io
 import re
 import subprocess
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -69,10 +70,26 @@ def loop_svg(gait: Gait) -> str:
 
 
 def _without_exports(dot: str) -> str:
-    """Leaves out the exported ports, a dozen lines across the picture, and module names."""
+    """Leaves out exported ports, the plant's unused ones, and module names: they hide the loop."""
     dot = re.sub(r"^.*\[color=(green|blue)\];\n", "", dot, flags=re.MULTILINE)
     dot = re.sub(r"subgraph clusters\d+out \{.*?^\}\n", "", dot, flags=re.DOTALL | re.MULTILINE)
-    return re.sub(r"systems\.\w+\.", "", dot)
+    dot = re.sub(r"systems\.\w+\.", "", dot)
+    return _without_unused_ports(dot, "MultibodyPlant")
+
+
+def _without_unused_ports(dot: str, system: str) -> str:
+    title = dot.index(f"<B>{system}</B>")
+    node = re.findall(r"^(s\d+) \[", dot[:title], flags=re.MULTILINE)[-1]
+    used = set(re.findall(rf"\b{node}:([uy]\d+)", dot))
+    start = dot.index("</TD></TR>\n", title) + len("</TD></TR>\n")
+    stop = dot.index("</TABLE>", start)
+    cells = re.findall(r'(<TD PORT="(([uy])\d+)".*?</TD>)', dot[start:stop])
+    kept = {
+        side: [cell for cell, port, of in cells if of == side and port in used] for side in "uy"
+    }
+    rows = zip_longest(kept["u"], kept["y"], fillvalue="<TD></TD>")
+    table = "".join(f"<TR>{left}{right}</TR>\n" for left, right in rows)
+    return dot[:start] + table + dot[stop:]
 
 
 def gif(frames: list[np.ndarray]) -> bytes:
