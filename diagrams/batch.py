@@ -5,6 +5,7 @@ batch-first functions of `models.task` that the systems diagram calls for one ro
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -59,7 +60,12 @@ class BatchPhysics:
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
         self._diagram = builder.Build()
         self._contexts = [self._diagram.CreateDefaultContext() for _ in range(n_groups)]
-        self._parallelism = Parallelism(n_threads) if n_threads else Parallelism.Max()
+        n_threads = n_threads or Parallelism.Max().num_threads()
+        # Drake releases the interpreter's lock, so groups run side by side, each on its share of
+        # the threads: with a group after another, threads would wait at the end of each.
+        n_workers = min(n_groups, n_threads)
+        self._workers = ThreadPoolExecutor(n_workers)
+        self._parallelism = Parallelism(n_threads // n_workers)
         self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
 
     @property
@@ -90,9 +96,14 @@ class BatchPhysics:
         desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
         sound = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(desired), axis=1)
         after = np.full_like(states, np.nan)
-        for group, everyone in enumerate(np.array_split(np.arange(len(states)), self.n_groups)):
-            members = everyone[sound[everyone]]
-            after[members] = self._step_group(group, states[members], desired[members])
+        everyone = np.array_split(np.arange(len(states)), self.n_groups)
+        groups = [members[sound[members]] for members in everyone]
+        stepped = self._workers.map(
+            lambda group: self._step_group(group, states[groups[group]], desired[groups[group]]),
+            range(self.n_groups),
+        )
+        for members, moved in zip(groups, stepped, strict=True):
+            after[members] = moved
         return after
 
     def _step_group(self, group: int, states: Array, desired: Array) -> Array:
