@@ -34,7 +34,7 @@ QUICK = DistillationConfig(
     episodes=16,
     episode_steps=500,
     gbm=GbmConfig(n_trees=100),
-    ebm=EbmConfig(interactions=40, max_rounds=1000),
+    ebm=EbmConfig(interactions=30, max_rounds=500),
     symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
