@@ -1,24 +1,20 @@
 """The batch simulator: the locomotion task for hundreds of robots at once.
 
-Physics runs in C++ threads through `BatchEvalUniquePeriodicDiscreteUpdate`; the task is the same
-batch-first functions of `models.task` that the systems diagram calls for one robot.
+Physics runs in C++ threads; the task is the same batch-first functions of `models.task` that the
+systems diagram calls for one robot.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common import Parallelism
-from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
-from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
+from diagrams.batch_physics import BatchPhysics
 from models.a1 import robot
 from models.a1.robot import Array
-from models.task import COMMAND_STEPS, CONTROL_PERIOD, EPISODE_STEPS
+from models.task import COMMAND_STEPS, EPISODE_STEPS
 from models.task.command import Command, sample_commands
 from models.task.contact import sense_feet
 from models.task.gait import Gait
@@ -29,109 +25,6 @@ from models.task.reward_machine import MachineState, RewardMachine
 from models.task.termination import FAILURES, TerminationLimits, failures
 
 BoolArray = NDArray[np.bool_]
-
-
-class BatchPhysics:
-    """Steps the states of many stations in parallel.
-
-    Robots are split into groups that share a context, and with it the friction of their ground.
-    """
-
-    def __init__(
-        self, station: StationConfig, *, n_groups: int = 1, n_threads: int | None = None
-    ) -> None:
-        """
-        Args:
-            station: Physics of every robot; its plant must be discrete.
-            n_groups: Number of friction groups.
-            n_threads: Threads to use; all cores by default.
-
-        Raises:
-            ValueError: if the plant's period does not divide the control period.
-        """
-        self._steps = round(CONTROL_PERIOD / station.time_step) if station.time_step else 0
-        if self._steps < 1 or abs(self._steps * station.time_step - CONTROL_PERIOD) > 1e-12:
-            raise ValueError(
-                f"station: time_step is {station.time_step}; the batch simulator needs a discrete "
-                f"plant whose step divides {CONTROL_PERIOD} s"
-            )
-        builder = DiagramBuilder()
-        self._plant, self._scene_graph, instance = AddA1Station(builder, station)
-        builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
-        self._diagram = builder.Build()
-        self._contexts = [self._diagram.CreateDefaultContext() for _ in range(n_groups)]
-        n_threads = n_threads or Parallelism.Max().num_threads()
-        # Drake releases the interpreter's lock, so groups run side by side, each on its share of
-        # the threads: with a group after another, threads would wait at the end of each.
-        n_workers = min(n_groups, n_threads)
-        self._workers = ThreadPoolExecutor(n_workers)
-        self._parallelism = Parallelism(n_threads // n_workers)
-        self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
-
-    @property
-    def n_groups(self) -> int:
-        """Number of friction groups."""
-        return len(self._contexts)
-
-    def set_friction(self, friction: Array) -> None:
-        """Sets the friction (n_groups,) of each group's ground."""
-        for context, value in zip(self._contexts, friction, strict=True):
-            mine = self._scene_graph.GetMyMutableContextFromRoot(context)
-            set_friction(self._plant, self._scene_graph, float(value), mine)
-
-    def step(self, states: Array, targets: Array) -> Array:
-        """Advances every robot by one control period.
-
-        A robot whose state or target is not finite, or that the contact solver cannot advance,
-        comes back as NaN; the others are as they would be without it.
-
-        Args:
-            states: Plant states x (n, 37).
-            targets: Joint position targets (n, 12; rad), held over the period.
-
-        Returns:
-            Plant states x (n, 37).
-        """
-        desired = np.zeros((len(states), 2 * robot.N_JOINTS))
-        desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
-        sound = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(desired), axis=1)
-        after = np.full_like(states, np.nan)
-        everyone = np.array_split(np.arange(len(states)), self.n_groups)
-        groups = [members[sound[members]] for members in everyone]
-        stepped = self._workers.map(
-            lambda group: self._step_group(group, states[groups[group]], desired[groups[group]]),
-            range(self.n_groups),
-        )
-        for members, moved in zip(groups, stepped, strict=True):
-            after[members] = moved
-        return after
-
-    def _step_group(self, group: int, states: Array, desired: Array) -> Array:
-        if len(states) == 0:
-            return states
-        try:
-            return self._evaluate(group, states, desired)
-        except RuntimeError:
-            if len(states) == 1:
-                return np.full_like(states, np.nan)
-            half = len(states) // 2
-            return np.concatenate(
-                [
-                    self._step_group(group, states[:half], desired[:half]),
-                    self._step_group(group, states[half:], desired[half:]),
-                ]
-            )
-
-    def _evaluate(self, group: int, states: Array, desired: Array) -> Array:
-        return BatchEvalUniquePeriodicDiscreteUpdate(
-            self._diagram,
-            self._contexts[group],
-            times=np.zeros((1, len(states))),
-            states=states.T,
-            inputs=desired.T,
-            num_time_steps=self._steps,
-            parallelize=self._parallelism,
-        ).T
 
 
 @dataclass(frozen=True)
@@ -281,6 +174,11 @@ class BatchSimulator:
         low, high = self.task.randomization.friction
         self.friction = self.generator.uniform(low, high, size=self.physics.n_groups)
         self.physics.set_friction(self.friction)
+
+    def friction_of_robots(self) -> Array:
+        """Returns the friction under each robot (n,)."""
+        members = self.physics.members(self.n_robots)
+        return np.repeat(self.friction, [len(group) for group in members])
 
     def restore_friction(self, friction: Array) -> None:
         """Sets the friction of every group (n_groups,)."""

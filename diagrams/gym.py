@@ -1,5 +1,6 @@
 """Gymnasium's two faces of the task: one robot in the systems diagram, and many in batch."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -8,7 +9,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig
+from diagrams.batch import BatchSimulator, TaskConfig
+from diagrams.batch_physics import BatchPhysics
 from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator
 from diagrams.station import StationConfig
@@ -130,18 +132,16 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self,
         gait: Gait,
         num_envs: int,
-        station: StationConfig | None = None,
+        stations: Sequence[StationConfig] | None = None,
         randomization: Randomization | None = None,
-        *,
-        n_friction_groups: int = 1,
     ) -> None:
         """
         Args:
             gait: The gait.
             num_envs: Number of robots.
-            station: Physics.
+            stations: Physics of each group of robots, which also has a friction of its own; by
+                default all robots form one group.
             randomization: What differs between robots and episodes.
-            n_friction_groups: Groups of robots with a friction of their own.
         """
         self.num_envs = num_envs
         self.single_action_space = action_space()
@@ -150,7 +150,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._simulator = BatchSimulator(
             TaskConfig(gait, randomization or Randomization()),
-            BatchPhysics(station or StationConfig(), n_groups=n_friction_groups),
+            BatchPhysics(*(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
         )

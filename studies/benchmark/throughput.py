@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,7 +30,8 @@ def training_and_physics(
 ) -> list[dict[str, float]]:
     """Times updates of PPO, and bare physics over the very same states and targets.
 
-    The two are timed in turn, `repeats` times, so that both meet the machine's moods alike.
+    All robots share one station, so that bare physics is one call a control step. The two are timed
+    in turn, `repeats` times, so that both meet the machine's moods alike.
 
     Args:
         config: The training run.
@@ -40,6 +42,7 @@ def training_and_physics(
     Returns:
         Control steps/s of `training` and `physics`, a row a pair.
     """
+    config = replace(config, payloads=(), fine_steps=())
     with TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
         run = TrainingRun(config, folder, resume=checkpoint is not None)

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig
+from diagrams.batch import BatchSimulator, TaskConfig
+from diagrams.batch_physics import BatchPhysics
 from diagrams.station import StationConfig
 from models.a1.robot import Array
 from models.files import load_arrays, save_arrays

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig
+from diagrams.batch import BatchSimulator, TaskConfig
+from diagrams.batch_physics import BatchPhysics
 from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
 from diagrams.rollout import Rollout, make_simulator, record
 from models.a1 import kinematics

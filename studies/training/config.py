@@ -1,8 +1,9 @@
 """The settings of a training run: its command line and its record."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from diagrams.station import StationConfig
+from models.errors import InputError
 from models.task.randomization import Randomization
 from models.task.termination import TerminationLimits
 
@@ -56,7 +57,7 @@ class PpoConfig:
     trace_decay: float = 0.95
     entropy: float = 0.01
     final_entropy: float = 0.001
-    entropy_decay: tuple[int, int] = (650, 900)
+    entropy_decay: tuple[int, int] = (400, 600)
     learning_rate: float = 1e-3
     desired_kl: float = 0.01
     initial_std: float = 1.0
@@ -91,10 +92,13 @@ class TrainingConfig:
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
-        n_friction_groups: Groups of robots with a friction of their own.
+        n_groups: Groups of robots, each with a station and a friction of its own.
+        payloads: Masses on the trunks (kg) of one group each.
+        fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
+            only works in the coarse physics of the other groups is not learned.
         friction_updates: Updates between two draws of the frictions.
         checkpoint_updates: Updates between two checkpoints.
-        station: Physics.
+        station: Physics of the groups that are neither loaded nor fine.
         randomization: What differs between robots and episodes.
         limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
@@ -104,9 +108,11 @@ class TrainingConfig:
 
     gait: str = "trot"
     seed: int = 0
-    updates: int = 1400
+    updates: int = 900
     n_robots: int = 256
-    n_friction_groups: int = 4
+    n_groups: int = 8
+    payloads: tuple[float, ...] = (2.0, 2.0)
+    fine_steps: tuple[float, ...] = (0.005, 0.0025)
     friction_updates: int = 20
     checkpoint_updates: int = 50
     station: StationConfig = field(default_factory=StationConfig)
@@ -115,3 +121,18 @@ class TrainingConfig:
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    def __post_init__(self) -> None:
+        special = len(self.payloads) + len(self.fine_steps)
+        if special > self.n_groups:
+            raise InputError(
+                f"training: {special} payloads and fine steps do not fit in n_groups = "
+                f"{self.n_groups}; raise n_groups or name fewer"
+            )
+
+    def stations(self) -> tuple[StationConfig, ...]:
+        """Returns the physics of every group of robots."""
+        loaded = [replace(self.station, payload=mass) for mass in self.payloads]
+        fine = [replace(self.station, time_step=step) for step in self.fine_steps]
+        ordinary = [self.station] * (self.n_groups - len(loaded) - len(fine))
+        return (*ordinary, *loaded, *fine)

@@ -7,7 +7,8 @@ import torch
 from tensordict import TensorDict
 from torch import nn
 
-from diagrams.batch import BatchPhysics, BatchSimulator, BatchStep, TaskConfig, TaskState
+from diagrams.batch import BatchSimulator, BatchStep, TaskConfig, TaskState
+from diagrams.batch_physics import BatchPhysics
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
 from models.task import EPISODE_STEPS
@@ -52,7 +53,7 @@ class TrainingEnvironment:
         self.generator = generator
         self.simulator = BatchSimulator(
             TaskConfig(load_gait(config.gait), config.randomization, limits=config.limits),
-            BatchPhysics(config.station, n_groups=config.n_friction_groups),
+            BatchPhysics(*config.stations()),
             n_robots=config.n_robots,
             generator=generator,
             ease=config.curriculum.initial_ease,
@@ -93,16 +94,13 @@ class TrainingEnvironment:
     def _privileged(self) -> Array:
         s = self.simulator.state
         _, angular = kinematics.base_velocity(s.plant)
-        n, simulator = len(s.plant), self.simulator
-        groups = np.array_split(np.arange(n), simulator.physics.n_groups)
-        friction = np.repeat(simulator.friction, [len(group) for group in groups])
         return np.concatenate(
             [
                 kinematics.gravity_direction(s.plant[:, robot.QUATERNION]),
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
-                friction[:, None],
-                np.full((n, 1), simulator.ease),
+                self.simulator.friction_of_robots()[:, None],
+                np.full((len(s.plant), 1), self.simulator.ease),
             ],
             axis=1,
         )

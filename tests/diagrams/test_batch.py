@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig, TaskState
+from diagrams.batch import BatchSimulator, TaskConfig, TaskState
+from diagrams.batch_physics import BatchPhysics
 from diagrams.station import StationConfig
 from models.a1 import kinematics, robot
 from models.task import COMMAND_STEPS
@@ -17,7 +18,7 @@ from models.task.termination import FAILURES
 def make_simulator(gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, **task):
     return BatchSimulator(
         TaskConfig(gait, randomization, **task),
-        BatchPhysics(StationConfig(), n_groups=n_groups),
+        BatchPhysics(*[StationConfig()] * n_groups),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
     )
@@ -74,7 +75,7 @@ def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
 
 
 def test_slippery_groups_slide_further(trot):
-    physics = BatchPhysics(StationConfig(), n_groups=2)
+    physics = BatchPhysics(StationConfig(), StationConfig())
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing_batch(4)
     states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]

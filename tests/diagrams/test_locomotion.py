@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.batch import BatchPhysics, BatchSimulator, TaskConfig
+from diagrams.batch import BatchSimulator, TaskConfig
+from diagrams.batch_physics import BatchPhysics
 from diagrams.locomotion import DrawnCommands, FixedCommand, LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
 from diagrams.station import StationConfig

@@ -78,7 +78,7 @@ def test_station_exports_its_ports():
     assert station.HasOutputPort("contact_results")
 
 
-@pytest.mark.parametrize("field", ["time_step", "friction", "payload"])
+@pytest.mark.parametrize("field", ["time_step", "friction", "payload", "relaxation_time"])
 def test_negative_settings_are_refused(field):
     with pytest.raises(ValueError, match=f"{field} is -1"):
         StationConfig(**{field: -1.0})

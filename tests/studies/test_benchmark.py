@@ -8,7 +8,9 @@ from studies.training.config import PpoConfig, TrainingConfig
 
 
 def test_training_and_physics_are_timed_over_the_same_steps():
-    config = TrainingConfig(n_robots=4, n_friction_groups=1, ppo=PpoConfig(steps_per_update=8))
+    config = TrainingConfig(
+        n_robots=4, n_groups=1, payloads=(), fine_steps=(), ppo=PpoConfig(steps_per_update=8)
+    )
     rows = training_and_physics(config, None, n_updates=1, repeats=2)
     assert len(rows) == 2
     assert all(row["physics"] > row["training"] > 0 for row in rows)

@@ -22,7 +22,9 @@ from studies.training.study import TrainingRun
 TINY = TrainingConfig(
     updates=4,
     n_robots=8,
-    n_friction_groups=2,
+    n_groups=4,
+    payloads=(2.0,),
+    fine_steps=(0.005,),
     friction_updates=2,
     checkpoint_updates=2,
     ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),

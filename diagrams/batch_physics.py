@@ -1,0 +1,131 @@
+"""Batch physics: hundreds of stations stepped in C++ threads, without Python in the loop."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common import Parallelism
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
+from pydrake.systems.framework import DiagramBuilder
+
+from diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
+from models.a1 import robot
+from models.a1.robot import Array
+from models.errors import InputError
+from models.task import CONTROL_PERIOD
+
+
+class BatchPhysics:
+    """Steps the states of many stations in parallel.
+
+    Robots are split evenly, in order, into groups; each group has a station of its own.
+    """
+
+    def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
+        """
+        Args:
+            stations: Physics of each group; plants must be discrete.
+            n_threads: Threads to use; all cores by default.
+
+        Raises:
+            InputError: if a plant's period does not divide the control period.
+        """
+        self._groups = [_Group(station) for station in stations]
+        n_threads = n_threads or Parallelism.Max().num_threads()
+        # Drake releases the interpreter's lock, so groups run side by side, each on its share of
+        # the threads: with a group after another, threads would wait at the end of each.
+        n_workers = min(len(stations), n_threads)
+        self._workers = ThreadPoolExecutor(n_workers)
+        self._parallelism = Parallelism(n_threads // n_workers)
+        # The slowest group starts first, or the others would be waiting for it in the end.
+        self._order = sorted(range(len(stations)), key=lambda i: stations[i].time_step)
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups."""
+        return len(self._groups)
+
+    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
+        """Returns the robots of each group."""
+        return np.array_split(np.arange(n_robots), self.n_groups)
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        for group, value in zip(self._groups, friction, strict=True):
+            group.set_friction(float(value))
+
+    def step(self, states: Array, targets: Array) -> Array:
+        """Advances every robot by one control period.
+
+        A robot whose state or target is not finite, or that the contact solver cannot advance,
+        comes back as NaN; the others are as they would be without it.
+
+        Args:
+            states: Plant states x (n, 37).
+            targets: Joint position targets (n, 12; rad), held over the period.
+
+        Returns:
+            Plant states x (n, 37).
+        """
+        sound = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(targets), axis=1)
+        after = np.full_like(states, np.nan)
+        members = [group[sound[group]] for group in self.members(len(states))]
+
+        def step(i: int) -> None:
+            mine = members[i]
+            after[mine] = self._groups[i].step(states[mine], targets[mine], self._parallelism)
+
+        for _ in self._workers.map(step, self._order):
+            pass
+        return after
+
+
+class _Group:
+    """Robots that share a station and its friction."""
+
+    def __init__(self, station: StationConfig) -> None:
+        self._n_steps = round(CONTROL_PERIOD / station.time_step) if station.time_step else 0
+        if self._n_steps < 1 or abs(self._n_steps * station.time_step - CONTROL_PERIOD) > 1e-12:
+            raise InputError(
+                f"station: time_step is {station.time_step}; the batch simulator needs a discrete "
+                f"plant whose step divides {CONTROL_PERIOD} s"
+            )
+        builder = DiagramBuilder()
+        self._plant, self._scene_graph, instance = AddA1Station(builder, station)
+        builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+        self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
+
+    def set_friction(self, friction: float) -> None:
+        context = self._scene_graph.GetMyMutableContextFromRoot(self._context)
+        set_friction(self._plant, self._scene_graph, friction, context)
+
+    def step(self, states: Array, targets: Array, parallelism: Parallelism) -> Array:
+        if len(states) == 0:
+            return states
+        try:
+            return self._evaluate(states, targets, parallelism)
+        except RuntimeError:
+            if len(states) == 1:
+                return np.full_like(states, np.nan)
+            half = len(states) // 2
+            return np.concatenate(
+                [
+                    self.step(states[:half], targets[:half], parallelism),
+                    self.step(states[half:], targets[half:], parallelism),
+                ]
+            )
+
+    def _evaluate(self, states: Array, targets: Array, parallelism: Parallelism) -> Array:
+        desired = np.zeros((len(states), 2 * robot.N_JOINTS))
+        desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
+        return BatchEvalUniquePeriodicDiscreteUpdate(
+            self._diagram,
+            self._context,
+            times=np.zeros((1, len(states))),
+            states=states.T,
+            inputs=desired.T,
+            num_time_steps=self._n_steps,
+            parallelize=parallelism,
+        ).T
