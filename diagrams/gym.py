@@ -91,10 +91,6 @@ class LocomotionEnv(gym.Env[Array, Array]):
             seed=int(generator.integers(2**31)),
         )
         self._context = self._simulator.get_mutable_context()
-        command = self._diagram.GetSubsystemByName("command")
-        command.set_seed(
-            command.GetMyMutableContextFromRoot(self._context), int(generator.integers(2**31))
-        )
         return self._eval("observations"), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:

@@ -54,11 +54,9 @@ class DrawnCommands:
     """Commands drawn over the gait's range, a new one every 10 s.
 
     Attributes:
-        seed: Seed of the draws.
         speed_range: Least and greatest forward speed (m/s); the gait's by default.
     """
 
-    seed: int = 0
     speed_range: tuple[float, float] | None = None
 
 
@@ -244,8 +242,8 @@ def _add_command(
             builder.AddNamedSystem("command", velocity)
             rhythm = builder.AddNamedSystem("commanded_dwell", ConstantVectorSource([dwell]))
             return velocity.get_output_port(), rhythm.get_output_port()
-        case DrawnCommands(seed=seed, speed_range=speed_range):
-            source = RandomCommand(gait, seed, speed_range)
+        case DrawnCommands(speed_range=speed_range):
+            source = RandomCommand(gait, speed_range=speed_range)
         case SliderCommand():
             if meshcat is None:
                 raise ValueError("locomotion: commands from sliders need a Meshcat")

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram
 from diagrams.locomotion import set_plant_state
 from models.a1.robot import Array
 from models.task import CONTROL_PERIOD
+from systems.command import RandomCommand
 
 RECORDED_PORTS = (
     "actions",
@@ -63,12 +64,15 @@ def make_simulator(
     Args:
         diagram: What `MakeLocomotion` built.
         state: The plant's initial state x (37); standing at rest by default.
-        seed: Seed of the diagram's random sources.
+        seed: Seed of the diagram's random sources and of its drawn commands.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
     """
     context = diagram.CreateDefaultContext()
     diagram.SetRandomContext(context, RandomGenerator(seed))
+    command = diagram.GetSubsystemByName("command")
+    if isinstance(command, RandomCommand):
+        command.set_seed(command.GetMyMutableContextFromRoot(context), seed)
     set_plant_state(diagram, context, state)
     simulator = Simulator(diagram, context)
     if accuracy is not None:

@@ -26,7 +26,7 @@ class RandomCommand(LeafSystem):
     """
 
     def __init__(
-        self, gait: Gait, seed: int, speed_range: tuple[float, float] | None = None
+        self, gait: Gait, seed: int = 0, speed_range: tuple[float, float] | None = None
     ) -> None:
         """
         Args:

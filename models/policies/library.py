@@ -44,6 +44,11 @@ def load_policy(path: Path) -> Policy:
         raise InputError(f"{path}: lacks part of a {policy.kind} policy; make it anew") from error
 
 
+def shipped_experts() -> tuple[str, ...]:
+    """Lists the gaits whose expert ships with the project."""
+    return tuple(sorted(path.stem for path in EXPERT_DIRECTORY.glob("*.safetensors")))
+
+
 def load_expert(gait: str, path: Path | None = None) -> NeuralPolicy:
     """Loads the shipped expert of a gait, or one of one's own.
 

@@ -5,14 +5,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
-from diagrams.rollout import Rollout, make_simulator, record
-from diagrams.visualization import open_meshcat, save_replay, start_recording
+from diagrams.locomotion import FixedCommand, LocomotionConfig
+from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait, load_gait
+from models.task.gait import load_gait
 from studies.console import console, say
 from studies.demo.report import write_report
 from studies.distillation.config import (
@@ -23,12 +19,15 @@ from studies.distillation.config import (
 )
 from studies.distillation.study import distill, load_students
 from studies.distillation.tables import write_r2_table
-from studies.evaluation.alternation import evaluate_alternation
+from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
-from studies.evaluation.figures import gait_figure, reward_figure
-from studies.evaluation.tables import alternation_table, standalone_table
+from studies.evaluation.figures import gait_figure
+from studies.evaluation.jobs import run_jobs
+from studies.evaluation.results import write_alternation
+from studies.evaluation.team import Team
 from studies.figures import save_figure
-from studies.tables import print_table, write_metrics, write_table
+from studies.rollout.play import play
+from studies.tables import print_table
 
 QUICK = DistillationConfig(
     episodes=16,
@@ -69,18 +68,28 @@ class Demo:
         print_table("R² on held-out data", r2_summary)
 
         students = load_students(distillation, expert)
-        config = RolloutConfig(n_robots=self.n_robots)
-        scores = evaluate_alternation(gait, expert, students, config, say)
-        write_table(alternation_table(scores), folder / "ratios")
-        standalone = standalone_table(scores)
-        write_table(standalone, folder / "standalone")
-        write_metrics(alternation_table(scores).to_dict(orient="records"), folder / "metrics.json")
-        save_figure(reward_figure(scores, "Trot"), folder / "reward")
+        config = RolloutConfig(n_robots=self.n_robots, n_seeds=1)
+        say("rolling out every student at every alternation ratio")
+        jobs = alternation_jobs(gait, expert, students, config)
+        scores = run_jobs(jobs, folder / "rollouts")
+        standalone = write_alternation(scores, "Trot", folder)
         print_table("Alone, without the expert", standalone)
 
         for name, student in (("expert", None), (REPLAYED, students[REPLAYED])):
             say(f"recording the {name}")
-            rollout = _replay(gait, expert, student, folder / f"{name}_replay.html")
+            team = Team(expert, student, period=1 if student is None else 0)
+            rollout = play(
+                gait,
+                team,
+                LocomotionConfig(
+                    command=FixedCommand(speed=0.5),
+                    alternation_period=team.period,
+                    sensor_noise=True,
+                ),
+                open_meshcat(),
+                folder / f"{name}_replay.html",
+                seconds=REPLAY_SECONDS,
+            )
             save_figure(gait_figure(rollout, gait, f"Trot, {name}"), folder / f"{name}_gait")
         minutes = (time.monotonic() - started) / 60
         write_report(
@@ -93,23 +102,3 @@ class Demo:
             minutes=minutes,
         )
         console.print(f"report written to {folder / 'report.html'} after {minutes:.1f} minutes")
-
-
-def _replay(gait: Gait, expert: NeuralPolicy, student: Policy | None, path: Path) -> Rollout:
-    meshcat = open_meshcat()
-    period = 1 if student is None else 0
-    diagram = MakeLocomotion(
-        gait,
-        LocomotionConfig(
-            command=FixedCommand(speed=0.5), alternation_period=period, sensor_noise=True
-        ),
-        expert=expert if student is None else None,
-        student=student,
-        estimator=expert.estimator,
-        meshcat=meshcat,
-    )
-    simulator = make_simulator(diagram)
-    start_recording(meshcat)
-    rollout = record(simulator, round(REPLAY_SECONDS / CONTROL_PERIOD))
-    save_replay(meshcat, path)
-    return rollout

@@ -4,38 +4,65 @@ from dataclasses import dataclass
 from typing import Literal
 
 from diagrams.station import StationConfig
+from models.errors import InputError
 from models.task import EPISODE_STEPS
 
 
 @dataclass(frozen=True)
 class World:
-    """Physics to evaluate in.
+    """What robots are evaluated in.
 
     Attributes:
         title: What tables call it.
         station: The station.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
-        n_robots: Robots to roll out at most, fewer where the physics is slow.
+        push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s), about
+            every 15 s; 0 for no pushes.
+        true_body_state: Whether policies observe the true body state, not the estimator's.
+        max_robots: Robots to roll out at most for a seed, where the physics is slow.
     """
 
     title: str
     station: StationConfig
     accuracy: float | None = None
-    n_robots: int = 10**6
+    push_speed: float = 0.0
+    true_body_state: bool = False
+    max_robots: int | None = None
 
 
-WorldName = Literal["training", "sap_2ms", "similar_1ms", "lagged_0.5ms", "cenic_1e-5"]
+WorldName = Literal[
+    "training",
+    "sap_2ms",
+    "similar_1ms",
+    "lagged_0.5ms",
+    "cenic_1e-5",
+    "friction_0.5",
+    "friction_1.25",
+    "push_0.5",
+    "push_1.0",
+    "payload_2kg",
+    "true_velocities",
+]
+
+_SAP_2MS = StationConfig(time_step=0.002)
+_SIMILAR_1MS = StationConfig(time_step=0.001, contact_solver="similar")
+_LAGGED_05MS = StationConfig(time_step=0.0005, contact_solver="lagged")
+_CONTINUOUS = StationConfig(time_step=0.0)
 
 WORLDS: dict[WorldName, World] = {
     "training": World("SAP 10 ms (training)", StationConfig()),
-    "sap_2ms": World("SAP 2 ms", StationConfig(time_step=0.002)),
-    "similar_1ms": World("similar 1 ms", StationConfig(time_step=0.001, contact_solver="similar")),
-    "lagged_0.5ms": World(
-        "lagged 0.5 ms", StationConfig(time_step=0.0005, contact_solver="lagged")
-    ),
-    "cenic_1e-5": World("CENIC 1e-5", StationConfig(time_step=0.0), accuracy=1e-5, n_robots=4),
+    "sap_2ms": World("SAP 2 ms", _SAP_2MS, max_robots=10),
+    "similar_1ms": World("similar 1 ms", _SIMILAR_1MS, max_robots=6),
+    "lagged_0.5ms": World("lagged 0.5 ms", _LAGGED_05MS, max_robots=4),
+    "cenic_1e-5": World("CENIC 1e-5", _CONTINUOUS, accuracy=1e-5, max_robots=1),
+    "friction_0.5": World("friction 0.5", StationConfig(friction=0.5)),
+    "friction_1.25": World("friction 1.25", StationConfig(friction=1.25)),
+    "push_0.5": World("pushes of 0.5 m/s", StationConfig(), push_speed=0.5),
+    "push_1.0": World("pushes of 1 m/s", StationConfig(), push_speed=1.0),
+    "payload_2kg": World("trunk + 2 kg", StationConfig(payload=2.0)),
+    "true_velocities": World("true body state", StationConfig(), true_body_state=True),
 }
-"""The training physics, and the converged references that finished policies are checked in."""
+"""The training physics, converged references of it, and disturbances."""
 
 DISTILLED_SPEEDS = (0.0, 0.75)
 """Forward speeds that distillation commands (m/s); students are evaluated there."""
@@ -46,13 +73,25 @@ class RolloutConfig:
     """How robots are rolled out.
 
     Attributes:
-        n_robots: Number of robots; the paper's 26.
+        n_robots: Number of robots for each seed; the paper's 26.
         n_steps: Control steps of a rollout.
-        seed: Seed of initial states, commands and noise.
+        seed: First seed of initial states, commands and noise.
+        n_seeds: Number of seeds: seed, seed + 1, …
         speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
     """
 
     n_robots: int = 26
     n_steps: int = EPISODE_STEPS
     seed: int = 1000
+    n_seeds: int = 5
     speed_range: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("n_robots", "n_steps", "n_seeds"):
+            if getattr(self, name) < 1:
+                raise InputError(f"rollouts: {name} is {getattr(self, name)}; it must be 1 or more")
+
+    @property
+    def seeds(self) -> range:
+        """Every seed."""
+        return range(self.seed, self.seed + self.n_seeds)

@@ -7,6 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from models.a1 import robot
 from models.a1.robot import Array
 from models.task import COMMAND_STEPS, CONTROL_PERIOD
 from models.task.termination import FAILURES
@@ -14,7 +15,17 @@ from models.task.termination import FAILURES
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
 """Tracking is judged by averages over 1 s, since a gait sways within its cycle."""
 
-SCORES = ("reward", "plain_reward", "rhythm", "speed_error", "yaw_rate_error")
+SCORES = (
+    "reward",
+    "plain_reward",
+    "rhythm",
+    "speed_error",
+    "yaw_rate_error",
+    "cost_of_transport",
+)
+
+GRAVITY = 9.81
+"""Acceleration by which energy is made comparable (m/s²)."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +35,7 @@ class RolloutLog:
     Attributes:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
         command: Commanded ones (T, n, 2).
+        power: Absolute mechanical power of all joints at the control instants (T, n; W).
         reward: Reward with the machine's factor (T, n).
         plain_reward: Reward without it (T, n).
         served_dwell: Control steps of rhythm served by transitions (T, n).
@@ -32,41 +44,51 @@ class RolloutLog:
 
     velocity: Array
     command: Array
+    power: Array
     reward: Array
     plain_reward: Array
     served_dwell: Array
     failures: NDArray[np.bool_]
 
 
-def score_rollouts(log: RolloutLog) -> pd.DataFrame:
+def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     """Scores every robot up to its first failure.
 
     Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
     terminations; `failure`, their names; `reward` and `plain_reward`, sums; `rhythm`, the share of
     the commanded rhythm kept; `speed_error` (m/s) and `yaw_rate_error` (rad/s), means over seconds
     of the absolute difference between a second's average and the command. The first second after a
-    new command is left out.
+    new command is left out. `cost_of_transport`, the joints' absolute work per weight and distance,
+    of the steps that are commanded to go forward or back.
+
+    Args:
+        log: What the robots did.
+        mass: The robot's mass, with its load (kg).
     """
     n_steps, n_robots = log.reward.shape
     failed = np.any(log.failures, axis=2)
     rows = []
-    for robot in range(n_robots):
-        fell = bool(failed[:, robot].any())
-        steps = int(np.argmax(failed[:, robot])) + 1 if fell else n_steps
+    for i in range(n_robots):
+        fell = bool(failed[:, i].any())
+        steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
         alive = slice(0, steps)
-        shown = log.failures[steps - 1, robot]
-        errors = _tracking_errors(log.velocity[alive, robot], log.command[alive, robot])
+        shown = log.failures[steps - 1, i]
+        velocity, command = log.velocity[alive, i], log.command[alive, i]
+        errors = _tracking_errors(velocity, command)
         rows.append(
             {
-                "robot": robot,
+                "robot": i,
                 "steps": steps,
                 "fell": fell,
                 "failure": " ".join(np.array(FAILURES)[shown]),
-                "reward": log.reward[alive, robot].sum(),
-                "plain_reward": log.plain_reward[alive, robot].sum(),
-                "rhythm": log.served_dwell[alive, robot].sum() / steps,
+                "reward": log.reward[alive, i].sum(),
+                "plain_reward": log.plain_reward[alive, i].sum(),
+                "rhythm": log.served_dwell[alive, i].sum() / steps,
                 "speed_error": errors[0],
                 "yaw_rate_error": errors[1],
+                "cost_of_transport": _cost_of_transport(
+                    log.power[alive, i], velocity[:, 0], command[:, 0], mass
+                ),
             }
         )
     return pd.DataFrame(rows)
@@ -81,6 +103,14 @@ def _tracking_errors(velocity: Array, command: Array) -> Array:
     if not settled.any():
         return np.full(2, np.nan)
     return np.abs(difference[settled].mean(axis=1)).mean(axis=0)
+
+
+def _cost_of_transport(power: Array, speed: Array, command: Array, mass: float) -> float:
+    going = command != 0.0
+    distance = np.abs(speed[going]).sum()
+    if distance == 0.0:
+        return float("nan")
+    return float(power[going].sum() / (mass * GRAVITY * distance))
 
 
 def interval(values: pd.Series) -> float:

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from studies.evaluation.config import WORLDS
 from studies.evaluation.scores import summarize
 
 POLICY_TITLES = {
@@ -30,9 +31,7 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
             "reward": _with_interval(alone, "reward", 0),
             "share of expert": (alone["reward"] / expert["reward"]).round(3),
             "plain reward": _with_interval(alone, "plain_reward", 1),
-            "falls": [
-                f"{falls} of {n}" for falls, n in zip(alone["falls"], alone["robots"], strict=True)
-            ],
+            "falls": _falls(alone),
             "rhythm": alone["rhythm"].round(3),
             "speed error (m/s)": alone["speed_error"].round(3),
             "yaw-rate error (rad/s)": alone["yaw_rate_error"].round(3),
@@ -40,22 +39,41 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def world_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """One policy in every world."""
-    means = summarize(scores, ["world"])
+def scorecard_table(scores: pd.DataFrame) -> pd.DataFrame:
+    """Every gait in every world, in the order of `WORLDS`."""
+    means = summarize(scores, ["gait", "world"])
+    gaits = pd.Categorical(means["gait"], means["gait"].unique())
+    worlds = pd.Categorical(means["world"], list(WORLDS))
+    means = means.assign(gait=gaits, world=worlds).sort_values(["gait", "world"])
     return pd.DataFrame(
         {
-            "world": means["world"],
-            "falls": [
-                f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)
-            ],
+            "gait": means["gait"].astype(str),
+            "world": [WORLDS[world].title for world in means["world"]],
+            "falls": _falls(means),
             "speed error (m/s)": _with_interval(means, "speed_error", 3),
             "yaw-rate error (rad/s)": _with_interval(means, "yaw_rate_error", 3),
             "rhythm": _with_interval(means, "rhythm", 3),
-            "reward": _with_interval(means, "reward", 0),
             "plain reward": _with_interval(means, "plain_reward", 1),
+            "reward": _with_interval(means, "reward", 0),
+            "cost of transport": _with_interval(means, "cost_of_transport", 2),
         }
     )
+
+
+def falls_table(scores: pd.DataFrame) -> pd.DataFrame:
+    """Falls of robots, a row a world and a column a gait."""
+    means = summarize(scores, ["gait", "world"])
+    means["falls"] = _falls(means)
+    table = means.pivot_table(
+        "falls", index="world", columns="gait", aggfunc="first", sort=False
+    ).fillna("–")
+    table = table.loc[[world for world in WORLDS if world in table.index]]
+    table.index = pd.Index([WORLDS[world].title for world in table.index], name="world")
+    return table.rename_axis(columns=None).reset_index()
+
+
+def _falls(means: pd.DataFrame) -> list[str]:
+    return [f"{falls} of {n}" for falls, n in zip(means["falls"], means["robots"], strict=True)]
 
 
 def _with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:

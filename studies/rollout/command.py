@@ -3,18 +3,20 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion, SliderCommand
-from diagrams.rollout import Rollout, make_simulator, record
+from diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
+from diagrams.rollout import Rollout
 from diagrams.station import StationConfig
-from diagrams.visualization import open_meshcat, save_replay, start_recording
+from diagrams.visualization import open_meshcat
+from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.policy import Policy
-from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console
 from studies.evaluation.figures import gait_figure
+from studies.evaluation.team import Team
 from studies.figures import save_figure
 from studies.rollout.config import find_student, parse_ratio
+from studies.rollout.play import play
 
 STOP_BUTTON = "stop and save"
 
@@ -58,35 +60,32 @@ class ShowRollout:
         if self.policy != "expert":
             folder = self.students or Path("runs/distillation") / self.gait
             student = find_student(self.policy, folder, expert)
+        elif self.ratio is not None:
+            raise InputError("--ratio shares steps with a student; name one with --policy")
         period = parse_ratio(self.ratio or ("1" if student is None else "0"))
         config = LocomotionConfig(
             station=self.station,
             command=SliderCommand() if self.live else self.command,
-            alternation_period=period if student is not None else 1,
+            alternation_period=period,
             sensor_noise=True,
         )
+        name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
+        stem = (self.output or Path("runs/rollout") / gait.name) / name
         meshcat = open_meshcat()
-        diagram = MakeLocomotion(
-            gait,
-            config,
-            expert=expert if config.alternation_period != 0 else None,
-            student=student if config.alternation_period != 1 else None,
-            estimator=expert.estimator,
-            meshcat=meshcat,
-        )
-        simulator = make_simulator(diagram, seed=self.seed, realtime_rate=1.0 if self.live else 0.0)
         meshcat.AddButton(STOP_BUTTON, "Escape")
         if self.live:
             console.print(f"open {meshcat.web_url()}, move the sliders, and stop when you like")
-        start_recording(meshcat)
-        rollout = record(
-            simulator,
-            round(self.seconds / CONTROL_PERIOD),
+        rollout = play(
+            gait,
+            Team(expert, student, period),
+            config,
+            meshcat,
+            stem.with_suffix(".html"),
+            seconds=self.seconds,
+            seed=self.seed,
+            realtime_rate=1.0 if self.live else 0.0,
             stopped=lambda: meshcat.GetButtonClicks(STOP_BUTTON) > 0,
         )
-        name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
-        stem = (self.output or Path("runs/rollout") / self.gait) / name
-        save_replay(meshcat, stem.with_suffix(".html"))
         save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
         _tell(rollout, stem)
 

@@ -144,9 +144,11 @@ def test_noise_changes_observations_and_repeats_with_its_seed(trot, make_policy)
 
 
 def test_drawn_commands_reach_the_observation(trot, make_policy):
-    config = LocomotionConfig(command=DrawnCommands(seed=4))
-    rollout = record(make_simulator(MakeLocomotion(trot, config, expert=make_policy(trot))), 5)
+    config = LocomotionConfig(command=DrawnCommands())
+    diagram = MakeLocomotion(trot, config, expert=make_policy(trot))
+    rollout, other = (record(make_simulator(diagram, seed=seed), 5) for seed in (4, 5))
     np.testing.assert_array_equal(rollout["observations"][:, :2], rollout["command"])
+    assert not np.array_equal(rollout["command"], other["command"])
 
 
 def test_policies_of_another_gait_are_refused(trot, make_policy):

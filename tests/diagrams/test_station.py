@@ -18,7 +18,7 @@ def station():
 
 def test_mass_joints_and_limits(station):
     plant, _, instance, _ = station
-    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(12.776)
+    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(robot.MASS)
     names = plant.GetPositionNames(instance, add_model_instance_prefix=False)
     assert names[7:] == [f"{joint}_q" for joint in robot.JOINTS]
     np.testing.assert_allclose(plant.GetPositionLowerLimits()[7:], robot.LOWER_LIMITS)

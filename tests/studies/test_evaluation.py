@@ -5,18 +5,21 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+import studies.evaluation.jobs
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
 from models.policies.library import load_expert
 from models.task.gait import load_gait
 from studies.distillation.students import untrained_student
-from studies.evaluation.alternation import evaluate_alternation, ratio_title
+from studies.evaluation.alternation import alternation_jobs, ratio_title
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.figures import gait_figure, reward_figure
-from studies.evaluation.rollouts import Team, roll_out
+from studies.evaluation.jobs import run_jobs
+from studies.evaluation.rollouts import roll_out
+from studies.evaluation.scorecard import scorecard_jobs
 from studies.evaluation.scores import RolloutLog, interval, score_rollouts, summarize
-from studies.evaluation.tables import standalone_table, world_table
-from studies.evaluation.worlds import evaluate_worlds
+from studies.evaluation.tables import falls_table, scorecard_table, standalone_table
+from studies.evaluation.team import Team
 from studies.figures import save_figure
 
 
@@ -25,6 +28,7 @@ def log(n_steps=200, n_robots=2):
     return RolloutLog(
         velocity=np.zeros((*shape, 2)),
         command=np.zeros((*shape, 2)),
+        power=np.zeros(shape),
         reward=np.ones(shape),
         plain_reward=np.full(shape, 0.5),
         served_dwell=np.full(shape, 0.9),
@@ -80,14 +84,9 @@ def expert():
 
 def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     student = untrained_student("trot", expert.observation_names)
-    scores = evaluate_alternation(
-        load_gait("trot"),
-        expert,
-        {"linear": student},
-        RolloutConfig(n_robots=4, n_steps=150),
-        lambda line: None,
-        periods=(1, 2, 0),
-    )
+    config = RolloutConfig(n_robots=2, n_steps=150, n_seeds=2)
+    jobs = alternation_jobs(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
+    scores = run_jobs(jobs, tmp_path, processes=1)
     summary = summarize(scores, ["policy", "ratio"]).set_index(["policy", "ratio"])
     assert summary.loc[("expert", "1"), "falls"] == 0
     assert summary.loc[("expert", "1"), "rhythm"] > 0.9
@@ -99,15 +98,65 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     assert (tmp_path / "reward.pdf").stat().st_size > 5000
 
 
-def test_worlds_are_named_in_the_table(expert):
-    scores = evaluate_worlds(
-        load_gait("trot"),
-        Team(expert),
-        ("training", "sap_2ms"),
-        RolloutConfig(n_robots=2, n_steps=60),
-        lambda line: None,
+def test_worlds_are_named_in_the_tables(expert, tmp_path):
+    config = RolloutConfig(n_robots=2, n_steps=60, n_seeds=1)
+    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training", "sap_2ms"), config)
+    scores = run_jobs(jobs, tmp_path, processes=1)
+    assert scorecard_table(scores)["world"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
+    assert falls_table(scores)["trot"].tolist() == ["0 of 2", "0 of 2"]
+
+
+def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, monkeypatch):
+    gait = load_gait("trot")
+
+    def scores(*, seeds=2, resume=True):
+        config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
+        jobs = scorecard_jobs([(gait, Team(expert))], ("training",), config)
+        return run_jobs(jobs, tmp_path, resume=resume, processes=1)
+
+    rolled_out = []
+    original = studies.evaluation.jobs.roll_out
+    monkeypatch.setattr(
+        studies.evaluation.jobs,
+        "roll_out",
+        lambda *job: rolled_out.append(job) or original(*job),
     )
-    assert world_table(scores)["world"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
+    first = scores(resume=False)
+    assert len(rolled_out) == 2
+    pd.testing.assert_frame_equal(scores(), first)
+    assert len(rolled_out) == 2
+    assert scores(seeds=3)["seed"].tolist() == [1000, 1000, 1001, 1001, 1002, 1002]
+    assert len(rolled_out) == 3
+    scores(resume=False)
+    assert len(rolled_out) == 5
+
+
+def test_processes_do_not_change_the_scores(expert, tmp_path):
+    config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
+    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_worlds_disturb(expert):
+    gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
+    logs = {
+        name: roll_out(gait, Team(expert), world, config)
+        for name, world in WORLDS.items()
+        if name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_velocities")
+    }
+    plain = logs.pop("training").velocity
+    assert all(not np.array_equal(log.velocity, plain) for log in logs.values())
+
+
+def test_cost_of_transport_is_work_per_weight_and_distance():
+    values = log(n_steps=100, n_robots=1)
+    values.power[:] = 50.0
+    values.velocity[..., 0] = 0.5
+    assert np.isnan(score_rollouts(values)["cost_of_transport"][0])
+    values.command[50:, :, 0] = 0.4
+    expected = 50.0 / (12.776 * 9.81 * 0.5)
+    assert score_rollouts(values)["cost_of_transport"][0] == pytest.approx(expected)
 
 
 @pytest.mark.slow
@@ -115,7 +164,7 @@ def test_diagram_rollouts_score_like_batch_rollouts(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
     cenic = WORLDS["cenic_1e-5"]
     scores = score_rollouts(roll_out(gait, Team(expert), cenic, config))
-    assert len(scores) == 2
+    assert len(scores) == 1
     assert not scores["fell"].any()
     assert scores["rhythm"].min() > 0.8
 
