@@ -37,7 +37,8 @@ from models.errors import InputError
 # Drake warns that half spaces take no part in deformable contact. Nothing here deforms.
 logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
 
-ContactSolver = Literal["sap", "similar", "lagged", "tamsi"]
+ContactSolver = Literal["sap", "similar", "lagged"]
+"""Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
 
 
 @dataclass(frozen=True)

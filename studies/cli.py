@@ -13,6 +13,7 @@ COMMANDS = {
     "train": "studies.training.command:Train",
     "distill": "studies.distillation.command:Distill",
     "evaluate": "studies.evaluation.command:Evaluate",
+    "convergence": "studies.convergence.command:Convergence",
     "rollout": "studies.rollout.command:ShowRollout",
     "gait": "studies.gait_command:ShowGait",
     "benchmark": "studies.benchmark.command:Benchmark",

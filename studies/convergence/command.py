@@ -1,0 +1,96 @@
+"""`glassgait convergence`: which contact solvers and time steps agree."""
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import tyro
+import yaml
+
+from models.files import write_atomically
+from models.policies.library import load_expert
+from models.task import CONTROL_PERIOD
+from models.task.gait import load_gait
+from studies.console import console, say
+from studies.convergence.drop import drop_robot
+from studies.convergence.figures import convergence_figure
+from studies.convergence.variants import VARIANTS
+from studies.evaluation.config import RolloutConfig
+from studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
+from studies.evaluation.team import Team
+from studies.figures import save_figure
+from studies.records import to_plain
+from studies.tables import print_table, write_metrics, write_table
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Drop the robot and roll an expert out with every contact solver and time step.
+
+    Attributes:
+        gait: Gait of the expert.
+        rollouts: How robots are rolled out.
+        resume: Keep the rollouts that are done, where policies and settings are the same.
+        output: Folder of the results; runs/convergence/<gait> by default.
+    """
+
+    gait: str = "trot"
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_robots=2, n_steps=500)
+    )
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.gait)
+        folder = self.output or Path("runs/convergence") / gait.name
+        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
+        say("dropping the robot")
+        drops = pd.DataFrame(
+            [
+                {
+                    "variant": variant.world.title,
+                    "family": variant.family,
+                    "resolution": variant.resolution,
+                    **asdict(drop_robot(variant.world)),
+                }
+                for variant in VARIANTS
+            ]
+        )
+        say("rolling out")
+        team = Team(load_expert(gait.name))
+        jobs = [
+            job
+            for variant in reversed(VARIANTS)
+            for job in for_each_seed(
+                RolloutJob(
+                    {"variant": variant.world.title},
+                    gait,
+                    team,
+                    replace(variant.world, max_robots=1 if variant.world.accuracy else None),
+                    self.rollouts,
+                )
+            )
+        ]
+        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
+        results = drops.merge(_means(scores), on="variant")
+        write_table(results, folder / "convergence")
+        write_metrics(results.to_dict(orient="records"), folder / "metrics.json")
+        save_figure(convergence_figure(results), folder / "convergence")
+        print_table(f"{gait.name}: contact solvers and time steps", results)
+        console.print(f"written to {folder}")
+
+
+def _means(scores: pd.DataFrame) -> pd.DataFrame:
+    scores = scores.assign(survived=scores["steps"] * CONTROL_PERIOD)
+    means = scores.groupby("variant", sort=False).agg(
+        robots=("fell", "size"),
+        falls=("fell", "sum"),
+        survived=("survived", "mean"),
+        speed_error=("speed_error", "mean"),
+        yaw_rate_error=("yaw_rate_error", "mean"),
+        rhythm=("rhythm", "mean"),
+    )
+    return means.reset_index()

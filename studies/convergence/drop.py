@@ -1,0 +1,71 @@
+"""The drop test: the standing robot falls 3 cm onto its feet. Do they stay where they land?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+
+from diagrams.station import MakeA1Station, actuated_joints
+from models.a1 import kinematics, robot
+from models.a1.robot import Array
+from studies.evaluation.config import World
+
+DROP_HEIGHT = 0.03
+"""Height of the feet above the ground at the start (m)."""
+
+DURATION = 1.0
+"""Simulated time (s)."""
+
+SAMPLE_PERIOD = 0.01
+"""Time between two samples (s)."""
+
+
+@dataclass(frozen=True)
+class Drop:
+    """What the robot did.
+
+    Attributes:
+        stance: Distance between left and right feet in the end, mean of both pairs (m).
+        height: Height of the trunk in the end (m).
+        penetration: Greatest depth of a foot in the ground (m).
+    """
+
+    stance: float
+    height: float
+    penetration: float
+
+
+def drop_robot(world: World) -> Drop:
+    """Drops the robot in its default stance, its joints held there."""
+    station = MakeA1Station(world.station)
+    plant = station.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    targets = [robot.DEFAULT_STANCE[robot.JOINTS.index(name)] for name in actuated_joints(plant)]
+    desired = np.concatenate([targets, np.zeros(robot.N_JOINTS)])
+    station.GetInputPort("desired_state").FixValue(context, desired)
+    state = kinematics.standing_state(robot.DEFAULT_STANCE)
+    state[robot.POSITION][2] += DROP_HEIGHT
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+    if world.accuracy is not None:
+        config = SimulatorConfig(
+            integration_scheme="cenic", accuracy=world.accuracy, use_error_control=True
+        )
+        ApplySimulatorConfig(config, simulator)
+    simulator.Initialize()
+    states = []
+    for time in np.arange(1, round(DURATION / SAMPLE_PERIOD) + 1) * SAMPLE_PERIOD:
+        simulator.AdvanceTo(time)
+        states.append(station.GetOutputPort("state").Eval(context).copy())
+    return _measure(np.array(states))
+
+
+def _measure(states: Array) -> Drop:
+    feet = kinematics.foot_positions(states[-1, robot.JOINT_POSITION])
+    return Drop(
+        stance=float(np.mean(feet[[0, 2], 1] - feet[[1, 3], 1])),
+        height=float(states[-1, robot.POSITION][2]),
+        penetration=float(max(0.0, -kinematics.foot_heights(states).min())),
+    )
