@@ -35,9 +35,9 @@ mpl.use("Agg")
 mpl.rcParams.update(STYLE)
 
 
-def save_figure(figure: Figure, stem: Path) -> None:
+def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png", "pdf")) -> None:
     """Writes a figure as `<stem>.png` and `<stem>.pdf`, and closes it."""
-    for extension in ("png", "pdf"):
+    for extension in extensions:
         buffer = io.BytesIO()
         # No date inside: equal runs give equal files.
         metadata = {"CreationDate": None} if extension == "pdf" else {"Software": None}

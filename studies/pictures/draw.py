@@ -1,6 +1,6 @@
-"""Draws the README's pictures: `python -m studies.pictures.draw`.
+"""Draws the pictures of the README and of the experts' page: `python -m studies.pictures.draw`.
 
-The loop is drawn by Graphviz's `dot` from the diagram's own description.
+The loop is drawn by Graphviz's `dot` from the diagram's own description; robots need EGL.
 """
 
 import io
@@ -10,38 +10,52 @@ from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from diagrams.camera import Camera
 from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
 from diagrams.rollout import Rollout, make_simulator, record
 from models.files import write_atomically
-from models.policies.library import load_expert
+from models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from models.task.gait import Gait, load_gait
 from studies.console import say
 from studies.distillation.students import untrained_student
+from studies.figures import save_figure
+from studies.rollout.stills import gait_strip
+from studies.training.figures import curriculum_curves, learning_curves
 
 FOLDER = Path(__file__).parent
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
-N_STILLS = 5
+FILMED_STEPS = 96
+SETTLING_STEPS = 100
+COMMAND = FixedCommand(speed=0.4, dwell=8)
+ABLATED_GAIT = "bound"
 
 
-def draw_all(name: str = "trot") -> None:
-    """Draws every picture of the README."""
-    gait = load_gait(name)
+def draw_all() -> None:
+    """Draws every picture."""
     say("drawing the loop")
-    write_atomically(FOLDER / "locomotion.svg", loop_svg(gait))
-    say("filming the expert")
-    command = FixedCommand(speed=0.6, dwell=8)
-    cycle = 2 * command.dwell
-    rollout = expert_rollout(gait, command, n_steps=100 + 6 * cycle)
-    camera = Camera(480, 300)
-    states = rollout["state"][100:]
-    frames = [camera.take(state) for state in states[::FRAME_STEPS][: 3 * cycle]]
-    write_atomically(FOLDER / f"{name}.gif", gif(frames))
-    stills = [camera.take(state) for state in states[np.linspace(0, cycle, N_STILLS, dtype=int)]]
-    write_atomically(FOLDER / f"{name}_stills.png", png(np.concatenate(stills, axis=1)))
+    write_atomically(FOLDER / "locomotion.svg", loop_svg(load_gait("trot")))
+    for name in shipped_experts():
+        say(f"filming the {name}")
+        gait = load_gait(name)
+        rollout = expert_rollout(gait, COMMAND, SETTLING_STEPS + FILMED_STEPS)
+        save_figure(gait_strip(rollout, gait), FOLDER / f"{name}_gait", extensions=("png",))
+        camera = Camera(480, 300)
+        frames = [camera.take(x) for x in rollout["state"][SETTLING_STEPS::FRAME_STEPS]]
+        write_atomically(FOLDER / f"{name}.gif", gif(frames))
+    say("drawing the learning curves")
+    curves = {name: _curve(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
+    save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
+    without = _curve(EXPERT_DIRECTORY / "ablation" / f"{ABLATED_GAIT}.csv")
+    figure = curriculum_curves(curves[ABLATED_GAIT], without)
+    save_figure(figure, FOLDER / "curriculum", extensions=("png",))
+
+
+def _curve(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path)
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
@@ -100,13 +114,6 @@ def gif(frames: list[np.ndarray]) -> bytes:
     images[0].save(
         buffer, "GIF", save_all=True, append_images=images[1:], duration=40, loop=0, optimize=True
     )
-    return buffer.getvalue()
-
-
-def png(image: np.ndarray) -> bytes:
-    """Encodes a picture (height, width, 3) as PNG."""
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 

@@ -17,6 +17,7 @@ from studies.evaluation.team import Team
 from studies.figures import save_figure
 from studies.rollout.config import find_student, parse_ratio
 from studies.rollout.play import play
+from studies.rollout.stills import gait_strip
 
 STOP_BUTTON = "stop and save"
 
@@ -30,6 +31,7 @@ class ShowRollout:
         policy: `expert`, a kind of student, or the path of a policy file.
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
             default the policy acts alone.
+        stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders.
         command: The command where there are no sliders.
         seconds: Length of the rollout (s); live, the button `stop and save` ends it before.
@@ -43,6 +45,7 @@ class ShowRollout:
     gait: str = "trot"
     policy: str = "expert"
     ratio: str | None = None
+    stills: bool = False
     live: bool = False
     command: FixedCommand = field(default_factory=FixedCommand)
     seconds: float = 10.0
@@ -87,6 +90,8 @@ class ShowRollout:
             stopped=lambda: meshcat.GetButtonClicks(STOP_BUTTON) > 0,
         )
         save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
+        if self.stills:
+            save_figure(gait_strip(rollout, gait), stem.with_name(f"{stem.name}_stills"))
         _tell(rollout, stem)
 
 

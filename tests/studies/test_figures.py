@@ -1,0 +1,98 @@
+"""Figures of training and of gaits."""
+
+import ctypes.util
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import studies.rollout.stills
+from diagrams.camera import Camera
+from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from diagrams.rollout import make_simulator, record
+from models.a1 import kinematics, robot
+from models.errors import InputError
+from models.policies.library import EXPERT_DIRECTORY, load_expert
+from models.task.gait import load_gait
+from studies.figures import save_figure
+from studies.rollout.stills import gait_strip, last_cycle
+from studies.training.figures import curriculum_curves, learning_curves
+
+HAS_EGL = ctypes.util.find_library("EGL") is not None
+
+
+@pytest.fixture(scope="module")
+def rollout():
+    expert = load_expert("trot")
+    diagram = MakeLocomotion(
+        load_gait("trot"),
+        LocomotionConfig(command=FixedCommand(dwell=8)),
+        expert=expert,
+        estimator=expert.estimator,
+    )
+    return record(make_simulator(diagram), 100)
+
+
+class GreyCamera:
+    def __init__(self, width, height):
+        self._picture = np.full((height, width, 3), 128, dtype=np.uint8)
+
+    def take(self, state):
+        return self._picture
+
+
+def test_last_cycle_lasts_as_long_as_the_machine_stays_in_its_states(rollout):
+    start, stop = last_cycle(rollout, load_gait("trot"))
+    states = rollout["rm_state"].argmax(axis=1)
+    assert states[start - 1] == 1
+    assert (states[start], states[stop - 1], states[stop]) == (0, 1, 0)
+    assert 16 <= stop - start <= 20
+
+
+def test_a_rollout_without_a_cycle_is_refused(rollout):
+    standing = {**rollout.values, "rm_state": np.tile([1.0, 0.0], (101, 1))}
+    with pytest.raises(InputError, match="no whole cycle"):
+        last_cycle(type(rollout)(rollout.time, standing), load_gait("trot"))
+
+
+def test_strip_shows_its_stills_above_the_contacts(rollout, monkeypatch, tmp_path):
+    monkeypatch.setattr(studies.rollout.stills, "Camera", GreyCamera)
+    figure = gait_strip(rollout, load_gait("trot"), n_stills=6)
+    *stills, contacts = figure.axes
+    assert len(stills) == 6
+    assert all(len(still.get_images()) == 1 for still in stills)
+    assert [label.get_text() for label in contacts.get_yticklabels()] == list(robot.LEGS)
+    save_figure(figure, tmp_path / "strip")
+    assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".pdf"}
+
+
+@pytest.mark.skipif(not HAS_EGL, reason="rendering needs EGL (Debian: libegl1, libgl1-mesa-dri)")
+def test_camera_sees_the_robot_and_follows_it():
+    camera = Camera(96, 64)
+    standing = kinematics.standing_state(robot.DEFAULT_STANCE)
+    further = standing.copy()
+    # Two tiles on, the ground looks the same again.
+    further[robot.POSITION][0] += 1.0
+    here, there = camera.take(standing), camera.take(further)
+    assert here.shape == (64, 96, 3)
+    assert (here.max(axis=2) < 60).mean() > 0.02
+    assert np.abs(here.astype(int) - there).mean() < 2.0
+
+
+@pytest.fixture
+def curve():
+    return pd.read_csv(Path(EXPERT_DIRECTORY) / "trot.csv")
+
+
+def test_learning_curves_have_a_line_for_each_run(curve):
+    figure = learning_curves({"trot": curve, "walk": curve})
+    for panel in figure.axes:
+        assert [line.get_label() for line in panel.get_lines()] == ["trot", "walk"]
+
+
+def test_curricula_are_compared_over_equal_budgets(curve):
+    figure = curriculum_curves(curve, curve.head(100))
+    for panel in figure.axes:
+        ends = {line.get_xdata()[-1] for line in panel.get_lines()}
+        assert ends == {curve["control_steps"][99] / 1e6}
