@@ -19,14 +19,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from diagrams.station import AddA1Station, StationConfig
+from diagrams.visualization import TILE
 from models.a1 import robot
 from models.a1.robot import Array
 
 _RENDERER = "vtk"
 _SKY = np.array([0.93, 0.95, 0.97])
 _TILES = (Rgba(0.80, 0.82, 0.84, 1.0), Rgba(0.74, 0.76, 0.79, 1.0))
-TILE = 0.5
-"""Edge of the ground's tiles (m)."""
 
 
 class Camera:

@@ -150,48 +150,24 @@ def MakeLocomotion(  # noqa: N802
     state = plant.get_state_output_port()
 
     command, commanded_dwell = _add_command(builder, gait, config, meshcat)
-    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
-    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    observer = builder.AddNamedSystem("observer", Observer(layout))
+    foot_sensor, machine = _add_machine(builder, gait, state, commanded_dwell)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
-    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
-
-    connect = builder.Connect
-    connect(state, foot_sensor.get_state_input_port())
-    connect(foot_sensor.get_foot_contact_output_port(), machine.get_foot_contact_input_port())
-    connect(foot_sensor.get_foot_height_output_port(), machine.get_foot_height_input_port())
-    connect(commanded_dwell, machine.get_commanded_dwell_input_port())
-
-    connect(state, observer.get_state_input_port())
-    connect(command, observer.get_command_input_port())
-    connect(commanded_dwell, observer.get_commanded_dwell_input_port())
-    connect(hold.get_held_action_output_port(), observer.get_previous_action_input_port())
-    connect(machine.get_rm_state_output_port(), observer.get_rm_state_input_port())
-    connect(machine.get_rm_iterations_output_port(), observer.get_rm_iterations_input_port())
-    if config.sensor_noise:
-        noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
-        builder.AddNamedSystem("sensor_noise", noise)
-        connect(noise.get_output_port(), observer.get_uniform_noise_input_port())
-
+    observer = _add_observer(builder, layout, config, machine, hold)
+    builder.Connect(state, observer.get_state_input_port())
+    builder.Connect(command, observer.get_command_input_port())
+    builder.Connect(commanded_dwell, observer.get_commanded_dwell_input_port())
     observation = _add_observation(builder, layout, observer, state, estimator)
     if expert is None and student is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     else:
         action = _add_policies(builder, observation, config.alternation_period, expert, student)
-        connect(action, hold.get_action_input_port())
+        builder.Connect(action, hold.get_action_input_port())
         builder.ExportOutput(action, "actions")
-    connect(hold.get_held_action_output_port(), targets.get_action_input_port())
-    connect(targets.get_desired_state_output_port(), plant.get_desired_state_input_port(instance))
-
-    reward = builder.AddNamedSystem("reward", RewardSystem(config.weights))
-    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(config.limits))
-    for system in (reward, monitor):
-        connect(state, system.get_state_input_port())
-        connect(hold.get_held_action_output_port(), system.get_action_input_port())
-        connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
-    connect(command, reward.get_command_input_port())
-    connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
-    connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
+    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
+    desired_state = plant.get_desired_state_input_port(instance)
+    builder.Connect(hold.get_held_action_output_port(), targets.get_action_input_port())
+    builder.Connect(targets.get_desired_state_output_port(), desired_state)
+    judged = _add_judges(builder, config, state, command, foot_sensor, machine, hold)
     if meshcat is not None:
         AddLocomotionDisplay(
             builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
@@ -199,14 +175,11 @@ def MakeLocomotion(  # noqa: N802
 
     exported = {
         "observations": observation,
-        "reward": reward.get_reward_output_port(),
-        "plain_reward": reward.get_plain_reward_output_port(),
-        "reward_terms": reward.get_reward_terms_output_port(),
+        **judged,
         "rm_state": machine.get_rm_state_output_port(),
         "rm_iterations": machine.get_rm_iterations_output_port(),
         "foot_contact": foot_sensor.get_foot_contact_output_port(),
         "foot_height": foot_sensor.get_foot_height_output_port(),
-        "failures": monitor.get_failures_output_port(),
         "command": command,
         "commanded_dwell": commanded_dwell,
         "state": state,
@@ -250,6 +223,65 @@ def _add_command(
             source = MeshcatCommand(gait, meshcat)
     builder.AddNamedSystem("command", source)
     return source.get_command_output_port(), source.get_commanded_dwell_output_port()
+
+
+def _add_machine(
+    builder: DiagramBuilder, gait: Gait, state: OutputPort, commanded_dwell: OutputPort
+) -> tuple[FootSensor, RewardMachineSystem]:
+    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
+    connect = builder.Connect
+    connect(state, foot_sensor.get_state_input_port())
+    connect(foot_sensor.get_foot_contact_output_port(), machine.get_foot_contact_input_port())
+    connect(foot_sensor.get_foot_height_output_port(), machine.get_foot_height_input_port())
+    connect(commanded_dwell, machine.get_commanded_dwell_input_port())
+    return foot_sensor, machine
+
+
+def _add_observer(
+    builder: DiagramBuilder,
+    layout: ObservationLayout,
+    config: LocomotionConfig,
+    machine: RewardMachineSystem,
+    hold: ActionHold,
+) -> Observer:
+    observer = builder.AddNamedSystem("observer", Observer(layout))
+    connect = builder.Connect
+    connect(hold.get_held_action_output_port(), observer.get_previous_action_input_port())
+    connect(machine.get_rm_state_output_port(), observer.get_rm_state_input_port())
+    connect(machine.get_rm_iterations_output_port(), observer.get_rm_iterations_input_port())
+    if config.sensor_noise:
+        noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
+        builder.AddNamedSystem("sensor_noise", noise)
+        connect(noise.get_output_port(), observer.get_uniform_noise_input_port())
+    return observer
+
+
+def _add_judges(
+    builder: DiagramBuilder,
+    config: LocomotionConfig,
+    state: OutputPort,
+    command: OutputPort,
+    foot_sensor: FootSensor,
+    machine: RewardMachineSystem,
+    hold: ActionHold,
+) -> dict[str, OutputPort]:
+    reward = builder.AddNamedSystem("reward", RewardSystem(config.weights))
+    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(config.limits))
+    connect = builder.Connect
+    for system in (reward, monitor):
+        connect(state, system.get_state_input_port())
+        connect(hold.get_held_action_output_port(), system.get_action_input_port())
+        connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
+    connect(command, reward.get_command_input_port())
+    connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
+    connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
+    return {
+        "reward": reward.get_reward_output_port(),
+        "plain_reward": reward.get_plain_reward_output_port(),
+        "reward_terms": reward.get_reward_terms_output_port(),
+        "failures": monitor.get_failures_output_port(),
+    }
 
 
 def _add_observation(

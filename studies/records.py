@@ -40,7 +40,7 @@ def from_plain(kind: type[T], values: Any, where: str) -> T:
         arguments[key] = _fitted(hints[key], value, f"{where}: key {key!r}")
     try:
         return kind(**arguments)
-    except (TypeError, ValueError) as error:
+    except (InputError, TypeError, ValueError) as error:
         raise InputError(f"{where}: {error}") from error
 
 

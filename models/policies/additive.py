@@ -1,6 +1,6 @@
 """Explainable boosting machines, compiled to look-up tables for all joints at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -30,6 +30,15 @@ class AdditivePolicy(Policy):
     """
 
     kind = "additive"
+    array_names = (
+        "cuts",
+        "pair_cuts",
+        "tables",
+        "pairs",
+        "pair_joints",
+        "pair_tables",
+        "intercepts",
+    )
 
     def __init__(
         self,
@@ -110,22 +119,6 @@ class AdditivePolicy(Policy):
             first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
             action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
-
-    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        return {name: getattr(self, name) for name in _ARRAYS}, {}
-
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> Self:
-        return cls(gait, observation_names, **{name: arrays[name] for name in _ARRAYS})
-
-
-_ARRAYS = ("cuts", "pair_cuts", "tables", "pairs", "pair_joints", "pair_tables", "intercepts")
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Gradient-boosted trees, compiled to flat arrays and evaluated for all joints at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -25,6 +25,7 @@ class BoostedTreesPolicy(Policy):
     """
 
     kind = "boosted_trees"
+    array_names = ("features", "thresholds", "leaves", "intercepts")
 
     def __init__(
         self,
@@ -85,26 +86,6 @@ class BoostedTreesPolicy(Policy):
         contributions = self._flat_leaves[leaf].reshape(len(rows), *self.leaves.shape[:2])
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
-
-    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        arrays = {
-            "features": self.features,
-            "thresholds": self.thresholds,
-            "leaves": self.leaves,
-            "intercepts": self.intercepts,
-        }
-        return arrays, {}
-
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> Self:
-        names = ("features", "thresholds", "leaves", "intercepts")
-        return cls(gait, observation_names, *(arrays[name] for name in names))
 
 
 class _CompleteTree(NamedTuple):

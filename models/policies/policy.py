@@ -26,6 +26,8 @@ class Policy(ABC):
     """
 
     kind: ClassVar[str]
+    array_names: ClassVar[tuple[str, ...]] = ()
+    """Attributes, and arguments of the constructor, that are the policy's arrays."""
 
     def __init__(self, gait: str, observation_names: tuple[str, ...]) -> None:
         self.gait = gait
@@ -35,12 +37,11 @@ class Policy(ABC):
     def __call__(self, observation: Array) -> Array:
         """Maps observations (..., n) to actions (..., 12)."""
 
-    @abstractmethod
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Returns what distinguishes this policy: named arrays, and values that JSON can hold."""
+        return {name: getattr(self, name) for name in self.array_names}, {}
 
     @classmethod
-    @abstractmethod
     def from_arrays(
         cls,
         gait: str,
@@ -49,6 +50,7 @@ class Policy(ABC):
         values: Mapping[str, Any],
     ) -> Self:
         """Rebuilds the policy that `to_arrays` took apart."""
+        return cls(gait, observation_names, **{name: arrays[name] for name in cls.array_names})
 
     def save(self, path: Path) -> None:
         """Writes the policy to a safetensors file, atomically."""

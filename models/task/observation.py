@@ -63,11 +63,11 @@ class ObservationLayout:
         """Length of the part that needs no estimator."""
         return self.size - N_ESTIMATED
 
-    @property
-    def machine_state(self) -> slice:
-        """Where the one-hot machine state stands."""
-        start = self.names.index("RM State 0")
-        return slice(start, start + self.n_machine_states)
+
+def machine_state_entries(names: tuple[str, ...]) -> slice:
+    """Finds the one-hot machine state among the names of an observation."""
+    start = names.index("RM State 0")
+    return slice(start, start + sum(name.startswith("RM State ") for name in names))
 
 
 def proprioception(

@@ -1,8 +1,7 @@
 """Training throughput against bare physics, and against gymnasium's processes."""
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -30,8 +29,7 @@ def training_and_physics(
 ) -> list[dict[str, float]]:
     """Times updates of PPO, and bare physics over the very same states and targets.
 
-    All robots share one station, so that bare physics is one call a control step. The two are timed
-    in turn, `repeats` times, so that both meet the machine's moods alike.
+    The two are timed in turn, `repeats` times, so that both meet the machine's moods alike.
 
     Args:
         config: The training run.
@@ -42,11 +40,10 @@ def training_and_physics(
     Returns:
         Control steps/s of `training` and `physics`, a row a pair.
     """
-    config = replace(config, payloads=(), fine_steps=())
     with TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
         run = TrainingRun(config, folder, resume=checkpoint is not None)
-    physics = _BarePhysics(config.station)
+    physics = _BarePhysics(config.stations())
     recorded = _record_steps(run)
     run.update()
     rows = []
@@ -74,27 +71,32 @@ def gymnasium_processes(n_envs: int, n_processes_steps: int) -> float:
 
 
 class _BarePhysics:
-    """One call of Drake's batch evaluation a control step, and nothing else."""
+    """One call of Drake's batch evaluation a group and control step, and nothing else."""
 
-    def __init__(self, station: StationConfig) -> None:
-        builder = DiagramBuilder()
-        plant, _, instance = AddA1Station(builder, station)
-        builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-        self._n_steps = round(CONTROL_PERIOD / station.time_step)
+    def __init__(self, stations: Sequence[StationConfig]) -> None:
+        self._groups = []
+        for station in stations:
+            builder = DiagramBuilder()
+            plant, _, instance = AddA1Station(builder, station)
+            builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+            diagram = builder.Build()
+            n_steps = round(CONTROL_PERIOD / station.time_step)
+            self._groups.append((diagram, diagram.CreateDefaultContext(), n_steps))
 
     def step(self, states: Array, targets: Array) -> None:
         desired = np.hstack([targets, np.zeros_like(targets)])
-        BatchEvalUniquePeriodicDiscreteUpdate(  # pyright: ignore[reportCallIssue]
-            self._diagram,  # pyright: ignore[reportArgumentType]
-            self._context,  # pyright: ignore[reportArgumentType]
-            times=np.zeros((1, len(states))),
-            states=states.T,
-            inputs=desired.T,
-            num_time_steps=self._n_steps,
-            parallelize=Parallelism.Max(),
-        )
+        n = len(self._groups)
+        parts = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
+        for (diagram, context, n_steps), (mine, inputs) in zip(self._groups, parts, strict=True):
+            BatchEvalUniquePeriodicDiscreteUpdate(
+                diagram,
+                context,
+                times=np.zeros((1, len(mine))),
+                states=mine.T,
+                inputs=inputs.T,
+                num_time_steps=n_steps,
+                parallelize=Parallelism.Max(),
+            )
 
 
 def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:

@@ -55,10 +55,11 @@ def drop_robot(world: World) -> Drop:
         )
         ApplySimulatorConfig(config, simulator)
     simulator.Initialize()
+    port = station.GetOutputPort("state")
     states = []
     for time in np.arange(1, round(DURATION / SAMPLE_PERIOD) + 1) * SAMPLE_PERIOD:
         simulator.AdvanceTo(time)
-        states.append(station.GetOutputPort("state").Eval(context).copy())
+        states.append(np.array(port.Eval(context)))
     return _measure(np.array(states))
 
 

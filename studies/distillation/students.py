@@ -17,6 +17,7 @@ from models.policies.boosting import BoostedTreesPolicy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.policy import Policy
 from models.policies.symbolic import SymbolicPolicy
+from models.task.observation import machine_state_entries
 from studies.distillation.config import DistillationConfig, EbmConfig, GbmConfig, StudentKind
 from studies.distillation.symbolic_regression import fit_formula
 
@@ -59,11 +60,10 @@ def _fit_linear(
 def _fit_statewise_linear(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseLinearPolicy:
-    machine_states = [i for i, name in enumerate(names) if name.startswith("RM State")]
     pooled = Ridge(RIDGE).fit(observations, actions)
     weights, intercepts = [], []
-    for column in machine_states:
-        mine = observations[:, column] > 0.5
+    for visited in observations[:, machine_state_entries(names)].T:
+        mine = visited > 0.5
         # A state that was never visited gets the weights of all states together.
         model = Ridge(RIDGE).fit(observations[mine], actions[mine]) if mine.any() else pooled
         weights.append(model.coef_)
@@ -118,8 +118,9 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    states = [i for i, name in enumerate(names) if name.startswith("RM State")]
-    gates = (*states[:-1], names.index("RM Iters"))
+    entries = machine_state_entries(names)
+    # The last state is where all others are 0.
+    gates = (*range(entries.start, entries.stop - 1), names.index("RM Iters"))
     search = partial(fit_formula, gates=gates)
     formulas = _fit_joints(search, config, observations, actions, config.symbolic)
     return SymbolicPolicy(config.gait, names, formulas)

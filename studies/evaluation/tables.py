@@ -2,17 +2,11 @@
 
 import pandas as pd
 
+from studies.distillation.config import STUDENT_TITLES
 from studies.evaluation.config import WORLDS
 from studies.evaluation.scores import summarize
 
-POLICY_TITLES = {
-    "expert": "Neural expert",
-    "linear": "Linear",
-    "statewise_linear": "Linear per RM state",
-    "gbm": "GBM",
-    "ebm": "EBM",
-    "symbolic": "Symbolic",
-}
+POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:

@@ -63,9 +63,9 @@ class ShowRollout:
         if self.policy != "expert":
             folder = self.students or Path("runs/distillation") / self.gait
             student = find_student(self.policy, folder, expert)
-        elif self.ratio is not None:
-            raise InputError("--ratio shares steps with a student; name one with --policy")
         period = parse_ratio(self.ratio or ("1" if student is None else "0"))
+        if student is None and self.ratio is not None:
+            raise InputError("--ratio shares steps with a student; name one with --policy")
         config = LocomotionConfig(
             station=self.station,
             command=SliderCommand() if self.live else self.command,

@@ -3,5 +3,5 @@
 import os
 
 # Between two operations torch's threads would spin, on the cores that physics needs: training would
-# be a sixth slower. OpenMP reads this once, when torch is loaded.
+# be a seventh slower. OpenMP reads this once, when torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -9,6 +9,7 @@ from diagrams.batch import BatchSimulator, TaskConfig, TaskState
 from diagrams.batch_physics import BatchPhysics
 from diagrams.station import StationConfig
 from models.a1 import kinematics, robot
+from models.errors import InputError
 from models.task import COMMAND_STEPS
 from models.task.command import Command
 from models.task.randomization import NOMINAL, Randomization
@@ -89,7 +90,7 @@ def test_slippery_groups_slide_further(trot):
 
 def test_steps_that_do_not_divide_the_control_period_are_refused():
     for step in (0.0, 0.015):
-        with pytest.raises(ValueError, match=r"divides 0\.02"):
+        with pytest.raises(InputError, match=r"divides 0\.02"):
             BatchPhysics(StationConfig(time_step=step))
 
 

@@ -1,5 +1,7 @@
 """Gymnasium's faces of the task."""
 
+import warnings
+
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -15,8 +17,14 @@ def env():
     return LocomotionEnv(load_gait("trot"))
 
 
-def test_gymnasiums_checker_passes(env):
-    check_env(env, skip_render_check=True)
+def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(env):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        check_env(env, skip_render_check=True)
+    told = [str(warning.message) for warning in found if warning.category is UserWarning]
+    assert told
+    expected = ("infinity", "recommend using a symmetric and normalized space")
+    assert [line for line in told if not any(part in line for part in expected)] == []
 
 
 def test_a_seed_repeats_the_episode_and_those_after_it(env):

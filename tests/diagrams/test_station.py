@@ -7,6 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
 from models.a1 import robot
+from models.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -80,5 +81,5 @@ def test_station_exports_its_ports():
 
 @pytest.mark.parametrize("field", ["time_step", "friction", "payload", "relaxation_time"])
 def test_negative_settings_are_refused(field):
-    with pytest.raises(ValueError, match=f"{field} is -1"):
+    with pytest.raises(InputError, match=f"{field} is -1"):
         StationConfig(**{field: -1.0})

@@ -21,4 +21,8 @@ def test_every_state_and_transition_is_drawn(name):
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 def test_graphviz_can_draw_it():
     text = to_graphviz(load_gait("half_bound"))
-    subprocess.run(["dot", "-Tsvg"], input=text.encode(), check=True, capture_output=True)
+    drawn = subprocess.run(
+        ["dot", "-Tsvg"], input=text, text=True, check=True, capture_output=True
+    ).stdout
+    assert "<svg" in drawn
+    assert all(f">{state}<" in drawn for state in load_gait("half_bound").states)

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from models.a1 import robot
-from models.task.observation import ObservationLayout, body_state, proprioception
+from models.task.observation import (
+    ObservationLayout,
+    body_state,
+    machine_state_entries,
+    proprioception,
+)
 
 
 @pytest.mark.parametrize(("n_states", "size"), [(2, 49), (4, 51), (5, 52)])
@@ -43,7 +48,7 @@ def test_every_entry_stands_under_its_name():
     assert (named["RM State 0"], named["RM State 1"]) == (0.0, 1.0)
     assert named["RM Iters"] == pytest.approx(0.7)
     assert named["Command RM Iters"] == pytest.approx(0.9)
-    np.testing.assert_array_equal(values[layout.machine_state], [0.0, 1.0])
+    np.testing.assert_array_equal(values[machine_state_entries(layout.names)], [0.0, 1.0])
 
 
 def test_noise_is_in_radians_before_the_scales():

@@ -26,9 +26,15 @@ def test_bad_input_is_told_in_one_sentence(capsys, tmp_path):
     assert unknown in refused(["gait", "gallop"], capsys)
     assert unknown in refused(["rollout", "--gait", "gallop"], capsys)
     assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"], capsys)
-    assert "is not an alternation ratio" in refused(
-        ["rollout", "--policy", "expert", "--ratio", "2/3"], capsys
+    assert "is not an alternation ratio" in refused(["rollout", "--ratio", "2/3"], capsys)
+    assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"], capsys)
+    assert "time_step is -0.1" in refused(["rollout", "--station.time-step", "-0.1"], capsys)
+    assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"], capsys)
+    assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"], capsys)
+    assert "divides 0.02" in refused(
+        ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")], capsys
     )
+    assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"], capsys)
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"], capsys)
     students = ["--students", str(tmp_path)]
     assert "no such student" in refused(["rollout", "--policy", "ebm", *students], capsys)
@@ -51,11 +57,13 @@ def test_gait_command_draws_the_machine(capsys, tmp_path):
 
 
 def test_evaluate_writes_its_tables(tmp_path):
-    main(["evaluate", "--n-robots", "2", "--n-steps", "60", "--output", str(tmp_path)])
-    written = {path.name for path in (tmp_path / "expert").iterdir()}
-    assert written == {
-        "config.yaml", "metrics.json", "robots.csv", "robots.md", "worlds.csv", "worlds.md",
-    }  # fmt: skip
+    small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--worlds", "training"]
+    main(["evaluate", *small, "--output", str(tmp_path)])
+    tables = {
+        f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
+    }
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"config.yaml", "metrics.json", "rollouts"} | tables
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
@@ -65,7 +73,8 @@ def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
 
 
 def test_train_refuses_to_overwrite_a_run(tmp_path, capsys):
-    small = ["--updates", "1", "--n-robots", "4", "--n-friction-groups", "1"]
+    small = ["--updates", "1", "--n-robots", "4", "--n-groups", "1"]
+    small += ["--payloads", "--fine-steps"]
     run = ["train", *small, "--output", str(tmp_path)]
     main(run)
     assert "continue it with --resume" in refused(run, capsys)
