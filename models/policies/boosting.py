@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.ensemble import GradientBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from models.a1.robot import Array
 from models.policies.policy import Policy
@@ -55,14 +55,20 @@ class BoostedTreesPolicy(Policy):
         cls,
         gait: str,
         observation_names: tuple[str, ...],
-        models: Sequence[GradientBoostingRegressor],
+        models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor],
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
-        depth = max(tree.tree_.max_depth for model in models for tree in model.estimators_[:, 0])
-        depth = max(depth, 1)
-        compiled = [
-            [_complete(tree.tree_, depth, model.learning_rate) for tree in model.estimators_[:, 0]]
+        joints = [
+            _histogram_trees(model)
+            if isinstance(model, HistGradientBoostingRegressor)
+            else _exact_trees(model)
             for model in models
+        ]
+        n_trees = max(len(trees) for trees in joints)
+        depth = max(1, *(tree.depth() for trees in joints for tree in trees))
+        compiled = [
+            [tree.complete(depth) for tree in trees] + [_nothing(depth)] * (n_trees - len(trees))
+            for trees in joints
         ]
         return cls(
             gait,
@@ -70,12 +76,11 @@ class BoostedTreesPolicy(Policy):
             features=np.array([[tree.features for tree in joint] for joint in compiled]),
             thresholds=np.array([[tree.thresholds for tree in joint] for joint in compiled]),
             leaves=np.array([[tree.leaves for tree in joint] for joint in compiled]),
-            intercepts=np.array([_constant(model.init_) for model in models]),
+            intercepts=np.array([_constant(model) for model in models]),
         )
 
     def __call__(self, observation: Array) -> Array:
-        # scikit-learn compares in single precision; so must we, to take the same branches.
-        rows = observation.reshape(-1, observation.shape[-1]).astype(np.float32).astype(float)
+        rows = observation.reshape(-1, observation.shape[-1])
         node = np.zeros((len(rows), len(self._first_inner)), dtype=np.intp)
         row = np.arange(len(rows))[:, None]
         for _ in range(self._depth):
@@ -94,27 +99,98 @@ class _CompleteTree(NamedTuple):
     leaves: Array
 
 
-def _constant(initial: Any) -> float:
+class _Tree(NamedTuple):
+    """A fitted tree, nodes in any order and the root first; a leaf's `left` is negative."""
+
+    features: NDArray[Any]
+    thresholds: Array
+    left: NDArray[Any]
+    right: NDArray[Any]
+    values: Array
+
+    def depth(self, node: int = 0) -> int:
+        """Counts the questions on the longest branch."""
+        if self.left[node] < 0:
+            return 0
+        return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))
+
+    def complete(self, depth: int) -> _CompleteTree:
+        """Fills the tree up to a depth."""
+        done = _nothing(depth)
+
+        def place(node: int, slot: int, level: int) -> None:
+            if level == depth:
+                done.leaves[slot - (2**depth - 1)] = self.values[node]
+            elif self.left[node] < 0:
+                place(node, 2 * slot + 1, level + 1)
+            else:
+                done.features[slot] = self.features[node]
+                done.thresholds[slot] = self.thresholds[node]
+                place(self.left[node], 2 * slot + 1, level + 1)
+                place(self.right[node], 2 * slot + 2, level + 1)
+
+        place(0, 0, 0)
+        return done
+
+
+def _nothing(depth: int) -> _CompleteTree:
+    inner = 2**depth - 1
+    return _CompleteTree(
+        np.zeros(inner, dtype=np.int32), np.full(inner, np.inf), np.zeros(inner + 1)
+    )
+
+
+def _constant(model: Any) -> float:
+    if isinstance(model, HistGradientBoostingRegressor):
+        return float(np.ravel(model._baseline_prediction)[0])
     # scikit-learn starts from the mean of the samples, held by a dummy regressor.
-    return float(np.ravel(initial.constant_)[0])
+    return float(np.ravel(model.init_.constant_)[0])
 
 
-def _complete(tree: Any, depth: int, learning_rate: float) -> _CompleteTree:
-    features = np.zeros(2**depth - 1, dtype=np.int32)
-    thresholds = np.full(2**depth - 1, np.inf)
-    leaves = np.zeros(2**depth)
+def _exact_trees(model: GradientBoostingRegressor) -> list[_Tree]:
+    trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
+    return [
+        _Tree(
+            tree.feature,
+            single_precision_cuts(tree.threshold),
+            tree.children_left,
+            tree.children_right,
+            model.learning_rate * tree.value[:, 0, 0],
+        )
+        for tree in trees
+    ]
 
-    def place(node: int, slot: int, level: int) -> None:
-        ends = tree.children_left[node] < 0
-        if level == depth:
-            leaves[slot - (2**depth - 1)] = learning_rate * tree.value[node, 0, 0]
-        elif ends:
-            place(node, 2 * slot + 1, level + 1)
-        else:
-            features[slot] = tree.feature[node]
-            thresholds[slot] = tree.threshold[node]
-            place(tree.children_left[node], 2 * slot + 1, level + 1)
-            place(tree.children_right[node], 2 * slot + 2, level + 1)
 
-    place(0, 0, 0)
-    return _CompleteTree(features, thresholds, leaves)
+def _histogram_trees(model: HistGradientBoostingRegressor) -> list[_Tree]:
+    every_nodes = [predictors[0].nodes for predictors in model._predictors]
+    return [
+        _Tree(
+            nodes["feature_idx"],
+            nodes["num_threshold"],
+            np.where(nodes["is_leaf"], -1, nodes["left"].astype(int)),
+            nodes["right"].astype(int),
+            nodes["value"],
+        )
+        for nodes in every_nodes
+    ]
+
+
+def single_precision_cuts(thresholds: Array) -> Array:
+    """Returns cuts that part doubles as the thresholds part them once rounded to single precision.
+
+    scikit-learn's exact trees round an observation before they compare it. With these cuts the
+    branches are the same without rounding.
+
+    Args:
+        thresholds: Thresholds, any shape.
+
+    Returns:
+        Cuts c of the same shape: `x <= c` if and only if `float32(x) <= threshold`.
+    """
+    below = thresholds.astype(np.float32)
+    below = np.where(below > thresholds, np.nextafter(below, np.float32(-np.inf)), below)
+    above = np.nextafter(below, np.float32(np.inf))
+    middle = 0.5 * (below.astype(float) + above.astype(float))
+    # Halfway, rounding goes to the neighbour whose last bit is 0.
+    goes_down = middle.astype(np.float32) == below
+    return np.where(goes_down, middle, np.nextafter(middle, -np.inf))

@@ -7,18 +7,21 @@ from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.neural import NeuralPolicy
+from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy, read_policy_file
-from models.policies.symbolic import SymbolicPolicy
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
     policy.kind: policy
     for policy in (
         NeuralPolicy,
+        OpenLoopPolicy,
         LinearPolicy,
         StatewiseLinearPolicy,
         BoostedTreesPolicy,
         AdditivePolicy,
         SymbolicPolicy,
+        StatewiseSymbolicPolicy,
     )
 }
 

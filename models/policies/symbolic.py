@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from models.a1.robot import Array
 from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.policy import Policy
+from models.task.observation import machine_state_entries
 
 _FUNCTIONS: dict[str, Callable[..., Array]] = {
     "add": np.add,
@@ -137,4 +138,53 @@ class SymbolicPolicy(Policy):
     ) -> Self:
         names = variable_names(len(observation_names))
         formulas = [parse_expression(text, names) for text in values["formulas"]]
+        return cls(gait, observation_names, formulas)
+
+
+class StatewiseSymbolicPolicy(Policy):
+    """A formula for each joint and state of the reward machine: a hybrid automaton to read.
+
+    Attributes:
+        expressions: Formulas (n_states, 12).
+    """
+
+    kind = "statewise_symbolic"
+
+    def __init__(
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        expressions: Sequence[Sequence[Expression]],
+    ) -> None:
+        super().__init__(gait, observation_names)
+        self.expressions = tuple(tuple(formulas) for formulas in expressions)
+        self._one_hot = machine_state_entries(observation_names)
+        self._tapes = [Tape(formulas, len(observation_names)) for formulas in self.expressions]
+
+    def __call__(self, observation: Array) -> Array:
+        if observation.ndim == 1:
+            return self._tapes[int(np.argmax(observation[self._one_hot]))](observation)
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
+        action = np.empty((*state.shape, len(self.expressions[0])))
+        for index, tape in enumerate(self._tapes):
+            mine = state == index
+            if mine.any():
+                action[mine] = tape(observation[mine])
+        return action
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        names = variable_names(len(self.observation_names))
+        texts = [[formula.to_text(names) for formula in own] for own in self.expressions]
+        return {}, {"formulas": texts}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> Self:
+        names = variable_names(len(observation_names))
+        formulas = [[parse_expression(text, names) for text in own] for own in values["formulas"]]
         return cls(gait, observation_names, formulas)

@@ -2,19 +2,22 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from interpret.glassbox import ExplainableBoostingRegressor
-from sklearn.ensemble import GradientBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from models.a1 import robot
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
 from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
+from models.policies.boosting import BoostedTreesPolicy, single_precision_cuts
 from models.policies.expression import parse_expression, variable_names
 from models.policies.library import load_expert, load_policy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.neural import Network, NeuralPolicy, elu
-from models.policies.symbolic import SymbolicPolicy
+from models.policies.open_loop import OpenLoopPolicy
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -92,12 +95,37 @@ def symbolic():
     return SymbolicPolicy("trot", NAMES, [parse_expression(text, names) for text in texts])
 
 
+def statewise_symbolic():
+    names = variable_names(N)
+    texts = [[f"{s} + x{j} * x{j + s}" for j in range(12)] for s in (1, 2)]
+    formulas = [[parse_expression(text, names) for text in own] for own in texts]
+    return StatewiseSymbolicPolicy("trot", NAMES, formulas)
+
+
+def open_loop():
+    table = np.random.default_rng(4).normal(size=(2, 6, robot.N_JOINTS))
+    return OpenLoopPolicy("trot", NAMES, table)
+
+
+@pytest.fixture(scope="module")
+def histogram_models():
+    observations, actions = samples()
+    return [
+        HistGradientBoostingRegressor(
+            max_iter=10 + j % 2, max_leaf_nodes=9, random_state=j, early_stopping=False
+        ).fit(observations, actions[:, j])
+        for j in range(robot.N_JOINTS)
+    ]
+
+
 def every_policy(boosted_models, additive_models):
     return [
         neural(),
         linear(),
         statewise(),
         symbolic(),
+        statewise_symbolic(),
+        open_loop(),
         BoostedTreesPolicy.compile("trot", NAMES, boosted_models),
         AdditivePolicy.compile("trot", NAMES, additive_models),
     ]
@@ -139,6 +167,49 @@ def test_boosted_trees_take_scikit_learns_branch_at_the_threshold(boosted_models
     policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
     expected = np.stack([model.predict(at) for model in boosted_models], axis=1)
     np.testing.assert_allclose(policy(at), expected, rtol=0, atol=1e-12)
+
+
+def test_histogram_trees_equal_scikit_learn(histogram_models):
+    observations, _ = samples(3000, seed=8)
+    policy = BoostedTreesPolicy.compile("trot", NAMES, histogram_models)
+    expected = np.stack([model.predict(observations) for model in histogram_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+
+
+@given(
+    st.floats(-1e6, 1e6),
+    st.integers(-3, 3),
+    st.sampled_from([-1, 0, 1]),
+)
+def test_cuts_part_doubles_as_rounding_to_single_precision_does(threshold, ulps, nudge):
+    cut = single_precision_cuts(np.array(threshold))
+    single = np.float32(threshold)
+    for _ in range(abs(ulps)):
+        single = np.nextafter(single, np.float32(np.copysign(np.inf, ulps)))
+    neighbour = np.nextafter(single, np.float32(np.inf))
+    halfway = 0.5 * (float(single) + float(neighbour))
+    for x in (float(single), halfway, threshold, float(cut)):
+        value = np.nextafter(x, np.copysign(np.inf, nudge)) if nudge else x
+        assert (value <= cut) == (float(np.float32(value)) <= threshold)
+
+
+def test_statewise_formulas_are_those_of_the_state():
+    observations, _ = samples(2, seed=4)
+    policy = statewise_symbolic()
+    observations[:, policy._one_hot] = np.eye(2)
+    action = policy(observations)
+    joint = np.arange(12)
+    np.testing.assert_allclose(action[0], 1 + observations[0, joint] * observations[0, joint + 1])
+    np.testing.assert_allclose(action[1], 2 + observations[1, joint] * observations[1, joint + 2])
+
+
+def test_open_loop_actions_are_looked_up_and_held_at_the_end():
+    policy = open_loop()
+    observations, _ = samples(3, seed=4)
+    observations[:, policy._one_hot] = [[1, 0], [0, 1], [0, 1]]
+    observations[:, NAMES.index("RM Iters")] = [0.3, 0.0, 2.5]
+    expected = policy.table[[0, 1, 1], [3, 0, 5]]
+    np.testing.assert_array_equal(policy(observations), expected)
 
 
 def test_additive_equals_interpret_also_outside_the_training_range(additive_models):

@@ -1,0 +1,29 @@
+"""Open-loop policies: a table of actions by the machine's state and the time in it."""
+
+import numpy as np
+
+from models.a1.robot import Array
+from models.policies.policy import Policy
+from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+
+
+class OpenLoopPolicy(Policy):
+    """Each action is looked up by reward-machine state and iteration; no sensor but the feet's.
+
+    Attributes:
+        table: Actions (n_states, n_iterations, 12); later iterations take the last entry.
+    """
+
+    kind = "open_loop"
+    array_names = ("table",)
+
+    def __init__(self, gait: str, observation_names: tuple[str, ...], table: Array) -> None:
+        super().__init__(gait, observation_names)
+        self.table = table
+        self._one_hot = machine_state_entries(observation_names)
+        self._iterations = observation_names.index("RM Iters")
+
+    def __call__(self, observation: Array) -> Array:
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
+        iterations = np.rint(observation[..., self._iterations] / ITERATIONS_SCALE).astype(int)
+        return self.table[state, np.clip(iterations, 0, self.table.shape[1] - 1)]
