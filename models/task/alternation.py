@@ -14,3 +14,8 @@ def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArra
     if period == 0:
         return np.zeros(np.shape(step), dtype=bool)
     return np.asarray(step) % period == 0
+
+
+def ratio_title(period: int) -> str:
+    """Writes a period as the paper's alternation ratio."""
+    return {0: "0", 1: "1"}.get(period, f"1/{period}")

@@ -5,15 +5,29 @@ from typing import Literal
 
 from diagrams.station import StationConfig
 
-StudentKind = Literal["linear", "statewise_linear", "gbm", "ebm", "symbolic"]
+StudentKind = Literal[
+    "open_loop",
+    "linear",
+    "statewise_linear",
+    "gbm",
+    "histogram_gbm",
+    "ebm",
+    "symbolic",
+    "statewise_symbolic",
+]
 
-STUDENT_TITLES: dict[str, str] = {
+STUDENT_TITLES: dict[StudentKind, str] = {
+    "open_loop": "Open loop",
     "linear": "Linear",
     "statewise_linear": "Linear per RM state",
     "gbm": "GBM",
+    "histogram_gbm": "GBM, histograms",
     "ebm": "EBM",
     "symbolic": "Symbolic",
+    "statewise_symbolic": "Symbolic per RM state",
 }
+
+Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +50,23 @@ class GbmConfig:
     learning_rate: float = 0.1
     subsample: float = 0.5
     feature_share: float = 0.3
+
+
+@dataclass(frozen=True)
+class HistogramGbmConfig:
+    """Settings of scikit-learn's histogram gradient boosting, the fast one.
+
+    Attributes:
+        n_trees: Number of trees.
+        depth: Greatest depth of a tree.
+        leaves: Greatest number of leaves of a tree.
+        learning_rate: Share of a tree's correction that is kept.
+    """
+
+    n_trees: int = 300
+    depth: int = 6
+    leaves: int = 31
+    learning_rate: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -102,23 +133,38 @@ class DistillationConfig:
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_level: Episodes that share an alternation ratio, the paper's n_f.
         episode_steps: Control steps of an episode.
-        speeds: Commanded forward speeds that the episodes cycle through (m/s).
+        curriculum: Who acts while samples are collected: `alternation`, the paper's, where level k
+            has the expert act at every k-th step; or, after a first level of the expert's, the
+            `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
+            of the steps.
+        speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's.
         station: Physics.
         gbm: Settings of gradient boosting.
+        histogram_gbm: Settings of histogram gradient boosting.
         ebm: Settings of explainable boosting.
         symbolic: Settings of symbolic regression.
         n_jobs: Joints that are fitted at once.
     """
 
     gait: str = "trot"
-    students: tuple[StudentKind, ...] = ("linear", "statewise_linear", "gbm", "ebm", "symbolic")
+    students: tuple[StudentKind, ...] = tuple(STUDENT_TITLES)
     seed: int = 0
     episodes: int = 30
     episodes_per_level: int = 4
     episode_steps: int = 1000
+    curriculum: Curriculum = "alternation"
     speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
     station: StationConfig = field(default_factory=StationConfig)
     gbm: GbmConfig = field(default_factory=GbmConfig)
+    histogram_gbm: HistogramGbmConfig = field(default_factory=HistogramGbmConfig)
     ebm: EbmConfig = field(default_factory=EbmConfig)
     symbolic: SymbolicConfig = field(default_factory=SymbolicConfig)
     n_jobs: int = 2
+
+    def period(self, level: int) -> int:
+        """Returns the control steps from one action of the expert to the next; 0 is never."""
+        if level == 1:
+            return 1
+        return {"alternation": level, "student_only": 0, "expert_only": 1, "half": 2}[
+            self.curriculum
+        ]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from interpret.glassbox import ExplainableBoostingRegressor
 from joblib import Parallel, delayed
-from sklearn.ensemble import GradientBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
 from models.a1 import robot
@@ -15,13 +15,24 @@ from models.a1.robot import Array
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy
-from models.policies.symbolic import SymbolicPolicy
-from models.task.observation import machine_state_entries
-from studies.distillation.config import DistillationConfig, EbmConfig, GbmConfig, StudentKind
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from studies.distillation.config import (
+    DistillationConfig,
+    EbmConfig,
+    GbmConfig,
+    HistogramGbmConfig,
+    StudentKind,
+)
 from studies.distillation.symbolic_regression import fit_formula
 
 RIDGE = 1.0
+"""Weight of the penalty on the linear students' squared weights."""
+
+OPEN_LOOP_ITERATIONS = 16
+"""Moments of a machine's state that the open-loop student tells apart; commands ask for 6 to 11."""
 
 
 def fit_student(
@@ -48,6 +59,22 @@ def untrained_student(gait: str, observation_names: tuple[str, ...]) -> Policy:
     n = len(observation_names)
     zero = np.zeros((robot.N_JOINTS, n))
     return LinearPolicy(gait, observation_names, zero, np.zeros(robot.N_JOINTS))
+
+
+def _fit_open_loop(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> OpenLoopPolicy:
+    state = np.argmax(observations[:, machine_state_entries(names)], axis=1)
+    counted = np.rint(observations[:, names.index("RM Iters")] / ITERATIONS_SCALE).astype(int)
+    iteration = np.minimum(counted, OPEN_LOOP_ITERATIONS - 1)
+    n_states = sum(name.startswith("RM State ") for name in names)
+    table = np.tile(actions.mean(axis=0), (n_states, OPEN_LOOP_ITERATIONS, 1))
+    for s in range(n_states):
+        for i in range(OPEN_LOOP_ITERATIONS):
+            mine = (state == s) & (iteration == i)
+            # A moment that was never visited goes on with the one before it.
+            table[s, i] = actions[mine].mean(axis=0) if mine.any() else table[s, max(0, i - 1)]
+    return OpenLoopPolicy(config.gait, names, table)
 
 
 def _fit_linear(
@@ -91,6 +118,27 @@ def _fit_gbm_joint(
     ).fit(observations, target)
 
 
+def _fit_histogram_gbm(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> BoostedTreesPolicy:
+    settings = config.histogram_gbm
+    models = _fit_joints(_fit_histogram_gbm_joint, config, observations, actions, settings)
+    return BoostedTreesPolicy.compile(config.gait, names, models)
+
+
+def _fit_histogram_gbm_joint(
+    observations: Array, target: Array, seed: int, settings: HistogramGbmConfig
+) -> HistGradientBoostingRegressor:
+    return HistGradientBoostingRegressor(
+        max_iter=settings.n_trees,
+        max_depth=settings.depth,
+        max_leaf_nodes=settings.leaves,
+        learning_rate=settings.learning_rate,
+        early_stopping=False,
+        random_state=seed,
+    ).fit(observations, target)
+
+
 def _fit_ebm(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> AdditivePolicy:
@@ -126,6 +174,20 @@ def _fit_symbolic(
     return SymbolicPolicy(config.gait, names, formulas)
 
 
+def _fit_statewise_symbolic(
+    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+) -> StatewiseSymbolicPolicy:
+    search = partial(fit_formula, gates=(names.index("RM Iters"),))
+    formulas = []
+    for visited in observations[:, machine_state_entries(names)].T:
+        # A state that was never visited gets the formulas of all states together.
+        mine = visited > 0.5 if np.any(visited > 0.5) else np.full(len(visited), True)
+        formulas.append(
+            _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
+        )
+    return StatewiseSymbolicPolicy(config.gait, names, formulas)
+
+
 def _fit_joints(
     fit: Callable[..., Any],
     config: DistillationConfig,
@@ -141,9 +203,12 @@ def _fit_joints(
 
 
 _FITTERS: dict[str, Callable[[DistillationConfig, tuple[str, ...], Array, Array], Policy]] = {
+    "open_loop": _fit_open_loop,
     "linear": _fit_linear,
     "statewise_linear": _fit_statewise_linear,
     "gbm": _fit_gbm,
+    "histogram_gbm": _fit_histogram_gbm,
     "ebm": _fit_ebm,
     "symbolic": _fit_symbolic,
+    "statewise_symbolic": _fit_statewise_symbolic,
 }

@@ -17,6 +17,7 @@ from models.files import write_atomically
 from models.policies.library import load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
+from models.task.alternation import ratio_title
 from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
@@ -114,6 +115,7 @@ def _collect_levels(
     report: Report,
 ) -> Dataset:
     gait = load_gait(config.gait)
+    speeds = np.minimum(config.speeds, gait.max_speed)
     dataset = None
     student = untrained_student(config.gait, expert.observation_names)
     episodes = np.arange(1, config.episodes + 1)
@@ -130,14 +132,16 @@ def _collect_levels(
                     kind, config, expert.observation_names, seen.observations, seen.actions
                 )
             mine = episodes[levels == level]
-            report(f"{STUDENT_TITLES[kind]}: level {level} of {levels[-1]}, ratio 1/{level}")
+            period = config.period(level)
+            ratio = ratio_title(period)
+            report(f"{STUDENT_TITLES[kind]}: level {level} of {levels[-1]}, ratio {ratio}")
             samples = collect(
                 gait,
                 expert,
                 student,
-                period=level,
+                period=period,
                 episodes=mine,
-                speeds=np.array(config.speeds)[(mine - 1) % len(config.speeds)],
+                speeds=speeds[(mine - 1) % len(speeds)],
                 n_steps=config.episode_steps,
                 station=config.station,
                 generator=np.random.default_rng([config.seed, level]),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
+from models.task.alternation import ratio_title
 from models.task.gait import Gait
 from studies.evaluation.config import DISTILLED_SPEEDS, WORLDS, RolloutConfig
 from studies.evaluation.jobs import RolloutJob, for_each_seed
@@ -12,11 +13,6 @@ from studies.evaluation.team import Team
 
 PERIODS = (1, 2, 4, 6, 8, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""
-
-
-def ratio_title(period: int) -> str:
-    """Writes a period as the paper's alternation ratio."""
-    return {0: "0", 1: "1"}.get(period, f"1/{period}")
 
 
 def alternation_jobs(
@@ -32,7 +28,8 @@ def alternation_jobs(
     is rolled out once.
     """
     if config.speed_range is None:
-        config = replace(config, speed_range=DISTILLED_SPEEDS)
+        slowest, fastest = DISTILLED_SPEEDS
+        config = replace(config, speed_range=(slowest, min(fastest, gait.max_speed)))
     teams = {("expert", 1): Team(expert)}
     for kind, student in students.items():
         for period in periods:

@@ -65,7 +65,7 @@ WORLDS: dict[WorldName, World] = {
 """The training physics, converged references of it, and disturbances."""
 
 DISTILLED_SPEEDS = (0.0, 0.75)
-"""Forward speeds that distillation commands (m/s); students are evaluated there."""
+"""Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,22 @@ from matplotlib.patches import Patch
 from diagrams.rollout import Rollout
 from models.a1 import robot
 from models.task import CONTROL_PERIOD
+from models.task.alternation import ratio_title
 from models.task.gait import Gait
 from models.task.palette import STATE_COLORS
-from studies.evaluation.alternation import PERIODS, ratio_title
+from studies.evaluation.alternation import PERIODS
 from studies.evaluation.tables import POLICY_TITLES, alternation_table
 from studies.figures import COLUMN_WIDTH
 
 _LINES = {
+    "open_loop": ("#CCCCCC", "x"),
     "linear": ("#999999", "v"),
-    "statewise_linear": ("#56B4E9", "^"),
+    "statewise_linear": ("#666666", "^"),
     "gbm": ("#0072B2", "o"),
+    "histogram_gbm": ("#56B4E9", "h"),
     "ebm": ("#D55E00", "s"),
     "symbolic": ("#009E73", "D"),
+    "statewise_symbolic": ("#CC79A7", "P"),
 }
 
 

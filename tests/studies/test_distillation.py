@@ -22,6 +22,7 @@ from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
+    HistogramGbmConfig,
     SymbolicConfig,
 )
 from studies.distillation.formulas import readable_formula
@@ -32,10 +33,10 @@ from studies.distillation.symbolic_regression import fit_formula, pysr_arguments
 from studies.distillation.tables import write_r2_table
 
 TINY = DistillationConfig(
-    students=("linear", "statewise_linear", "gbm", "ebm", "symbolic"),
     episodes=5,
     episode_steps=60,
     gbm=GbmConfig(n_trees=5),
+    histogram_gbm=HistogramGbmConfig(n_trees=5),
     ebm=EbmConfig(interactions=2, max_rounds=10),
     symbolic=SymbolicConfig(population=20, generations=2, max_samples=100, backbone_length=30),
     n_jobs=1,
@@ -107,6 +108,49 @@ def test_whole_episodes_are_held_out():
     assert len(held_out) == 6
     assert not held_out & set(episodes[~dataset.held_out])
     assert {(episode - 1) % 4 for episode in held_out} == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    ("curriculum", "periods"),
+    [
+        ("alternation", [1, 2, 3, 4]),
+        ("student_only", [1, 0, 0, 0]),
+        ("expert_only", [1, 1, 1, 1]),
+        ("half", [1, 2, 2, 2]),
+    ],
+)
+def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
+    config = DistillationConfig(curriculum=curriculum)
+    assert [config.period(level) for level in (1, 2, 3, 4)] == periods
+
+
+def test_open_loop_is_the_mean_of_each_moment(generator):
+    names = load_expert("trot").observation_names
+    observations = np.zeros((300, len(names)))
+    state, iteration = generator.integers(2, size=300), generator.integers(4, size=300)
+    observations[np.arange(300), names.index("RM State 0") + state] = 1.0
+    observations[:, names.index("RM Iters")] = 0.1 * iteration
+    actions = generator.normal(size=(300, 12))
+    policy = fit_student("open_loop", TINY, names, observations, actions)
+    expected = actions[(state == 1) & (iteration == 2)].mean(axis=0)
+    np.testing.assert_allclose(policy.table[1, 2], expected)
+    np.testing.assert_array_equal(policy.table[1, 3], policy.table[1, 15])
+
+
+def test_statewise_formulas_are_fitted_to_their_states(generator):
+    names = load_expert("trot").observation_names
+    observations = generator.normal(size=(400, len(names)))
+    state = generator.integers(2, size=400)
+    observations[:, names.index("RM State 0") : names.index("RM State 0") + 2] = np.eye(2)[state]
+    sign = np.where(state == 0, 1.0, -1.0)[:, None]
+    actions = sign * observations[:, 2:14] + np.roll(observations[:, 2:14], 1, axis=1)
+    dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
+    settings = replace(
+        TINY,
+        symbolic=SymbolicConfig(population=20, generations=2, max_length=20, backbone_length=10),
+    )
+    policy = fit_student("statewise_symbolic", settings, names, observations, actions)
+    assert r2_scores(policy, dataset).min() > 0.99
 
 
 def test_labels_are_the_experts_whoever_acts(expert):

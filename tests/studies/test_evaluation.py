@@ -11,7 +11,7 @@ from diagrams.rollout import make_simulator, record
 from models.policies.library import load_expert
 from models.task.gait import load_gait
 from studies.distillation.students import untrained_student
-from studies.evaluation.alternation import alternation_jobs, ratio_title
+from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.figures import gait_figure, reward_figure
 from studies.evaluation.jobs import run_jobs
@@ -71,10 +71,6 @@ def test_summary_counts_falls():
     summary = summarize(scores, ["world"])
     assert summary["falls"].tolist() == [1, 0]
     assert summary["fall_rate"].tolist() == [0.5, 0.0]
-
-
-def test_ratios_are_named_as_in_the_paper():
-    assert [ratio_title(period) for period in (1, 2, 8, 0)] == ["1", "1/2", "1/8", "0"]
 
 
 @pytest.fixture(scope="module")
