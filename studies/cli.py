@@ -14,6 +14,7 @@ COMMANDS = {
     "distill": "studies.distillation.command:Distill",
     "evaluate": "studies.evaluation.command:Evaluate",
     "convergence": "studies.convergence.command:Convergence",
+    "front": "studies.front.command:Front",
     "rollout": "studies.rollout.command:ShowRollout",
     "gait": "studies.gait_command:ShowGait",
     "benchmark": "studies.benchmark.command:Benchmark",

@@ -5,6 +5,7 @@ g, h, … tell where in the gait the robot is: a state of the reward machine, th
 and their products.
 """
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,12 +26,13 @@ def fit_gated_sum(
     Args:
         observations: Samples (m, n).
         target: What to fit (m,).
-        gates: Observations that gate: any number of 0-1 states, then one that counts iterations.
+        gates: Observations that gate: any number of 0-1 states, then one that counts iterations; or
+            none, for a plain weighted sum.
         max_length: Bound on `Expression.length`.
     """
-    *states, iterations = gates
-    products: list[Gate] = [(), *((s,) for s in states), (iterations,)]
-    products += [(s, iterations) for s in states]
+    states, iterations = gates[:-1], gates[-1:]
+    products: list[Gate] = [(), *((gate,) for gate in gates)]
+    products += [(s, i) for s in states for i in iterations]
     columns = [
         observations * np.prod(observations[:, list(gate)], axis=1, keepdims=True)
         for gate in products
@@ -47,7 +49,10 @@ def fit_gated_sum(
     formula = Expression("constant", value=float(target.mean()))
     for count in range(1, min(len(usable), max_length // 2) + 1):
         weights = np.zeros(len(mean))
-        found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
+        with warnings.catch_warnings():
+            # Where fewer terms fit exactly, fewer are found.
+            warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
+            found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
         weights[usable] = found / spread[usable]
         larger = _gated_expression(products, weights.reshape(-1, n), target.mean() - weights @ mean)
         if larger.length > max_length:

@@ -1,0 +1,127 @@
+"""`glassgait front`: closed-loop reward of formulas against their size."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import tyro
+import yaml
+
+from models.errors import InputError
+from models.files import write_atomically
+from models.policies.library import load_expert, load_policy
+from models.policies.policy import Policy
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.task.gait import load_gait
+from studies.console import console, say
+from studies.distillation.collection import Dataset
+from studies.distillation.study import r2_scores
+from studies.evaluation.alternation import alternation_jobs
+from studies.evaluation.config import RolloutConfig
+from studies.evaluation.jobs import run_jobs
+from studies.evaluation.scores import summarize
+from studies.figures import save_figure
+from studies.front.figures import front_figure
+from studies.front.formulas import FAMILIES, LENGTHS
+from studies.records import to_plain
+from studies.tables import print_table, write_metrics, write_table
+
+
+@dataclass(frozen=True)
+class Front:
+    """Fit formulas of growing size, let each walk alone, and name the smallest that never falls.
+
+    Attributes:
+        gait: Name of a gait.
+        samples: Folder of the levels that a student collected, whose samples the formulas are
+            fitted to; runs/distillation/<gait>/symbolic by default.
+        lengths: Greatest lengths of a joint's formula (nodes).
+        rollouts: How robots are rolled out.
+        expert: Policy file of the expert; the shipped one by default.
+        resume: Keep the rollouts that are done, where policies and settings are the same.
+        output: Folder of the results; runs/front/<gait> by default.
+    """
+
+    gait: str = "trot"
+    samples: Path | None = None
+    lengths: tuple[int, ...] = LENGTHS
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_seeds=1)
+    )
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
+        data = _read_samples(self.samples or Path("runs/distillation") / gait.name / "symbolic")
+        folder = self.output or Path("runs/front") / gait.name
+        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
+        students, rows = {}, []
+        for family, shape in FAMILIES.items():
+            say(f"fitting: {shape.title}")
+            for length in self.lengths:
+                name = f"{family} {length}"
+                path = folder / "formulas" / f"{family}_{length}.safetensors"
+                if not (self.resume and path.exists()):
+                    seen = data.subset(~data.held_out)
+                    shape.fit(gait.name, expert.observation_names, seen, length).save(path)
+                students[name] = load_policy(path)
+                r2 = float(r2_scores(students[name], data.subset(data.held_out)).mean())
+                nodes = mean_nodes(students[name])
+                rows.append({"policy": name, "family": family, "nodes": nodes, "r2": r2})
+        jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
+        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
+        front = front_table(pd.DataFrame(rows), scores)
+        write_table(front, folder / "front")
+        write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
+        save_figure(front_figure(front, gait.name), folder / "front")
+        print_table(f"{gait.name}: formulas alone", front)
+        console.print(f"{smallest_that_walks(front)}; written to {folder}")
+
+
+def mean_nodes(policy: Policy) -> float:
+    """Counts the nodes of a joint's formulas, of all states together, the mean of the joints."""
+    if isinstance(policy, StatewiseSymbolicPolicy):
+        formulas = [formula for own in policy.expressions for formula in own]
+        return sum(formula.length for formula in formulas) / len(policy.expressions[0])
+    assert isinstance(policy, SymbolicPolicy)
+    return float(np.mean([formula.length for formula in policy.expressions]))
+
+
+def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
+    """Joins the fits with their scores alone: share of the expert's reward, and falls."""
+    means = summarize(scores, ["policy"])
+    expert = means.loc[means["policy"] == "expert", "reward"].iloc[0]
+    means["share"] = means["reward"] / expert
+    columns = ["policy", "robots", "falls", "fall_rate", "share", "reward", "reward_ci", "rhythm"]
+    return fits.merge(means[columns], on="policy").sort_values("nodes", ignore_index=True)
+
+
+def smallest_that_walks(front: pd.DataFrame) -> str:
+    """Names the smallest formulas with which no robot fell."""
+    upright = front[front["falls"] == 0]
+    if upright.empty:
+        return "with every size some robot falls"
+    best = upright.sort_values("nodes").iloc[0]
+    title = FAMILIES[best["family"]].title
+    return (
+        f"smallest without a fall in {best['robots']} robots: {title} of {best['nodes']:.1f} nodes "
+        f"a joint, {best['share']:.2f} of the expert's reward"
+    )
+
+
+def _read_samples(folder: Path) -> Dataset:
+    paths = sorted(folder.glob("level_*.safetensors"))
+    if not paths:
+        raise InputError(
+            f"{folder}: holds no samples; collect them with "
+            "'glassgait distill --students symbolic', or name another folder with --samples"
+        )
+    data = Dataset.load(paths[0])
+    for path in paths[1:]:
+        data = data.union(Dataset.load(path))
+    return data

@@ -1,0 +1,35 @@
+"""The figure of the front: reward and falls against size."""
+
+import pandas as pd
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from studies.figures import COLUMN_WIDTH
+from studies.front.formulas import FAMILIES
+
+_STYLES = {
+    "linear": {"color": "#999999", "marker": "v"},
+    "gated": {"color": "#009E73", "marker": "D"},
+    "statewise": {"color": "#CC79A7", "marker": "P"},
+}
+
+
+def front_figure(front: pd.DataFrame, title: str) -> Figure:
+    """Draws share of the expert's reward, falls and R² against the nodes of a joint's formula."""
+    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
+    for family, style in _STYLES.items():
+        mine = front[front["family"] == family].sort_values("nodes")
+        line = {"label": FAMILIES[family].title, "markersize": 3.5, "linewidth": 1.0, **style}
+        axes[0].plot(mine["nodes"], mine["share"], **line)
+        axes[1].plot(mine["nodes"], 100 * mine["fall_rate"], **line)
+        axes[2].plot(mine["nodes"], mine["r2"], **line)
+    axes[0].axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    axes[0].set(ylabel="share of the\nexpert's reward", ylim=(0, None), title=title)
+    axes[1].set(ylabel="falls (%)", ylim=(-5, 105))
+    axes[2].set(ylabel="R²", ylim=(0, 1), xlabel="nodes of a joint's formula", xscale="log")
+    ticks = [2, 4, 8, 16, 32, 64, 128]
+    axes[2].set_xticks(ticks, [str(tick) for tick in ticks])
+    axes[2].minorticks_off()
+    axes[0].legend(loc="lower right")
+    figure.align_ylabels()
+    return figure

@@ -1,0 +1,64 @@
+"""The formulas whose sizes are compared, each family fitted by least squares alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.a1 import robot
+from models.policies.policy import Policy
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.task.observation import machine_state_entries
+from studies.distillation.collection import Dataset
+from studies.distillation.gated_sum import fit_gated_sum
+
+Fit = Callable[[str, tuple[str, ...], Dataset, int], Policy]
+
+LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90)
+"""Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A shape of formula.
+
+    Attributes:
+        title: What tables call it.
+        fit: Fits a policy of the family to samples, given gait, names and greatest length.
+    """
+
+    title: str
+    fit: Fit
+
+
+def _fit_linear(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
+    return SymbolicPolicy(gait, names, _fit_joints(data, (), length))
+
+
+def _fit_gated(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
+    states = machine_state_entries(names)
+    gates = (*range(states.start, states.stop - 1), names.index("RM Iters"))
+    return SymbolicPolicy(gait, names, _fit_joints(data, gates, length))
+
+
+def _fit_statewise(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
+    formulas = []
+    for visited in data.observations[:, machine_state_entries(names)].T:
+        mine = visited > 0.5
+        own = data.subset(mine) if np.any(mine) else data
+        formulas.append(_fit_joints(own, (), length))
+    return StatewiseSymbolicPolicy(gait, names, formulas)
+
+
+def _fit_joints(data: Dataset, gates: tuple[int, ...], length: int) -> list:
+    return [
+        fit_gated_sum(data.observations, data.actions[:, joint], gates, length)
+        for joint in range(robot.N_JOINTS)
+    ]
+
+
+FAMILIES = {
+    "linear": Family("weighted sum", _fit_linear),
+    "gated": Family("gated sum", _fit_gated),
+    "statewise": Family("weighted sum per RM state", _fit_statewise),
+}

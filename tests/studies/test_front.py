@@ -1,0 +1,66 @@
+"""The front of size against reward."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from models.policies.library import load_expert
+from models.task.observation import machine_state_entries
+from studies.cli import main
+from studies.distillation.collection import Dataset
+from studies.front.command import front_table, mean_nodes, smallest_that_walks
+from studies.front.formulas import FAMILIES
+
+NAMES = load_expert("trot").observation_names
+
+
+@pytest.fixture(scope="module")
+def samples():
+    generator = np.random.default_rng(0)
+    observations = generator.normal(size=(600, len(NAMES)))
+    state = generator.integers(2, size=600)
+    observations[:, machine_state_entries(NAMES)] = np.eye(2)[state]
+    actions = np.where(state == 0, 1.0, -1.0)[:, None] * observations[:, 2:14]
+    return Dataset(observations, actions, np.repeat(np.arange(1, 11), 60))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_lengths_bound_the_formulas(family, samples):
+    sizes = [mean_nodes(FAMILIES[family].fit("trot", NAMES, samples, n)) for n in (2, 8, 24)]
+    states = 2 if family == "statewise" else 1
+    assert sizes == sorted(sizes)
+    assert all(size <= n * states for size, n in zip(sizes, (2, 8, 24), strict=True))
+
+
+def test_the_smallest_without_a_fall_is_named():
+    fits = pd.DataFrame(
+        {"policy": ["a", "b"], "family": ["gated", "linear"], "nodes": [30.0, 12.0], "r2": 0.9}
+    )
+    scores = pd.DataFrame({"policy": ["expert", "a", "a", "b", "b"], "reward": [10, 9, 9, 8, 4]})
+    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+        scores[name] = 1.0
+    scores["fell"] = [False, False, False, False, True]
+    front = front_table(fits, scores)
+    assert front["policy"].tolist() == ["b", "a"]
+    assert front["share"].tolist() == pytest.approx([0.6, 0.9])
+    assert "gated sum of 30.0 nodes a joint, 0.90" in smallest_that_walks(front)
+    assert "some robot falls" in smallest_that_walks(front[front["falls"] > 0])
+
+
+def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
+    samples.save(tmp_path / "levels" / "level_1.safetensors")
+    small = ["--lengths", "2", "6", "--n-robots", "2", "--n-steps", "20"]
+    output = tmp_path / "front"
+    main(["front", *small, "--samples", str(tmp_path / "levels"), "--output", str(output)])
+    assert {path.name for path in output.glob("front.*")} == {
+        "front.csv", "front.md", "front.png", "front.pdf",
+    }  # fmt: skip
+    assert len(list((output / "formulas").iterdir())) == 6
+    assert "written to" in capsys.readouterr().out
+
+
+def test_missing_samples_are_told(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["front", "--samples", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "holds no samples" in capsys.readouterr().err
