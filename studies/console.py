@@ -16,7 +16,10 @@ from rich.progress import (
 
 from models.errors import InputError
 
-console = Console(highlight=False)
+FILE_WIDTH = 160
+"""Width of lines where the output goes to a file (characters)."""
+
+console = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
 
 BAD_INPUT = 2
 INTERRUPTED = 130

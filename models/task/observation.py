@@ -53,6 +53,21 @@ class ObservationLayout:
             *(f"Foot Height {leg}" for leg in robot.LEGS),
         )
 
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of all entries, in order, with the factor that an entry is scaled by."""
+        return (
+            "m/s",
+            "rad/s",
+            *["rad from the default stance"] * robot.N_JOINTS,
+            *[f"{JOINT_VELOCITY_SCALE} · rad/s"] * robot.N_JOINTS,
+            *[f"{robot.ACTION_SCALE} rad of joint target"] * robot.N_JOINTS,
+            *["0 or 1"] * self.n_machine_states,
+            *[f"{ITERATIONS_SCALE} · control steps"] * 2,
+            *[f"{BASE_VELOCITY_SCALE:g} · m/s"] * 3,
+            *["m"] * robot.N_LEGS,
+        )
+
     @property
     def size(self) -> int:
         """Length of the observation."""

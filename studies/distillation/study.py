@@ -17,10 +17,12 @@ from models.files import write_atomically
 from models.policies.library import load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
+from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from models.task.alternation import ratio_title
 from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
+from studies.distillation.formulas import write_formulas
 from studies.distillation.students import fit_student, untrained_student
 from studies.records import read_yaml, to_plain
 
@@ -163,6 +165,8 @@ def _fit_final(
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     student = fit_student(kind, config, names, seen.observations, seen.actions)
     student.save(student_path(folder, kind))
+    if isinstance(student, SymbolicPolicy | StatewiseSymbolicPolicy):
+        write_formulas(student, folder / f"{kind}_formulas")
     scores = r2_scores(student, held_out)
 
     # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.

@@ -14,6 +14,7 @@ from sklearn.metrics import r2_score
 
 from diagrams.station import StationConfig
 from models.errors import InputError
+from models.policies.expression import parse_expression, variable_names
 from models.policies.library import load_expert, load_policy
 from models.policies.symbolic import Tape
 from models.task.gait import load_gait
@@ -25,7 +26,7 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from studies.distillation.formulas import readable_formula
+from studies.distillation.formulas import latex_formula, readable_formula
 from studies.distillation.gated_sum import fit_gated_sum
 from studies.distillation.students import fit_student, untrained_student
 from studies.distillation.study import distill, load_students, r2_scores
@@ -81,6 +82,25 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
         distill(TINY, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
     )
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+
+
+def test_formulas_are_written_for_people(finished):
+    folder, _ = finished
+    page = (folder / "statewise_symbolic_formulas.md").read_text()
+    assert page.count("**FL_hip** = ") == 2
+    assert "| DoF Vel FL Hip | $\\dot q_{\\mathrm{FL Hip}}$ | 0.05 · rad/s |" in page
+    latex = (folder / "symbolic_formulas.tex").read_text()
+    assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") == 12
+    assert r"a_{\mathrm{RR\,calf}} ={}&" in latex
+
+
+def test_latex_takes_the_papers_symbols():
+    names = load_expert("trot").observation_names
+    index = {name: f"x{i}" for i, name in enumerate(names)}
+    text = f"2.5 * {index['DoF Pos FL Hip']} - {index['RM Iters']} * {index['Command X']}"
+    formula = parse_expression(text, variable_names(len(names)))
+    expected = r"2.5 \cdot q_{\mathrm{FL Hip}} - v_x^{*} \cdot n"
+    assert latex_formula(formula, names) == expected
 
 
 def test_a_finished_folder_is_not_overwritten(finished, expert):
