@@ -9,10 +9,15 @@ import pandas as pd
 
 from models.policies.library import load_expert, load_policy
 from models.policies.policy import Policy
+from studies.benchmark.distillation import (
+    compiled_against_library,
+    expert_samples,
+    study_against_naive_loop,
+)
 from studies.benchmark.inference import single_row_microseconds
 from studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from studies.console import console, say
-from studies.distillation.config import STUDENT_TITLES
+from studies.distillation.config import STUDENT_TITLES, DistillationConfig
 from studies.distillation.study import student_path
 from studies.tables import print_table, write_metrics, write_table
 from studies.training.config import TrainingConfig
@@ -49,7 +54,20 @@ class Benchmark:
         inference = self._inference()
         write_table(inference, self.output / "inference")
         print_table("One action, one observation", inference)
+        say("fitting library models, to compare them with what they compile to")
+        expert = load_expert(self.gait)
+        samples = expert_samples(expert, n_steps=1000)
+        config = DistillationConfig(gait=self.gait)
+        compiled = compiled_against_library(samples, expert.observation_names, config)
+        write_table(compiled, self.output / "compiled")
+        print_table("Compiled students against their libraries", compiled)
+        naive = study_against_naive_loop(samples, config, self._student_folder())
+        if len(naive):
+            write_table(naive, self.output / "distillation")
+            print_table("The distillation study against the naive loop", naive)
         metrics = {
+            "compiled": compiled.to_dict(orient="records"),
+            "distillation": naive.to_dict(orient="records"),
             "throughput": throughput.to_dict(orient="records"),
             "inference": inference.to_dict(orient="records"),
             # Linux counts in KiB.
@@ -83,10 +101,13 @@ class Benchmark:
             }
         )
 
+    def _student_folder(self) -> Path:
+        return self.students or Path("runs/distillation") / self.gait
+
     def _inference(self) -> pd.DataFrame:
         expert = load_expert(self.gait)
         policies: dict[str, Policy] = {"neural expert": expert}
-        folder = self.students or Path("runs/distillation") / self.gait
+        folder = self._student_folder()
         for kind, title in STUDENT_TITLES.items():
             path = student_path(folder, kind)
             if path.exists():

@@ -54,6 +54,25 @@ def fit_student(
     return _FITTERS[kind](config, observation_names, observations, actions)
 
 
+def fit_library_models(
+    kind: StudentKind, config: DistillationConfig, observations: Array, actions: Array
+) -> Sequence[Any]:
+    """Fits the library's models behind a compiled student, one a joint.
+
+    Args:
+        kind: `gbm`, `histogram_gbm` or `ebm`.
+        config: Settings.
+        observations: Samples (m, n).
+        actions: The expert's actions (m, 12).
+    """
+    fit, settings = {
+        "gbm": (_fit_gbm_joint, config.gbm),
+        "histogram_gbm": (_fit_histogram_gbm_joint, config.histogram_gbm),
+        "ebm": (_fit_ebm_joint, config.ebm),
+    }[kind]
+    return _fit_joints(fit, config, observations, actions, settings)
+
+
 def untrained_student(gait: str, observation_names: tuple[str, ...]) -> Policy:
     """Returns the student before its first fit: it asks for the default stance."""
     n = len(observation_names)
@@ -101,7 +120,7 @@ def _fit_statewise_linear(
 def _fit_gbm(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> BoostedTreesPolicy:
-    models = _fit_joints(_fit_gbm_joint, config, observations, actions, config.gbm)
+    models = fit_library_models("gbm", config, observations, actions)
     return BoostedTreesPolicy.compile(config.gait, names, models)
 
 
@@ -121,8 +140,7 @@ def _fit_gbm_joint(
 def _fit_histogram_gbm(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> BoostedTreesPolicy:
-    settings = config.histogram_gbm
-    models = _fit_joints(_fit_histogram_gbm_joint, config, observations, actions, settings)
+    models = fit_library_models("histogram_gbm", config, observations, actions)
     return BoostedTreesPolicy.compile(config.gait, names, models)
 
 
@@ -142,7 +160,7 @@ def _fit_histogram_gbm_joint(
 def _fit_ebm(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> AdditivePolicy:
-    models = _fit_joints(_fit_ebm_joint, config, observations, actions, config.ebm)
+    models = fit_library_models("ebm", config, observations, actions)
     return AdditivePolicy.compile(config.gait, names, models)
 
 
