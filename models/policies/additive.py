@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
-from models.policies.policy import Policy
+from models.policies.policy import Contribution, Policy
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -119,6 +119,20 @@ class AdditivePolicy(Policy):
             first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
             action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
+
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        single, coarse = (_digitize(observation[None], c)[0] for c in (self.cuts, self.pair_cuts))
+        names = self.observation_names
+        parts = [Contribution("intercept", float(self.intercepts[joint]))]
+        values = self.tables[joint, self._feature, single]
+        parts += [
+            Contribution(name, float(value)) for name, value in zip(names, values, strict=True)
+        ]
+        for index in np.flatnonzero(self.pair_joints == joint):
+            first, second = self.pairs[index]
+            value = self.pair_tables[index, coarse[first], coarse[second]]
+            parts.append(Contribution(f"{names[first]} & {names[second]}", float(value)))
+        return tuple(parts)
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

@@ -52,6 +52,41 @@ class Expression:
             return frozenset([self.variable])
         return frozenset().union(*(operand.variables for operand in self.operands))
 
+    def terms(self) -> tuple["Expression", ...]:
+        """Splits the formula into terms whose sum it is, products of sums multiplied out."""
+        match self:
+            case Expression("add", (left, right)):
+                return left.terms() + right.terms()
+            case Expression("sub", (left, right)):
+                return left.terms() + tuple(negated(term) for term in right.terms())
+            case Expression("neg", (inner,)):
+                return tuple(negated(term) for term in inner.terms())
+            case Expression("mul", (left, right)):
+                return tuple(times(a, b) for a in left.terms() for b in right.terms())
+            case _:
+                return (self,)
+
+    def derivative(self, variable: int) -> "Expression":
+        """Differentiates the formula by a variable."""
+        if variable not in self.variables:
+            return ZERO
+        slopes = tuple(operand.derivative(variable) for operand in self.operands)
+        match self.operator, self.operands:
+            case "variable", _:
+                return ONE
+            case "add", _:
+                return plus(*slopes)
+            case "sub", _:
+                return plus(slopes[0], negated(slopes[1]))
+            case "mul", (left, right):
+                return plus(times(slopes[0], right), times(left, slopes[1]))
+            case "div", (left, right):
+                rest = times(self, slopes[1])
+                return Expression("div", (plus(slopes[0], negated(rest)), right))
+            case operator, (inner,):
+                return times(_outer_slope(operator, self, inner), slopes[0])
+        raise AssertionError(self.operator)
+
     def to_text(self, names: tuple[str, ...]) -> str:
         """Writes the formula with the given variable names, so that it can be read back."""
         match self.operator:
@@ -93,6 +128,59 @@ class Expression:
                 return sympy.Abs(operands[0])
             case operator:
                 return getattr(sympy, operator)(operands[0])
+
+
+def constant(value: float) -> Expression:
+    """Makes a constant."""
+    return Expression("constant", value=value)
+
+
+ZERO, ONE = constant(0.0), constant(1.0)
+
+
+def plus(left: Expression, right: Expression) -> Expression:
+    """Adds two formulas, leaving out zeros."""
+    if ZERO in (left, right):
+        return right if left == ZERO else left
+    return Expression("add", (left, right))
+
+
+def times(left: Expression, right: Expression) -> Expression:
+    """Multiplies two formulas, leaving out zeros and ones and joining constants."""
+    if ZERO in (left, right):
+        return ZERO
+    if ONE in (left, right):
+        return right if left == ONE else left
+    if left.operator == right.operator == "constant":
+        return constant(left.value * right.value)
+    return Expression("mul", (left, right))
+
+
+def negated(formula: Expression) -> Expression:
+    """Negates a formula."""
+    return (
+        constant(-formula.value)
+        if formula.operator == "constant"
+        else Expression("neg", (formula,))
+    )
+
+
+def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Expression:
+    """Differentiates a function of one argument by its argument."""
+    one_minus_square = plus(ONE, negated(Expression("square", (whole,))))
+    slopes: dict[str, Expression] = {
+        "neg": constant(-1.0),
+        "sin": Expression("cos", (inner,)),
+        "cos": negated(Expression("sin", (inner,))),
+        "tanh": one_minus_square,
+        "exp": whole,
+        "log": Expression("div", (ONE, inner)),
+        "sqrt": Expression("div", (constant(0.5), whole)),
+        "abs": Expression("div", (inner, whole)),
+        "square": times(constant(2.0), inner),
+        "cube": times(constant(3.0), Expression("square", (inner,))),
+    }
+    return slopes[operator]
 
 
 def variable_names(count: int) -> tuple[str, ...]:

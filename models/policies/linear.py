@@ -3,7 +3,7 @@
 import numpy as np
 
 from models.a1.robot import Array
-from models.policies.policy import Policy
+from models.policies.policy import Contribution, Policy
 from models.task.observation import machine_state_entries
 
 
@@ -27,6 +27,10 @@ class LinearPolicy(Policy):
 
     def __call__(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
+
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        parts = self.weights[joint] * observation
+        return _contributions(self.observation_names, parts, self.intercepts[joint])
 
 
 class StatewiseLinearPolicy(Policy):
@@ -52,3 +56,15 @@ class StatewiseLinearPolicy(Policy):
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         weights = self.weights[state]
         return np.einsum("...jn,...n->...j", weights, observation) + self.intercepts[state]
+
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        state = int(np.argmax(observation[self._one_hot]))
+        parts = self.weights[state, joint] * observation
+        return _contributions(self.observation_names, parts, self.intercepts[state, joint])
+
+
+def _contributions(
+    names: tuple[str, ...], parts: Array, intercept: float
+) -> tuple[Contribution, ...]:
+    terms = zip(("intercept", *names), (intercept, *parts), strict=True)
+    return tuple(Contribution(term, float(value)) for term, value in terms)

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -12,6 +13,19 @@ from models.errors import InputError
 from models.files import load_arrays, save_arrays
 
 FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """A part of an action.
+
+    Attributes:
+        term: What it comes from.
+        value: How much it adds.
+    """
+
+    term: str
+    value: float
 
 
 class Policy(ABC):
@@ -51,6 +65,21 @@ class Policy(ABC):
     ) -> Self:
         """Rebuilds the policy that `to_arrays` took apart."""
         return cls(gait, observation_names, **{name: arrays[name] for name in cls.array_names})
+
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        """Splits an action into contributions that add up to it.
+
+        Args:
+            observation: One observation (n,).
+            joint: Index of the joint.
+
+        Raises:
+            InputError: if this kind of policy has no such parts.
+        """
+        raise InputError(
+            f"a {self.kind} policy does not split into contributions; take an additive, a linear "
+            "or a symbolic one"
+        )
 
     def save(self, path: Path) -> None:
         """Writes the policy to a safetensors file, atomically."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.a1.robot import Array
 from models.policies.expression import Expression, parse_expression, variable_names
-from models.policies.policy import Policy
+from models.policies.policy import Contribution, Policy
 from models.task.observation import machine_state_entries
 
 _FUNCTIONS: dict[str, Callable[..., Array]] = {
@@ -124,6 +124,13 @@ class SymbolicPolicy(Policy):
     def __call__(self, observation: Array) -> Array:
         return self._tape(observation)
 
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        return _contributions(self.expressions[joint], observation, self.observation_names)
+
+    def derivatives(self, observation: Array) -> Array:
+        """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
+        return _derivatives(self.expressions, observation)
+
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         names = variable_names(len(self.observation_names))
         return {}, {"formulas": [formula.to_text(names) for formula in self.expressions]}
@@ -172,6 +179,19 @@ class StatewiseSymbolicPolicy(Policy):
                 action[mine] = tape(observation[mine])
         return action
 
+    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+        formulas = self.expressions[int(np.argmax(observation[self._one_hot]))]
+        return _contributions(formulas[joint], observation, self.observation_names)
+
+    def derivatives(self, observation: Array) -> Array:
+        """Evaluates the partial derivative of each action by each observation (..., 12, n).
+
+        The machine's state is held: at its change the formulas jump.
+        """
+        every_state = np.stack([_derivatives(own, observation) for own in self.expressions])
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
+        return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]
+
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         names = variable_names(len(self.observation_names))
         texts = [[formula.to_text(names) for formula in own] for own in self.expressions]
@@ -188,3 +208,28 @@ class StatewiseSymbolicPolicy(Policy):
         names = variable_names(len(observation_names))
         formulas = [[parse_expression(text, names) for text in own] for own in values["formulas"]]
         return cls(gait, observation_names, formulas)
+
+
+def _contributions(
+    formula: Expression, observation: Array, names: tuple[str, ...]
+) -> tuple[Contribution, ...]:
+    terms = formula.terms()
+    values = Tape(terms, len(names))(observation)
+    return tuple(
+        Contribution(term.to_text(names), float(value))
+        for term, value in zip(terms, values, strict=True)
+    )
+
+
+def _derivatives(formulas: Sequence[Expression], observation: Array) -> Array:
+    n = observation.shape[-1]
+    slopes = [
+        (joint, variable, formula.derivative(variable))
+        for joint, formula in enumerate(formulas)
+        for variable in sorted(formula.variables)
+    ]
+    derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
+    if slopes:
+        joints, variables, expressions = zip(*slopes, strict=True)
+        derivatives[..., list(joints), list(variables)] = Tape(expressions, n)(observation)
+    return derivatives

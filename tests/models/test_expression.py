@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.errors import InputError
-from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.expression import UNARY, Expression, parse_expression, variable_names
 from models.policies.symbolic import Tape
 
 NAMES = variable_names(3)
@@ -52,6 +52,41 @@ def test_compiled_values_are_sympys(expression):
     expected = float(expression.to_sympy(symbols).evalf(30, dict(zip(symbols, row, strict=True))))
     found = float(Tape([expression], 3)(row)[0])
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(EXPRESSIONS, st.integers(0, 2))
+def test_derivatives_are_sympys(expression, variable):
+    symbols = sympy.symbols(NAMES)
+    row = np.array([0.3, -0.7, 1.1])
+    slope = sympy.diff(expression.to_sympy(symbols), symbols[variable])
+    expected = float(slope.evalf(30, dict(zip(symbols, row, strict=True))))
+    found = float(Tape([expression.derivative(variable)], 3)(row)[0])
+    assert found == pytest.approx(expected, rel=1e-8, abs=1e-8)
+
+
+@pytest.mark.parametrize("function", UNARY)
+def test_every_function_is_differentiated(function):
+    row, step = np.array([0.4, 0.6, 0.8]), 1e-6
+    formula = parse_expression(f"{function}(2 * x0 + x1) / (1 + x0)", NAMES)
+    tape = Tape([formula], 3)
+    nudge = np.array([step, 0.0, 0.0])
+    expected = (tape(row + nudge) - tape(row - nudge)) / (2 * step)
+    found = Tape([formula.derivative(0)], 3)(row)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(EXPRESSIONS)
+def test_terms_add_up_to_the_formula(expression):
+    rows = np.random.default_rng(0).normal(size=(5, 3))
+    terms = expression.terms()
+    assert not any(term.operator in ("add", "sub") for term in terms)
+    whole = Tape([expression], 3)(rows)[:, 0]
+    values = Tape(terms, 3)(rows)
+    np.testing.assert_allclose(
+        values.sum(axis=1), whole, rtol=1e-9, atol=1e-9 * np.abs(values).max()
+    )
 
 
 def test_size_counts_nodes_and_variables_are_listed():

@@ -151,6 +151,35 @@ def test_batches_agree_with_single_rows(boosted_models, additive_models):
         np.testing.assert_allclose(batch.reshape(12, 12), single, rtol=0, atol=1e-12)
 
 
+def test_contributions_add_up_to_the_action(additive_models):
+    observations, _ = samples(5, seed=7)
+    additive = AdditivePolicy.compile("trot", NAMES, additive_models)
+    for policy in (linear(), statewise(), symbolic(), statewise_symbolic(), additive):
+        for observation in observations:
+            for joint in (0, 5, 11):
+                parts = policy.explain(observation, joint)
+                total = sum(part.value for part in parts)
+                assert total == pytest.approx(policy(observation)[joint], abs=1e-9)
+    assert parts[-1].term.count("&") == 1
+
+
+def test_trees_and_networks_do_not_split_into_contributions():
+    with pytest.raises(InputError, match="neural policy does not split"):
+        neural().explain(samples(1)[0][0], 0)
+
+
+@pytest.mark.parametrize("make", [symbolic, statewise_symbolic])
+def test_derivatives_are_the_slopes_of_the_actions(make):
+    policy, step = make(), 1e-6
+    observations, _ = samples(4, seed=7)
+    derivatives = policy.derivatives(observations)
+    assert derivatives.shape == (4, 12, N)
+    for variable in (0, 3, 8):
+        nudge = step * np.eye(N)[variable]
+        slope = (policy(observations + nudge) - policy(observations - nudge)) / (2 * step)
+        np.testing.assert_allclose(derivatives[..., variable], slope, atol=1e-6)
+
+
 def test_boosted_trees_equal_scikit_learn(boosted_models):
     observations, _ = samples(3000, seed=8)
     policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
