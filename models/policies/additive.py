@@ -120,6 +120,18 @@ class AdditivePolicy(Policy):
             action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
 
+    def term_values(self, observations: Array) -> tuple[Array, Array]:
+        """Evaluates every function on observations (m, n).
+
+        Returns:
+            Functions of one observation (m, 12, n), and of two (m, p).
+        """
+        single = _digitize(observations, self.cuts)
+        coarse = _digitize(observations, self.pair_cuts)
+        first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
+        singles = np.moveaxis(self.tables[:, self._feature, single], 0, 1)
+        return singles, self.pair_tables[self._pair, first, second]
+
     def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
         single, coarse = (_digitize(observation[None], c)[0] for c in (self.cuts, self.pair_cuts))
         names = self.observation_names

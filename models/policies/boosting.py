@@ -22,10 +22,12 @@ class BoostedTreesPolicy(Policy):
         thresholds: The node goes left where the observation is at most this, same shape.
         leaves: Contribution of each leaf, learning rate included (12, n_trees, 2**depth).
         intercepts: Constants (12,).
+        importances: Share of the fit's gain at nodes that ask for each observation (12, n), the
+            impurity importance.
     """
 
     kind = "boosted_trees"
-    array_names = ("features", "thresholds", "leaves", "intercepts")
+    array_names = ("features", "thresholds", "leaves", "intercepts", "importances")
 
     def __init__(
         self,
@@ -35,12 +37,14 @@ class BoostedTreesPolicy(Policy):
         thresholds: Array,
         leaves: Array,
         intercepts: Array,
+        importances: Array,
     ) -> None:
         super().__init__(gait, observation_names)
         self.features = features
         self.thresholds = thresholds
         self.leaves = leaves
         self.intercepts = intercepts
+        self.importances = importances
         n_joints, n_trees, n_inner = features.shape
         self._depth = (n_inner + 1).bit_length() - 1
         tree = np.arange(n_joints * n_trees)
@@ -77,6 +81,7 @@ class BoostedTreesPolicy(Policy):
             thresholds=np.array([[tree.thresholds for tree in joint] for joint in compiled]),
             leaves=np.array([[tree.leaves for tree in joint] for joint in compiled]),
             intercepts=np.array([_constant(model) for model in models]),
+            importances=np.array([_importances(model, len(observation_names)) for model in models]),
         )
 
     def __call__(self, observation: Array) -> Array:
@@ -145,6 +150,15 @@ def _constant(model: Any) -> float:
         return float(np.ravel(model._baseline_prediction)[0])
     # scikit-learn starts from the mean of the samples, held by a dummy regressor.
     return float(np.ravel(model.init_.constant_)[0])
+
+
+def _importances(model: Any, n_observations: int) -> Array:
+    if not isinstance(model, HistGradientBoostingRegressor):
+        return model.feature_importances_
+    nodes = np.concatenate([predictors[0].nodes for predictors in model._predictors])
+    inner = nodes[nodes["is_leaf"] == 0]
+    gains = np.bincount(inner["feature_idx"], inner["gain"], minlength=n_observations)
+    return gains / max(gains.sum(), np.finfo(float).tiny)
 
 
 def _exact_trees(model: GradientBoostingRegressor) -> list[_Tree]:

@@ -57,6 +57,10 @@ class StatewiseLinearPolicy(Policy):
         weights = self.weights[state]
         return np.einsum("...jn,...n->...j", weights, observation) + self.intercepts[state]
 
+    def state_shares(self, observations: Array) -> Array:
+        """Returns the share of observations (m, n) in each state of the machine (n_states,)."""
+        return observations[:, self._one_hot].mean(axis=0)
+
     def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
         state = int(np.argmax(observation[self._one_hot]))
         parts = self.weights[state, joint] * observation

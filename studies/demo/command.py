@@ -14,7 +14,7 @@ from studies.demo.report import write_report
 from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
-    GbmConfig,
+    HistogramGbmConfig,
     SymbolicConfig,
 )
 from studies.distillation.study import distill, load_students
@@ -30,9 +30,10 @@ from studies.rollout.play import play
 from studies.tables import print_table
 
 QUICK = DistillationConfig(
+    students=("open_loop", "linear", "statewise_linear", "histogram_gbm", "ebm", "symbolic"),
     episodes=16,
     episode_steps=500,
-    gbm=GbmConfig(n_trees=100),
+    histogram_gbm=HistogramGbmConfig(n_trees=100),
     ebm=EbmConfig(interactions=30, max_rounds=500),
     symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
 )

@@ -183,6 +183,8 @@ def test_derivatives_are_the_slopes_of_the_actions(make):
 def test_boosted_trees_equal_scikit_learn(boosted_models):
     observations, _ = samples(3000, seed=8)
     policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
+    importances = [model.feature_importances_ for model in boosted_models]
+    np.testing.assert_array_equal(policy.importances, importances)
     expected = np.stack([model.predict(observations) for model in boosted_models], axis=1)
     np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
 
@@ -201,6 +203,7 @@ def test_boosted_trees_take_scikit_learns_branch_at_the_threshold(boosted_models
 def test_histogram_trees_equal_scikit_learn(histogram_models):
     observations, _ = samples(3000, seed=8)
     policy = BoostedTreesPolicy.compile("trot", NAMES, histogram_models)
+    np.testing.assert_allclose(policy.importances.sum(axis=1), 1.0)
     expected = np.stack([model.predict(observations) for model in histogram_models], axis=1)
     np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
 

@@ -1,0 +1,135 @@
+"""Importances: groups, methods, and the table beside the paper's."""
+
+import numpy as np
+import pytest
+
+from models.a1 import robot
+from models.policies.expression import parse_expression, variable_names
+from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.open_loop import OpenLoopPolicy
+from models.policies.symbolic import SymbolicPolicy
+from models.task.observation import ObservationLayout, machine_state_entries
+from studies.distillation.collection import Dataset
+from studies.importance.methods import own_importance, permutation_importance
+from studies.importance.observations import merge_importances, merged_name, observation_groups
+from studies.importance.tables import PAPER_TOP, top_observations, top_table
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+
+
+def linear(weights):
+    return LinearPolicy("trot", NAMES, weights, np.zeros(robot.N_JOINTS))
+
+
+def samples_of(policy, generator, count=500):
+    observations = generator.normal(size=(count, N))
+    observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
+    return Dataset(observations, policy(observations), np.ones(count, dtype=np.int64))
+
+
+@pytest.mark.parametrize(
+    ("name", "merged"),
+    [
+        ("Prev Action FL Hip", "Prev Action Hip"),
+        ("DoF Vel RR Calf", "DoF Vel Calf"),
+        ("Foot Height RL", "Foot Height"),
+        ("RM State 1", "RM State"),
+        ("RM Iters", "RM Iters"),
+        ("Base Lin Vel Z", "Base Lin Vel Z"),
+    ],
+)
+def test_names_are_merged_over_legs(name, merged):
+    assert merged_name(name) == merged
+
+
+def test_groups_hold_every_observation_once():
+    groups = observation_groups(NAMES)
+    assert sorted(np.concatenate(list(groups.values()))) == list(range(N))
+    assert len(groups["DoF Pos Thigh"]) == 4
+    np.testing.assert_allclose(merge_importances(np.ones((12, N)), NAMES).sum(axis=1), N)
+
+
+def test_permutation_finds_what_a_joint_depends_on(generator):
+    weights = np.zeros((12, N))
+    weights[:, 5], weights[3, 7] = 1.0, 2.0
+    policy = linear(weights)
+    losses = permutation_importance(policy, samples_of(policy, generator), generator, repeats=3)
+    assert losses.shape == (3, 12, N)
+    mean = losses.mean(axis=0)
+    assert np.argmax(mean, axis=1).tolist() == [5, 5, 5, 7, *[5] * 8]
+    assert not np.delete(mean, [5, 7], axis=1).any()
+
+
+def test_permutation_repeats_with_its_seed(generator):
+    policy = linear(generator.normal(size=(12, N)))
+    samples = samples_of(policy, generator, count=50)
+    first, again = (
+        permutation_importance(policy, samples, np.random.default_rng(3), 2) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, again)
+
+
+def test_slopes_count_with_the_observations_spread(generator):
+    names = variable_names(N)
+    formula = parse_expression("3 * x2 - x4 * x4", names)
+    policy = SymbolicPolicy("trot", NAMES, [formula] * 12)
+    observations = samples_of(policy, generator, 4000).observations
+    observations[:, 2] *= 10.0
+    found = own_importance(policy, observations)
+    assert found is not None
+    method, importances = found
+    assert method == "derivatives"
+    spread = observations.std(axis=0)
+    assert importances[0, 2] == pytest.approx(3 * spread[2])
+    assert importances[0, 4] == pytest.approx(np.abs(2 * observations[:, 4]).mean() * spread[4])
+    assert importances.sum() == pytest.approx(importances[:, [2, 4]].sum())
+
+
+def test_laws_of_states_count_by_the_time_in_them(generator):
+    weights = np.zeros((2, 12, N))
+    weights[0, :, 2] = 4.0
+    policy = StatewiseLinearPolicy("trot", NAMES, weights, np.zeros((2, 12)))
+    observations = generator.normal(size=(100, N))
+    observations[:, machine_state_entries(NAMES)] = [1.0, 0.0]
+    observations[:75, machine_state_entries(NAMES)] = [0.0, 1.0]
+    found = own_importance(policy, observations)
+    assert found is not None
+    np.testing.assert_allclose(found[1][:, 2], 0.25 * 4.0 * observations[:, 2].std())
+
+
+def test_open_loop_has_no_importance_of_its_own(generator):
+    policy = OpenLoopPolicy("trot", NAMES, np.zeros((2, 5, 12)))
+    assert own_importance(policy, generator.normal(size=(5, N))) is None
+
+
+def test_top_observations_merge_legs_and_list_what_any_joint_named():
+    importances = np.zeros((12, N))
+    for joint in range(12):
+        importances[joint, NAMES.index("RM Iters")] = 1.0
+        for leg in robot.LEGS:
+            importances[joint, NAMES.index(f"DoF Pos {leg} Hip")] = 0.5
+        importances[joint, NAMES.index("Command X")] = 0.2
+    importances[0, NAMES.index("Command X")] = 5.0
+    tops = top_observations(importances, NAMES)
+    assert tops["thigh"] == [["DoF Pos Hip"], ["RM Iters"], ["Command X"]]
+    assert tops["hip"][0] == ["DoF Pos Hip", "Command X"]
+
+
+def test_agreement_with_the_paper_is_marked():
+    importances = np.zeros((12, N))
+    for joint in range(12):
+        for place, name in enumerate(("Prev Action FL Hip", "RM State 0", "Command Yaw")):
+            importances[joint, NAMES.index(name)] = 3.0 - place
+    table = top_table(importances, NAMES, "trot", "impurity").set_index("joint type")
+    assert table.loc["hip", "1st"] == "Prev Action Hip*"
+    assert table.loc["hip", "2nd"] == "RM State*"
+    assert table.loc["hip", "3rd"] == "Command Yaw"
+
+
+def test_the_papers_names_are_observations():
+    known = set(observation_groups(NAMES))
+    for gaits in PAPER_TOP.values():
+        for kinds in gaits.values():
+            for places in kinds.values():
+                assert set().union(*places) <= known
