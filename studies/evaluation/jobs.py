@@ -46,7 +46,8 @@ class RolloutJob:
 
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
-        settings = [repr(self.gait), to_plain(self.world), to_plain(self.config), self.team.period]
+        settings = [repr(self.gait), to_plain(self.world), to_plain(self.config)]
+        settings.append(self.team.settings())
         digest = hashlib.sha256(json.dumps(settings).encode())
         for policy in (self.team.expert, self.team.student):
             arrays, values = policy.to_arrays() if policy is not None else ({}, {})

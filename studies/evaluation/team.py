@@ -1,6 +1,7 @@
 """Who acts in a rollout: an expert, a student, or both by turns."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from models.a1.robot import Array
 from models.policies.neural import NeuralPolicy
@@ -28,6 +29,10 @@ class Team:
         if self.student is None or expert_acts(step, self.period):
             return self.expert(observation)
         return self.student(observation)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        return {"period": self.period}
 
     @property
     def acting_expert(self) -> NeuralPolicy | None:

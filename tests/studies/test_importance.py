@@ -1,10 +1,12 @@
 """Importances: groups, methods, and the table beside the paper's."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from models.a1 import robot
 from models.policies.expression import parse_expression, variable_names
+from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.symbolic import SymbolicPolicy
@@ -13,6 +15,7 @@ from studies.distillation.collection import Dataset
 from studies.importance.methods import own_importance, permutation_importance
 from studies.importance.observations import merge_importances, merged_name, observation_groups
 from studies.importance.tables import PAPER_TOP, top_observations, top_table
+from studies.importance.truth import AblatedTeam, losses, rank_correlations
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -125,6 +128,65 @@ def test_agreement_with_the_paper_is_marked():
     assert table.loc["hip", "1st"] == "Prev Action Hip*"
     assert table.loc["hip", "2nd"] == "RM State*"
     assert table.loc["hip", "3rd"] == "Command Yaw"
+
+
+def ablated(mode, **settings):
+    expert = load_expert("trot")
+    student = linear(np.eye(12, N, k=2))
+    return AblatedTeam(expert, student, 0, columns=(2, 4), mode=mode, **settings)
+
+
+def test_means_stand_in_for_what_is_taken_away(generator):
+    observations = generator.normal(size=(3, N))
+    action = ablated("mean", means=(0.5, -0.5)).act(0, observations)
+    np.testing.assert_array_equal(action[:, [0, 2]], [[0.5, -0.5]] * 3)
+    np.testing.assert_array_equal(action[:, 1], observations[:, 3])
+
+
+def test_shuffled_observations_are_another_robots(generator):
+    observations = generator.normal(size=(20, N))
+    action = ablated("shuffled").act(0, observations)
+    assert sorted(action[:, 0]) == sorted(observations[:, 2])
+    assert not np.array_equal(action[:, 0], observations[:, 2])
+    order = [int(np.flatnonzero(observations[:, 2] == value)[0]) for value in action[:, 0]]
+    np.testing.assert_array_equal(action[:, 2], observations[order, 4])
+    np.testing.assert_array_equal(action[:, 1], observations[:, 3])
+
+
+def test_delayed_observations_are_the_step_befores(generator):
+    team = ablated("delayed")
+    first, second = generator.normal(size=(2, 3, N))
+    np.testing.assert_array_equal(team.act(0, first)[:, 0], first[:, 2])
+    action = team.act(1, second)
+    np.testing.assert_array_equal(action[:, [0, 2]], first[:, [2, 4]])
+    np.testing.assert_array_equal(action[:, 1], second[:, 3])
+    np.testing.assert_array_equal(team.act(0, first)[:, 0], first[:, 2])
+
+
+def test_losses_are_shares_of_the_whole_students_reward():
+    scores = pd.DataFrame(
+        {
+            "policy": "linear",
+            "without": ["nothing", "nothing", "RM Iters", "RM Iters", "Foot Height"],
+            "mode": "mean",
+            "reward": [10.0, 10.0, 4.0, 6.0, 9.0],
+            "fell": [False, False, True, False, False],
+        }
+    )
+    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+        scores[name] = 1.0
+    lost = losses(scores).set_index("without")
+    assert lost["lost"].to_dict() == pytest.approx({"RM Iters": 0.5, "Foot Height": 0.1})
+    assert lost.loc["RM Iters", "fall_rate"] == 0.5
+
+
+def test_ranks_are_correlated():
+    groups = ["a", "b", "c", "d"]
+    importances = pd.DataFrame(
+        {"policy": "x", "method": "impurity", "without": groups, "importance": [1, 2, 3, 4]}
+    )
+    lost = pd.DataFrame({"policy": "x", "without": groups, "mode": "mean", "lost": [1, 2, 9, 20]})
+    assert rank_correlations(importances, lost)["correlation"].tolist() == [1.0]
 
 
 def test_the_papers_names_are_observations():

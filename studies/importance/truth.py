@@ -1,0 +1,156 @@
+"""Is an explanation true? Take observations away in closed loop and see what is lost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from models.a1.robot import Array
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task.gait import Gait
+from studies.evaluation.config import WORLDS, RolloutConfig
+from studies.evaluation.jobs import RolloutJob, for_each_seed
+from studies.evaluation.scores import summarize
+from studies.evaluation.team import Team
+from studies.importance.observations import observation_groups
+
+AblationMode = Literal["mean", "shuffled", "delayed"]
+
+MODE_TITLES: dict[AblationMode, str] = {
+    "mean": "replaced by its mean",
+    "shuffled": "taken from another robot",
+    "delayed": "one step late",
+}
+
+WHOLE = "nothing"
+"""Label of the rollouts with all observations whole."""
+
+
+@dataclass(frozen=True)
+class AblatedTeam(Team):
+    """A team that acts without some of its observations.
+
+    Attributes:
+        columns: The observations that are taken away.
+        mode: What stands in their place.
+        means: Their means (m,).
+        seed: Seed of the shuffling.
+    """
+
+    columns: tuple[int, ...] = ()
+    mode: AblationMode = "mean"
+    means: tuple[float, ...] = ()
+    seed: int = 0
+    _last: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
+
+    def act(self, step: int, observation: Array) -> Array:
+        """Returns the actions (n, 12) at a control step; steps must come in order from 0."""
+        ablated = observation.copy()
+        columns = list(self.columns)
+        match self.mode:
+            case "mean":
+                ablated[:, columns] = self.means
+            case "shuffled":
+                generator = np.random.default_rng([self.seed, step])
+                other = generator.permutation(len(observation))
+                ablated[:, columns] = observation[np.ix_(other, columns)]
+            case "delayed":
+                ablated[:, columns] = self._last.get("observation", observation)[:, columns]
+                if step == 0:
+                    ablated = observation
+                self._last["observation"] = observation
+        return super().act(step, ablated)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        return {
+            **super().settings(),
+            "columns": [int(column) for column in self.columns],
+            "mode": self.mode,
+            "means": list(self.means),
+            "seed": self.seed,
+        }
+
+
+def ablation_jobs(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Policy],
+    means: Array,
+    config: RolloutConfig,
+) -> list[RolloutJob]:
+    """Lists the rollouts of every student alone, whole and without each group of observations.
+
+    Args:
+        gait: The gait.
+        expert: The expert, for its estimator.
+        students: The students, by kind.
+        means: Means of the observations (n,).
+        config: How robots are rolled out.
+    """
+    jobs = []
+    groups = observation_groups(expert.observation_names)
+    for kind, student in students.items():
+        teams: dict[tuple[str, str], Team] = {(WHOLE, "mean"): Team(expert, student, 0)}
+        for group, columns in groups.items():
+            for mode in MODE_TITLES:
+                teams[group, mode] = AblatedTeam(
+                    expert,
+                    student,
+                    0,
+                    columns=tuple(columns.tolist()),
+                    mode=mode,
+                    means=tuple(means[columns].tolist()),
+                )
+        for (group, mode), team in teams.items():
+            labels = {"policy": kind, "without": group, "mode": mode}
+            jobs += for_each_seed(RolloutJob(labels, gait, team, WORLDS["training"], config))
+    return jobs
+
+
+def losses(scores: pd.DataFrame) -> pd.DataFrame:
+    """Returns the share of its reward that each student loses without each group.
+
+    Args:
+        scores: Scores of `ablation_jobs`.
+
+    Returns:
+        A row for each policy, group and mode: `lost` share of reward, its 95 % interval `lost_ci`,
+        and `fall_rate`.
+    """
+    means = summarize(scores, ["policy", "without", "mode"])
+    whole = means.query("without == @WHOLE")[["policy", "reward"]]
+    ablated = means.query("without != @WHOLE").merge(whole, on="policy", suffixes=("", "_whole"))
+    ablated["lost"] = 1.0 - ablated["reward"] / ablated["reward_whole"]
+    ablated["lost_ci"] = ablated["reward_ci"] / ablated["reward_whole"]
+    columns = ["policy", "without", "mode", "lost", "lost_ci", "fall_rate"]
+    return pd.DataFrame(ablated, columns=columns).reset_index(drop=True)
+
+
+def rank_correlations(importances: pd.DataFrame, lost: pd.DataFrame) -> pd.DataFrame:
+    """Correlates the ranks of importances with the ranks of measured losses (Spearman).
+
+    Args:
+        importances: Columns `policy`, `method`, `without` (the group) and `importance`.
+        lost: What `losses` returned.
+
+    Returns:
+        A row for each policy, method and mode: `correlation` and its `p_value`.
+    """
+    rows = []
+    joined = importances.merge(lost, on=["policy", "without"])
+    by = ["policy", "method", "mode"]
+    for labels, own in joined.groupby(by, sort=False):
+        result: Any = stats.spearmanr(own["importance"], own["lost"])
+        rows.append(
+            {
+                **dict(zip(by, labels, strict=True)),
+                "correlation": float(result.statistic),
+                "p_value": float(result.pvalue),
+            }
+        )
+    return pd.DataFrame(rows)
