@@ -15,6 +15,7 @@ COMMANDS = {
     "evaluate": "studies.evaluation.command:Evaluate",
     "convergence": "studies.convergence.command:Convergence",
     "front": "studies.front.command:Front",
+    "importance": "studies.importance.command:Importance",
     "rollout": "studies.rollout.command:ShowRollout",
     "gait": "studies.gait_command:ShowGait",
     "benchmark": "studies.benchmark.command:Benchmark",

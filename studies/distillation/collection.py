@@ -10,6 +10,7 @@ from diagrams.batch import BatchSimulator, TaskConfig
 from diagrams.batch_physics import BatchPhysics
 from diagrams.station import StationConfig
 from models.a1.robot import Array
+from models.errors import InputError
 from models.files import load_arrays, save_arrays
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
@@ -120,3 +121,24 @@ def collect(
         np.swapaxes(labels, 0, 1).reshape(n * n_steps, -1),
         np.repeat(episodes, n_steps),
     )
+
+
+def load_levels(folder: Path) -> Dataset:
+    """Reads all samples that a student collected.
+
+    Args:
+        folder: Folder of the student in a distillation's.
+
+    Raises:
+        InputError: if it holds none.
+    """
+    paths = sorted(folder.glob("level_*.safetensors"))
+    if not paths:
+        raise InputError(
+            f"{folder}: holds no samples; collect them with 'glassgait distill --students "
+            f"{folder.name}'"
+        )
+    data = Dataset.load(paths[0])
+    for path in paths[1:]:
+        data = data.union(Dataset.load(path))
+    return data

@@ -9,14 +9,13 @@ import pandas as pd
 import tyro
 import yaml
 
-from models.errors import InputError
 from models.files import write_atomically
 from models.policies.library import load_expert, load_policy
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.collection import Dataset
+from studies.distillation.collection import load_levels
 from studies.distillation.study import r2_scores
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
@@ -57,7 +56,7 @@ class Front:
     def run(self) -> None:
         """Runs the study."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
-        data = _read_samples(self.samples or Path("runs/distillation") / gait.name / "symbolic")
+        data = load_levels(self.samples or Path("runs/distillation") / gait.name / "symbolic")
         folder = self.output or Path("runs/front") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         students, rows = {}, []
@@ -112,16 +111,3 @@ def smallest_that_walks(front: pd.DataFrame) -> str:
         f"smallest without a fall in {best['robots']} robots: {title} of {best['nodes']:.1f} nodes "
         f"a joint, {best['share']:.2f} of the expert's reward"
     )
-
-
-def _read_samples(folder: Path) -> Dataset:
-    paths = sorted(folder.glob("level_*.safetensors"))
-    if not paths:
-        raise InputError(
-            f"{folder}: holds no samples; collect them with "
-            "'glassgait distill --students symbolic', or name another folder with --samples"
-        )
-    data = Dataset.load(paths[0])
-    for path in paths[1:]:
-        data = data.union(Dataset.load(path))
-    return data

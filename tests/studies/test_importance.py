@@ -11,7 +11,10 @@ from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.symbolic import SymbolicPolicy
 from models.task.observation import ObservationLayout, machine_state_entries
+from studies.cli import main
 from studies.distillation.collection import Dataset
+from studies.distillation.config import DistillationConfig, HistogramGbmConfig
+from studies.distillation.study import distill
 from studies.importance.methods import own_importance, permutation_importance
 from studies.importance.observations import merge_importances, merged_name, observation_groups
 from studies.importance.tables import PAPER_TOP, top_observations, top_table
@@ -195,3 +198,37 @@ def test_the_papers_names_are_observations():
         for kinds in gaits.values():
             for places in kinds.values():
                 assert set().union(*places) <= known
+
+
+@pytest.fixture(scope="module")
+def distilled(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("distilled")
+    config = DistillationConfig(
+        students=("statewise_linear", "histogram_gbm"),
+        episodes=5,
+        episode_steps=60,
+        histogram_gbm=HistogramGbmConfig(n_trees=5),
+        n_jobs=1,
+    )
+    distill(config, load_expert("trot"), folder, lambda line: None)
+    return folder
+
+
+@pytest.mark.slow
+def test_command_writes_maps_tables_and_the_test_of_truth(distilled, tmp_path, capsys):
+    small = ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
+    students = ["--policies", "statewise_linear", "histogram_gbm", "--students", str(distilled)]
+    main(["importance", *small, *students, "--output", str(tmp_path)])
+    for stem in ("losses", "truth", "histogram_gbm_impurity", "statewise_linear_derivatives"):
+        for kind in ("csv", "md", "png", "pdf"):
+            assert (tmp_path / f"{stem}.{kind}").exists()
+    table = pd.read_csv(tmp_path / "top_observations.csv")
+    assert set(table["method"]) == {"permutation", "impurity"}
+    assert "rank correlation" in capsys.readouterr().out
+
+
+def test_missing_students_are_told(distilled, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["importance", "--students", str(distilled)])
+    assert ended.value.code == 2
+    assert "no student gbm, ebm, symbolic of the trot" in capsys.readouterr().err
