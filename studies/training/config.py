@@ -42,7 +42,10 @@ class PpoConfig:
         final_entropy: Weight of the entropy in the end, which lets them become precise.
         entropy_decay: Updates between which the weight falls from the one to the other.
         learning_rate: Initial learning rate, then adapted to the desired divergence.
-        desired_kl: Divergence that the learning rate is adapted to.
+        desired_kl: Divergence that the learning rate is adapted to at first.
+        final_kl: Divergence that it is adapted to in the end; a smaller one makes the last policies
+            differ less.
+        kl_decay: Updates between which the divergence falls from the one to the other.
         initial_std: Initial standard deviation of the actions.
         reward_scale: Factor on the task's reward; a transition pays up to 30 before it.
         actor_layers: Widths of the actor's hidden layers.
@@ -60,6 +63,8 @@ class PpoConfig:
     entropy_decay: tuple[int, int] = (400, 600)
     learning_rate: float = 1e-3
     desired_kl: float = 0.01
+    final_kl: float = 0.01
+    kl_decay: tuple[int, int] = (700, 800)
     initial_std: float = 1.0
     reward_scale: float = 1.0 / 30.0
     actor_layers: tuple[int, ...] = (256, 128, 64)

@@ -71,7 +71,10 @@ class Learner:
             last_observations: Observation groups after the last stored step.
             number: Updates done before this one.
         """
-        self.ppo.entropy_coef = self._entropy(number)
+        ppo = self._config
+        decay = np.interp(number, ppo.entropy_decay, (ppo.entropy, ppo.final_entropy))
+        self.ppo.entropy_coef = float(decay)
+        self.ppo.desired_kl = float(np.interp(number, ppo.kl_decay, (ppo.desired_kl, ppo.final_kl)))
         with torch.inference_mode():
             self.ppo.compute_returns(last_observations)
         stored = self.ppo.storage.observations.flatten(0, 1).clone()
@@ -80,10 +83,6 @@ class Learner:
         losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
-
-    def _entropy(self, number: int) -> float:
-        ppo = self._config
-        return float(np.interp(number, ppo.entropy_decay, (ppo.entropy, ppo.final_entropy)))
 
     def to_policy(self, gait: str, environment: TrainingEnvironment) -> NeuralPolicy:
         """Returns the expert as it is now."""

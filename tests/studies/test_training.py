@@ -53,6 +53,17 @@ def weights(folder):
     return load_arrays(folder / "trot.safetensors")[0]
 
 
+def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
+    schedule = replace(TINY.ppo, entropy_decay=(0, 3), final_kl=0.002, kl_decay=(1, 3))
+    run = TrainingRun(replace(TINY, ppo=schedule), tmp_path)
+    seen = []
+    run.run(
+        lambda run, row: seen.append((run.learner.ppo.entropy_coef, run.learner.ppo.desired_kl))
+    )
+    assert [entropy for entropy, _ in seen] == pytest.approx([0.01, 0.007, 0.004, 0.001])
+    assert [divergence for _, divergence in seen] == pytest.approx([0.01, 0.01, 0.006, 0.002])
+
+
 def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
     TrainingRun(TINY, tmp_path / "whole").run(silent)
     killed = tmp_path / "killed"
@@ -123,7 +134,8 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
     TrainingRun(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
     shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
-    assert shipped.limits.shank_share == 1.0
+    assert shipped.fine_steps == (0.005, 0.0025)
+    assert len(shipped.stations()) == 8
     assert shipped.ppo.actor_layers == (256, 128, 64)
 
 

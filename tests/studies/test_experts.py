@@ -1,0 +1,43 @@
+"""The shipped experts: their records, their page, and that they walk."""
+
+import pandas as pd
+import pytest
+
+from models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from models.task.gait import load_gait
+from studies.evaluation.config import WORLDS, RolloutConfig
+from studies.evaluation.rollouts import roll_out
+from studies.evaluation.scores import score_rollouts
+from studies.evaluation.team import Team
+from studies.records import read_yaml
+from studies.tables import to_markdown
+from studies.training.record import read_config
+from studies.training.tables import training_table
+
+BUDGET = 10e6
+"""Control steps that no gait's training may exceed."""
+
+
+@pytest.mark.parametrize("gait", shipped_experts())
+def test_records_tell_how_the_expert_was_made(gait):
+    record = read_yaml(EXPERT_DIRECTORY / f"{gait}.yaml")
+    config = read_config(EXPERT_DIRECTORY / f"{gait}.yaml")
+    curve = pd.read_csv(EXPERT_DIRECTORY / f"{gait}.csv")
+    assert config.gait == gait
+    assert config.updates == record["updates"] == len(curve)
+    assert record["control_steps"] == curve["control_steps"].iloc[-1] <= BUDGET
+
+
+def test_page_shows_the_records():
+    records = [EXPERT_DIRECTORY / f"{gait}.yaml" for gait in shipped_experts()]
+    table = to_markdown(training_table(records))
+    assert table in (EXPERT_DIRECTORY / "README.md").read_text()
+
+
+@pytest.mark.parametrize("gait", shipped_experts())
+def test_experts_stay_up_and_keep_their_gait(gait):
+    config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
+    team = Team(load_expert(gait))
+    scores = score_rollouts(roll_out(load_gait(gait), team, WORLDS["training"], config))
+    assert not scores["fell"].any()
+    assert scores["rhythm"].mean() > 0.85
