@@ -23,7 +23,7 @@ from studies.console import say
 from studies.distillation.students import untrained_student
 from studies.figures import save_figure
 from studies.rollout.stills import gait_strip
-from studies.training.figures import curriculum_curves, learning_curves
+from studies.training.figures import learning_curves
 
 FOLDER = Path(__file__).parent
 FRAME_STEPS = 2
@@ -31,7 +31,6 @@ FRAME_STEPS = 2
 FILMED_STEPS = 96
 SETTLING_STEPS = 100
 COMMAND = FixedCommand(speed=0.4, dwell=8)
-ABLATED_GAIT = "bound"
 
 
 def draw_all() -> None:
@@ -49,9 +48,6 @@ def draw_all() -> None:
     say("drawing the learning curves")
     curves = {name: _curve(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
-    without = _curve(EXPERT_DIRECTORY / "ablation" / f"{ABLATED_GAIT}.csv")
-    figure = curriculum_curves(curves[ABLATED_GAIT], without)
-    save_figure(figure, FOLDER / "curriculum", extensions=("png",))
 
 
 def _curve(path: Path) -> pd.DataFrame:
