@@ -72,4 +72,6 @@ def _falls(means: pd.DataFrame) -> list[str]:
 
 def _with_interval(means: pd.DataFrame, name: str, digits: int) -> list[str]:
     pairs = zip(means[name], means[f"{name}_ci"], strict=True)
-    return [f"{mean:,.{digits}f} ± {half:,.{digits}f}" for mean, half in pairs]
+    # A single robot has a mean but no interval, and one that never went has neither.
+    texts = ((f"{mean:,.{digits}f}", f"{half:,.{digits}f}") for mean, half in pairs)
+    return [f"{mean} ± {half}".removesuffix(" ± nan").replace("nan", "–") for mean, half in texts]

@@ -63,8 +63,8 @@ class PpoConfig:
     entropy_decay: tuple[int, int] = (400, 600)
     learning_rate: float = 1e-3
     desired_kl: float = 0.01
-    final_kl: float = 0.01
-    kl_decay: tuple[int, int] = (700, 800)
+    final_kl: float = 0.002
+    kl_decay: tuple[int, int] = (1300, 1400)
     initial_std: float = 1.0
     reward_scale: float = 1.0 / 30.0
     actor_layers: tuple[int, ...] = (256, 128, 64)
@@ -113,7 +113,7 @@ class TrainingConfig:
 
     gait: str = "trot"
     seed: int = 0
-    updates: int = 900
+    updates: int = 1450
     n_robots: int = 256
     n_groups: int = 8
     payloads: tuple[float, ...] = (2.0, 2.0)

@@ -172,3 +172,10 @@ def test_gait_figure_is_drawn(expert, tmp_path):
     assert not rollout.failed
     save_figure(gait_figure(rollout, gait, "trot"), tmp_path / "gait")
     assert (tmp_path / "gait.png").stat().st_size > 3000
+
+
+def test_a_single_robot_has_no_interval():
+    scores = score_rollouts(log(n_robots=1)).assign(gait="trot", world="training")
+    row = scorecard_table(scores).iloc[0]
+    assert row["reward"] == "200"
+    assert row["cost of transport"] == "–"
