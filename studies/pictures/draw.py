@@ -23,9 +23,12 @@ from studies.console import say
 from studies.distillation.students import untrained_student
 from studies.figures import save_figure
 from studies.rollout.stills import gait_strip
-from studies.training.figures import learning_curves
+from studies.training.figures import curriculum_curves, learning_curves
 
 FOLDER = Path(__file__).parent
+ABLATION = EXPERT_DIRECTORY / "ablation" / "bound_without_curriculum.csv"
+"""Curve of a bound that was trained as the paper trains."""
+
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
 FILMED_STEPS = 96
@@ -46,12 +49,10 @@ def draw_all() -> None:
         frames = [camera.take(x) for x in rollout["state"][SETTLING_STEPS::FRAME_STEPS]]
         write_atomically(FOLDER / f"{name}.gif", gif(frames))
     say("drawing the learning curves")
-    curves = {name: _curve(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
+    curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
-
-
-def _curve(path: Path) -> pd.DataFrame:
-    return pd.read_csv(path)
+    figure = curriculum_curves(curves["bound"], pd.read_csv(ABLATION))
+    save_figure(figure, FOLDER / "curriculum", extensions=("png",))
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
