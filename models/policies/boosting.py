@@ -50,7 +50,9 @@ class BoostedTreesPolicy(Policy):
         tree = np.arange(n_joints * n_trees)
         self._first_inner = tree * n_inner
         self._first_leaf = tree * (n_inner + 1)
-        self._flat_features = features.ravel()
+        # A tree's leaves are numbered on from its inner nodes.
+        self._inner_to_leaf = self._first_leaf - self._first_inner - n_inner
+        self._flat_features = features.ravel().astype(np.intp)
         self._flat_thresholds = thresholds.ravel()
         self._flat_leaves = leaves.ravel()
 
@@ -85,6 +87,8 @@ class BoostedTreesPolicy(Policy):
         )
 
     def __call__(self, observation: Array) -> Array:
+        if observation.ndim == 1:
+            return self._act(observation)
         rows = observation.reshape(-1, observation.shape[-1])
         node = np.zeros((len(rows), len(self._first_inner)), dtype=np.intp)
         row = np.arange(len(rows))[:, None]
@@ -96,6 +100,20 @@ class BoostedTreesPolicy(Policy):
         contributions = self._flat_leaves[leaf].reshape(len(rows), *self.leaves.shape[:2])
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
+
+    def _act(self, observation: Array) -> Array:
+        # One observation: `take` and sums in place are half as slow as general indexing.
+        at = self._first_inner.copy()
+        for _ in range(self._depth):
+            asked = observation.take(self._flat_features.take(at))
+            right = asked > self._flat_thresholds.take(at)
+            at *= 2
+            at -= self._first_inner
+            at += 1
+            at += right
+        at += self._inner_to_leaf
+        contributions = self._flat_leaves.take(at).reshape(self.leaves.shape[:2])
+        return contributions.sum(axis=-1) + self.intercepts
 
 
 class _CompleteTree(NamedTuple):
