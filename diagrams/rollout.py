@@ -76,13 +76,16 @@ def make_simulator(
     set_plant_state(diagram, context, state)
     simulator = Simulator(diagram, context)
     if accuracy is not None:
-        ApplySimulatorConfig(
-            SimulatorConfig(integration_scheme="cenic", accuracy=accuracy, use_error_control=True),
-            simulator,
-        )
+        use_error_control(simulator, accuracy)
     simulator.set_target_realtime_rate(realtime_rate)
     simulator.Initialize()
     return simulator
+
+
+def use_error_control(simulator: Simulator, accuracy: float) -> None:
+    """Advances a continuous plant by the error-controlled contact integrator."""
+    config = SimulatorConfig(integration_scheme="cenic", accuracy=accuracy, use_error_control=True)
+    ApplySimulatorConfig(config, simulator)
 
 
 def record(

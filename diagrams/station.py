@@ -2,12 +2,14 @@
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.geometry import (
     CollisionFilterDeclaration,
+    GeometryId,
     GeometrySet,
     HalfSpace,
     ProximityProperties,
@@ -157,27 +159,40 @@ def set_friction(
         friction: Coulomb friction, static and dynamic.
         context: The scene graph's context to change; without one, the model's default changes.
     """
-    inspector = scene_graph.model_inspector()
-    where = () if context is None else (context,)
-    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
-        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        properties.UpdateProperty(
-            "material", "coulomb_friction", CoulombFriction(friction, friction)
-        )
-        scene_graph.AssignRole(
-            *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
-        )
+    _set_material(
+        plant,
+        scene_graph,
+        "coulomb_friction",
+        lambda _: CoulombFriction(friction, friction),
+        () if context is None else (context,),
+    )
 
 
 def _set_relaxation_time(plant: MultibodyPlant, scene_graph: SceneGraph, time: float) -> None:
     # The two bodies of a contact add theirs up, and a body without one counts as 0.1 s.
-    inspector = scene_graph.model_inspector()
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
+    _set_material(
+        plant,
+        scene_graph,
+        "relaxation_time",
+        lambda geometry: 0.0 if geometry in ground else time,
+    )
+
+
+def _set_material(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    name: str,
+    value: Callable[[GeometryId], Any],
+    where: tuple[Context, ...] = (),
+) -> None:
+    inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds(Role.kProximity):
         properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        share = 0.0 if geometry in ground else time
-        properties.UpdateProperty("material", "relaxation_time", share)
-        scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
+        properties.UpdateProperty("material", name, value(geometry))
+        scene_graph.AssignRole(
+            *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
+        )
 
 
 def _add_payload(plant: MultibodyPlant, mass: float) -> None:

@@ -12,6 +12,8 @@ from models.a1.robot import Array
 from models.policies.linear import LinearPolicy
 from models.task.gait import Gait, load_gait
 from models.task.observation import ObservationLayout
+from studies.cli import main
+from studies.console import BAD_INPUT
 
 
 @pytest.fixture
@@ -110,5 +112,21 @@ def latch() -> Callable[[LeafSystem, Context], None]:
         simulator.Initialize()
         steps = round(context.get_time() / 0.02)
         simulator.AdvanceTo((steps + 1) * 0.02)
+
+    return run
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
+    """Runs a command that must be refused in one sentence, and returns the sentence."""
+
+    def run(arguments: list[str]) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == BAD_INPUT
+        message = capsys.readouterr().err.strip()
+        assert message.startswith("glassgait: ")
+        assert "\n" not in message
+        return message
 
     return run

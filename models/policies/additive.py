@@ -133,17 +133,17 @@ class AdditivePolicy(Policy):
         return singles, self.pair_tables[self._pair, first, second]
 
     def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        single, coarse = (_digitize(observation[None], c)[0] for c in (self.cuts, self.pair_cuts))
+        single, paired = self.term_values(observation[None])
         names = self.observation_names
         parts = [Contribution("intercept", float(self.intercepts[joint]))]
-        values = self.tables[joint, self._feature, single]
         parts += [
-            Contribution(name, float(value)) for name, value in zip(names, values, strict=True)
+            Contribution(name, float(value))
+            for name, value in zip(names, single[0, joint], strict=True)
         ]
         for index in np.flatnonzero(self.pair_joints == joint):
             first, second = self.pairs[index]
-            value = self.pair_tables[index, coarse[first], coarse[second]]
-            parts.append(Contribution(f"{names[first]} & {names[second]}", float(value)))
+            term = f"{names[first]} & {names[second]}"
+            parts.append(Contribution(term, float(paired[0, index])))
         return tuple(parts)
 
 

@@ -1,5 +1,6 @@
 """Symbolic policies: one formula a joint, compiled and evaluated for all joints at once."""
 
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -105,7 +106,46 @@ class Tape:
         return key[1] if key[0] == "variable" else self._slots[key]
 
 
-class SymbolicPolicy(Policy):
+class FormulaPolicy(Policy):
+    """A policy that is made of formulas, the same ones always or others in each machine state.
+
+    Attributes:
+        expressions: Formulas (12), or (n_states, 12).
+    """
+
+    def __init__(
+        self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Any]
+    ) -> None:
+        super().__init__(gait, observation_names)
+        self.expressions = tuple(expressions)
+
+    @property
+    @abstractmethod
+    def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
+        """Formulas of each state of the machine; a single row where all states share them."""
+
+    @abstractmethod
+    def derivatives(self, observation: Array) -> Array:
+        """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        names = variable_names(len(self.observation_names))
+        return {}, {"formulas": _nested(lambda f: f.to_text(names), self.expressions)}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> Self:
+        names = variable_names(len(observation_names))
+        formulas = _nested(lambda text: parse_expression(text, names), values["formulas"])
+        return cls(gait, observation_names, expressions=formulas)
+
+
+class SymbolicPolicy(FormulaPolicy):
     """Each action is a formula of the observations.
 
     Attributes:
@@ -117,38 +157,24 @@ class SymbolicPolicy(Policy):
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Expression]
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.expressions = tuple(expressions)
+        super().__init__(gait, observation_names, expressions)
         self._tape = Tape(self.expressions, len(observation_names))
 
     def __call__(self, observation: Array) -> Array:
         return self._tape(observation)
 
+    @property
+    def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
+        return (self.expressions,)
+
     def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
         return _contributions(self.expressions[joint], observation, self.observation_names)
 
     def derivatives(self, observation: Array) -> Array:
-        """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
         return _derivatives(self.expressions, observation)
 
-    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        names = variable_names(len(self.observation_names))
-        return {}, {"formulas": [formula.to_text(names) for formula in self.expressions]}
 
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> Self:
-        names = variable_names(len(observation_names))
-        formulas = [parse_expression(text, names) for text in values["formulas"]]
-        return cls(gait, observation_names, formulas)
-
-
-class StatewiseSymbolicPolicy(Policy):
+class StatewiseSymbolicPolicy(FormulaPolicy):
     """A formula for each joint and state of the reward machine: a hybrid automaton to read.
 
     Attributes:
@@ -163,8 +189,7 @@ class StatewiseSymbolicPolicy(Policy):
         observation_names: tuple[str, ...],
         expressions: Sequence[Sequence[Expression]],
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.expressions = tuple(tuple(formulas) for formulas in expressions)
+        super().__init__(gait, observation_names, [tuple(formulas) for formulas in expressions])
         self._one_hot = machine_state_entries(observation_names)
         self._tapes = [Tape(formulas, len(observation_names)) for formulas in self.expressions]
 
@@ -179,6 +204,10 @@ class StatewiseSymbolicPolicy(Policy):
                 action[mine] = tape(observation[mine])
         return action
 
+    @property
+    def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
+        return self.expressions
+
     def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
         formulas = self.expressions[int(np.argmax(observation[self._one_hot]))]
         return _contributions(formulas[joint], observation, self.observation_names)
@@ -192,22 +221,11 @@ class StatewiseSymbolicPolicy(Policy):
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]
 
-    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        names = variable_names(len(self.observation_names))
-        texts = [[formula.to_text(names) for formula in own] for own in self.expressions]
-        return {}, {"formulas": texts}
 
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> Self:
-        names = variable_names(len(observation_names))
-        formulas = [[parse_expression(text, names) for text in own] for own in values["formulas"]]
-        return cls(gait, observation_names, formulas)
+def _nested(function: Callable[[Any], Any], entries: Any) -> Any:
+    if isinstance(entries, list | tuple):
+        return tuple(_nested(function, entry) for entry in entries)
+    return function(entries)
 
 
 def _contributions(

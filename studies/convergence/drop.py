@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.analysis import Simulator
 
+from diagrams.rollout import use_error_control
 from diagrams.station import MakeA1Station, actuated_joints
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
@@ -50,10 +51,7 @@ def drop_robot(world: World) -> Drop:
     state[robot.POSITION][2] += DROP_HEIGHT
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
     if world.accuracy is not None:
-        config = SimulatorConfig(
-            integration_scheme="cenic", accuracy=world.accuracy, use_error_control=True
-        )
-        ApplySimulatorConfig(config, simulator)
+        use_error_control(simulator, world.accuracy)
     simulator.Initialize()
     port = station.GetOutputPort("state")
     states = []

@@ -18,6 +18,7 @@ from models.task import COMMAND_STEPS
 from models.task.alternation import expert_acts
 from models.task.command import Command, sample_commands
 from models.task.gait import Gait
+from models.task.observation import machine_state_entries
 from models.task.randomization import NOMINAL
 
 HELD_OUT_EVERY = 5
@@ -142,3 +143,12 @@ def load_levels(folder: Path) -> Dataset:
     for path in paths[1:]:
         data = data.union(Dataset.load(path))
     return data
+
+
+def samples_by_state(observations: Array, names: tuple[str, ...]) -> list[NDArray[np.bool_]]:
+    """Returns the samples (m,) in each state of the machine.
+
+    A state that was never visited gets all samples, so that it is fitted like all states together.
+    """
+    visited = observations[:, machine_state_entries(names)].T > 0.5
+    return [mine if mine.any() else np.ones_like(mine) for mine in visited]

@@ -8,7 +8,7 @@ import sympy
 from models.a1 import robot
 from models.files import write_atomically
 from models.policies.expression import Expression
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.policies.symbolic import FormulaPolicy
 from models.task.observation import ObservationLayout, machine_state_entries
 
 DIGITS = 3
@@ -74,13 +74,13 @@ def latex_symbol(name: str) -> str:
     return _LATEX_PREFIXES[prefix] % (rest.lower() if prefix == "Base Lin Vel" else rest)
 
 
-def write_formulas(policy: SymbolicPolicy | StatewiseSymbolicPolicy, stem: Path) -> None:
+def write_formulas(policy: FormulaPolicy, stem: Path) -> None:
     """Writes a policy's formulas as `<stem>.md` and `<stem>.tex`."""
     write_atomically(stem.with_name(f"{stem.name}.md"), _markdown(policy))
     write_atomically(stem.with_name(f"{stem.name}.tex"), _latex(policy))
 
 
-def _markdown(policy: SymbolicPolicy | StatewiseSymbolicPolicy) -> str:
+def _markdown(policy: FormulaPolicy) -> str:
     names = policy.observation_names
     lines = [
         f"# {policy.gait}: {policy.kind.replace('_', ' ')} policy",
@@ -102,7 +102,7 @@ def _markdown(policy: SymbolicPolicy | StatewiseSymbolicPolicy) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _latex(policy: SymbolicPolicy | StatewiseSymbolicPolicy) -> str:
+def _latex(policy: FormulaPolicy) -> str:
     text = "% Needs amsmath. Observations and their units: see the Markdown page beside this one.\n"
     for title, formulas in _sections(policy):
         text += f"\\paragraph{{{title}}}\n" if title else ""
@@ -115,12 +115,11 @@ def _latex(policy: SymbolicPolicy | StatewiseSymbolicPolicy) -> str:
     return text
 
 
-def _sections(
-    policy: SymbolicPolicy | StatewiseSymbolicPolicy,
-) -> list[tuple[str, Sequence[Expression]]]:
-    if isinstance(policy, SymbolicPolicy):
-        return [("", policy.expressions)]
-    return [(f"RM state {i}", formulas) for i, formulas in enumerate(policy.expressions)]
+def _sections(policy: FormulaPolicy) -> list[tuple[str, Sequence[Expression]]]:
+    every = policy.formulas_by_state
+    return [
+        (f"RM state {i}" if len(every) > 1 else "", formulas) for i, formulas in enumerate(every)
+    ]
 
 
 def _n_states(names: tuple[str, ...]) -> int:

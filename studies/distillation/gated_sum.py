@@ -13,6 +13,7 @@ from sklearn.linear_model import orthogonal_mp_gram
 
 from models.a1.robot import Array
 from models.policies.expression import Expression
+from models.task.observation import machine_state_entries
 
 Gate = tuple[int, ...]
 """Observations whose product is the gate; empty for the ungated sum."""
@@ -59,6 +60,15 @@ def fit_gated_sum(
             break
         formula = larger
     return formula
+
+
+def machine_gates(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Finds the observations that gate: the machine's states but the last, and the iterations.
+
+    The last state is where all others are 0.
+    """
+    states = machine_state_entries(names)
+    return (*range(states.start, states.stop - 1), names.index("RM Iters"))
 
 
 def scaled(expression: Expression, factor: float) -> Expression:

@@ -19,6 +19,7 @@ from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from studies.distillation.collection import samples_by_state
 from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
@@ -26,6 +27,7 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     StudentKind,
 )
+from studies.distillation.gated_sum import machine_gates
 from studies.distillation.symbolic_regression import fit_formula
 
 RIDGE = 1.0
@@ -106,15 +108,13 @@ def _fit_linear(
 def _fit_statewise_linear(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseLinearPolicy:
-    pooled = Ridge(RIDGE).fit(observations, actions)
-    weights, intercepts = [], []
-    for visited in observations[:, machine_state_entries(names)].T:
-        mine = visited > 0.5
-        # A state that was never visited gets the weights of all states together.
-        model = Ridge(RIDGE).fit(observations[mine], actions[mine]) if mine.any() else pooled
-        weights.append(model.coef_)
-        intercepts.append(model.intercept_)
-    return StatewiseLinearPolicy(config.gait, names, np.array(weights), np.array(intercepts))
+    models = [
+        Ridge(RIDGE).fit(observations[mine], actions[mine])
+        for mine in samples_by_state(observations, names)
+    ]
+    weights = np.array([model.coef_ for model in models])
+    intercepts = np.array([model.intercept_ for model in models])
+    return StatewiseLinearPolicy(config.gait, names, weights, intercepts)
 
 
 def _fit_gbm(
@@ -184,10 +184,7 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    entries = machine_state_entries(names)
-    # The last state is where all others are 0.
-    gates = (*range(entries.start, entries.stop - 1), names.index("RM Iters"))
-    search = partial(fit_formula, gates=gates)
+    search = partial(fit_formula, gates=machine_gates(names))
     formulas = _fit_joints(search, config, observations, actions, config.symbolic)
     return SymbolicPolicy(config.gait, names, formulas)
 
@@ -196,13 +193,10 @@ def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
     search = partial(fit_formula, gates=(names.index("RM Iters"),))
-    formulas = []
-    for visited in observations[:, machine_state_entries(names)].T:
-        # A state that was never visited gets the formulas of all states together.
-        mine = visited > 0.5 if np.any(visited > 0.5) else np.full(len(visited), True)
-        formulas.append(
-            _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
-        )
+    formulas = [
+        _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
+        for mine in samples_by_state(observations, names)
+    ]
     return StatewiseSymbolicPolicy(config.gait, names, formulas)
 
 

@@ -17,7 +17,7 @@ from models.files import write_atomically
 from models.policies.library import load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.policies.symbolic import FormulaPolicy
 from models.task.alternation import ratio_title
 from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
@@ -165,7 +165,7 @@ def _fit_final(
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     student = fit_student(kind, config, names, seen.observations, seen.actions)
     student.save(student_path(folder, kind))
-    if isinstance(student, SymbolicPolicy | StatewiseSymbolicPolicy):
+    if isinstance(student, FormulaPolicy):
         write_formulas(student, folder / f"{kind}_formulas")
     scores = r2_scores(student, held_out)
 

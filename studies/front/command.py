@@ -11,8 +11,7 @@ import yaml
 
 from models.files import write_atomically
 from models.policies.library import load_expert, load_policy
-from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.policies.symbolic import FormulaPolicy
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.collection import load_levels
@@ -68,9 +67,11 @@ class Front:
                 if not (self.resume and path.exists()):
                     seen = data.subset(~data.held_out)
                     shape.fit(gait.name, expert.observation_names, seen, length).save(path)
-                students[name] = load_policy(path)
-                r2 = float(r2_scores(students[name], data.subset(data.held_out)).mean())
-                nodes = mean_nodes(students[name])
+                student = load_policy(path)
+                assert isinstance(student, FormulaPolicy)
+                students[name] = student
+                r2 = float(r2_scores(student, data.subset(data.held_out)).mean())
+                nodes = mean_nodes(student)
                 rows.append({"policy": name, "family": family, "nodes": nodes, "r2": r2})
         jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
         scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
@@ -82,13 +83,10 @@ class Front:
         console.print(f"{smallest_that_walks(front)}; written to {folder}")
 
 
-def mean_nodes(policy: Policy) -> float:
+def mean_nodes(policy: FormulaPolicy) -> float:
     """Counts the nodes of a joint's formulas, of all states together, the mean of the joints."""
-    if isinstance(policy, StatewiseSymbolicPolicy):
-        formulas = [formula for own in policy.expressions for formula in own]
-        return sum(formula.length for formula in formulas) / len(policy.expressions[0])
-    assert isinstance(policy, SymbolicPolicy)
-    return float(np.mean([formula.length for formula in policy.expressions]))
+    nodes = [[formula.length for formula in own] for own in policy.formulas_by_state]
+    return float(np.sum(nodes, axis=0).mean())
 
 
 def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:

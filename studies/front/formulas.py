@@ -3,14 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from models.a1 import robot
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from models.task.observation import machine_state_entries
-from studies.distillation.collection import Dataset
-from studies.distillation.gated_sum import fit_gated_sum
+from studies.distillation.collection import Dataset, samples_by_state
+from studies.distillation.gated_sum import fit_gated_sum, machine_gates
 
 Fit = Callable[[str, tuple[str, ...], Dataset, int], Policy]
 
@@ -36,17 +33,14 @@ def _fit_linear(gait: str, names: tuple[str, ...], data: Dataset, length: int) -
 
 
 def _fit_gated(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    states = machine_state_entries(names)
-    gates = (*range(states.start, states.stop - 1), names.index("RM Iters"))
-    return SymbolicPolicy(gait, names, _fit_joints(data, gates, length))
+    return SymbolicPolicy(gait, names, _fit_joints(data, machine_gates(names), length))
 
 
 def _fit_statewise(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    formulas = []
-    for visited in data.observations[:, machine_state_entries(names)].T:
-        mine = visited > 0.5
-        own = data.subset(mine) if np.any(mine) else data
-        formulas.append(_fit_joints(own, (), length))
+    formulas = [
+        _fit_joints(data.subset(mine), (), length)
+        for mine in samples_by_state(data.observations, names)
+    ]
     return StatewiseSymbolicPolicy(gait, names, formulas)
 
 

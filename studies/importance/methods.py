@@ -7,7 +7,7 @@ from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.policies.symbolic import FormulaPolicy
 from studies.distillation.collection import Dataset
 from studies.distillation.study import r2_scores
 
@@ -65,7 +65,7 @@ def own_importance(policy: Policy, observations: Array) -> tuple[str, Array] | N
             return "impurity", policy.importances
         case AdditivePolicy():
             return "terms", _additive_importance(policy, observations)
-        case SymbolicPolicy() | StatewiseSymbolicPolicy():
+        case FormulaPolicy():
             slopes = np.abs(policy.derivatives(observations)).mean(axis=0)
             return "derivatives", slopes * spread
         case LinearPolicy():

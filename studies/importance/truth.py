@@ -59,9 +59,8 @@ class AblatedTeam(Team):
                 other = generator.permutation(len(observation))
                 ablated[:, columns] = observation[np.ix_(other, columns)]
             case "delayed":
-                ablated[:, columns] = self._last.get("observation", observation)[:, columns]
-                if step == 0:
-                    ablated = observation
+                before = observation if step == 0 else self._last["observation"]
+                ablated[:, columns] = before[:, columns]
                 self._last["observation"] = observation
         return super().act(step, ablated)
 

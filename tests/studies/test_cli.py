@@ -5,46 +5,35 @@ import pandas as pd
 import pytest
 
 from studies.cli import main
-from studies.console import BAD_INPUT
 from studies.rollout.config import parse_ratio
 from studies.tables import format_cell, to_markdown
 
 
-def refused(arguments, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == BAD_INPUT
-    message = capsys.readouterr().err.strip()
-    assert message.startswith("glassgait: ")
-    assert "\n" not in message
-    return message
-
-
-def test_bad_input_is_told_in_one_sentence(capsys, tmp_path):
+def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     unknown = "unknown gait 'gallop'; the gaits are"
-    assert unknown in refused(["train", "--gait", "gallop"], capsys)
-    assert unknown in refused(["gait", "gallop"], capsys)
-    assert unknown in refused(["rollout", "--gait", "gallop"], capsys)
-    assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"], capsys)
-    assert "is not an alternation ratio" in refused(["rollout", "--ratio", "2/3"], capsys)
-    assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"], capsys)
-    assert "time_step is -0.1" in refused(["rollout", "--station.time-step", "-0.1"], capsys)
-    assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"], capsys)
-    assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"], capsys)
+    assert unknown in refused(["train", "--gait", "gallop"])
+    assert unknown in refused(["gait", "gallop"])
+    assert unknown in refused(["rollout", "--gait", "gallop"])
+    assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"])
+    assert "is not an alternation ratio" in refused(["rollout", "--ratio", "2/3"])
+    assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"])
+    assert "time_step is -0.1" in refused(["rollout", "--station.time-step", "-0.1"])
+    assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"])
+    assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"])
     assert "divides 0.02" in refused(
-        ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")], capsys
+        ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )
-    assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"], capsys)
-    assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"], capsys)
+    assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
+    assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
     students = ["--students", str(tmp_path)]
-    assert "no such student" in refused(["rollout", "--policy", "ebm", *students], capsys)
-    assert "holds no students" in refused(["evaluate", "--policy", "students", *students], capsys)
+    assert "no such student" in refused(["rollout", "--policy", "ebm", *students])
+    assert "holds no students" in refused(["evaluate", "--policy", "students", *students])
 
 
-def test_nothing_is_left_behind_by_a_refusal(capsys, tmp_path):
+def test_nothing_is_left_behind_by_a_refusal(refused, tmp_path):
     output = tmp_path / "run"
-    refused(["train", "--gait", "gallop", "--output", str(output)], capsys)
-    refused(["train", "--resume", "--output", str(output)], capsys)
+    refused(["train", "--gait", "gallop", "--output", str(output)])
+    refused(["train", "--resume", "--output", str(output)])
     assert not output.exists()
 
 
@@ -72,12 +61,12 @@ def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
     assert "stayed up after 0.50 s" in capsys.readouterr().out
 
 
-def test_train_refuses_to_overwrite_a_run(tmp_path, capsys):
+def test_train_refuses_to_overwrite_a_run(tmp_path, refused):
     small = ["--updates", "1", "--n-robots", "4", "--n-groups", "1"]
     small += ["--payloads", "--fine-steps"]
     run = ["train", *small, "--output", str(tmp_path)]
     main(run)
-    assert "continue it with --resume" in refused(run, capsys)
+    assert "continue it with --resume" in refused(run)
     assert (tmp_path / "trot.safetensors").exists()
 
 
