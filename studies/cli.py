@@ -16,6 +16,7 @@ COMMANDS = {
     "convergence": "studies.convergence.command:Convergence",
     "front": "studies.front.command:Front",
     "importance": "studies.importance.command:Importance",
+    "explain": "studies.explanation.command:Explain",
     "rollout": "studies.rollout.command:ShowRollout",
     "gait": "studies.gait_command:ShowGait",
     "benchmark": "studies.benchmark.command:Benchmark",

@@ -45,6 +45,12 @@ def to_markdown(frame: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
+def to_latex(frame: pd.DataFrame) -> str:
+    """Formats a table in LaTeX, for booktabs."""
+    cells = frame.map(format_cell)
+    return cells.to_latex(index=False, escape=True)
+
+
 def format_cell(value: Any) -> str:
     """Formats a cell for reading."""
     if isinstance(value, float):

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.errors import InputError
+
 Array = NDArray[np.float64]
 
 LEGS = ("FL", "FR", "RL", "RR")
@@ -64,6 +66,17 @@ ACTION_SCALE = 0.25
 
 for _constant in (LOWER_LIMITS, UPPER_LIMITS, DEFAULT_STANCE):
     _constant.flags.writeable = False
+
+
+def joint_index(name: str) -> int:
+    """Returns the index of a joint such as FL_hip.
+
+    Raises:
+        InputError: if there is no such joint.
+    """
+    if name not in JOINTS:
+        raise InputError(f"unknown joint {name!r}; the joints are {', '.join(JOINTS)}")
+    return JOINTS.index(name)
 
 
 def joint_targets(action: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
-from models.policies.policy import Contribution, Policy
+from models.policies.policy import INTERCEPT, Contributions, Policy
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -26,6 +26,9 @@ class AdditivePolicy(Policy):
         pairs: Observations of each pair (p, 2).
         pair_joints: Joint that each pair belongs to (p,).
         pair_tables: Functions of two observations (p, d + 1, d + 1).
+        deviations: How much `tables` differ between the bagged models (standard deviation), same
+            shape; 0 of a single model.
+        pair_deviations: How much `pair_tables` differ, same shape.
         intercepts: Constants (12,).
     """
 
@@ -37,6 +40,8 @@ class AdditivePolicy(Policy):
         "pairs",
         "pair_joints",
         "pair_tables",
+        "deviations",
+        "pair_deviations",
         "intercepts",
     )
 
@@ -51,6 +56,8 @@ class AdditivePolicy(Policy):
         pairs: NDArray[np.int64],
         pair_joints: NDArray[np.int64],
         pair_tables: Array,
+        deviations: Array,
+        pair_deviations: Array,
         intercepts: Array,
     ) -> None:
         super().__init__(gait, observation_names)
@@ -60,6 +67,8 @@ class AdditivePolicy(Policy):
         self.pairs = pairs
         self.pair_joints = pair_joints
         self.pair_tables = pair_tables
+        self.deviations = deviations
+        self.pair_deviations = pair_deviations
         self.intercepts = intercepts
         self._feature = np.arange(len(cuts))
         self._pair = np.arange(len(pairs))
@@ -82,31 +91,34 @@ class AdditivePolicy(Policy):
         fine = [_cuts_of(models, feature, 0) for feature in range(n)]
         coarse = [_cuts_of(models, feature, 1) for feature in range(n)]
         cuts, pair_cuts = _padded(fine), _padded(coarse)
-        tables = np.zeros((len(models), n, cuts.shape[1] + 1))
+        width, size = cuts.shape[1] + 1, pair_cuts.shape[1] + 1
+        tables = np.zeros((2, len(models), n, width))
         pairs, pair_joints, pair_tables = [], [], []
         for joint, model in enumerate(models):
-            for term, scores in zip(model.term_features_, model.term_scores_, strict=True):
+            scores_and_deviations = zip(model.term_scores_, model.standard_deviations_, strict=True)
+            for term, values in zip(model.term_features_, scores_and_deviations, strict=True):
                 # The first bin is for missing values and the last for unseen ones.
+                inner = np.array(values)[(slice(None), *[slice(1, -1)] * len(term))]
                 if len(term) == 1:
-                    inner = scores[1:-1]
-                    tables[joint, term[0], : len(inner)] = inner
+                    tables[:, joint, term[0], : inner.shape[1]] = inner
                 else:
-                    inner = scores[1:-1, 1:-1]
-                    table = np.zeros((pair_cuts.shape[1] + 1,) * 2)
-                    table[: inner.shape[0], : inner.shape[1]] = inner
+                    table = np.zeros((2, size, size))
+                    table[:, : inner.shape[1], : inner.shape[2]] = inner
                     pairs.append(term)
                     pair_joints.append(joint)
                     pair_tables.append(table)
-        size = pair_cuts.shape[1] + 1
+        paired = np.array(pair_tables).reshape(-1, 2, size, size)
         return cls(
             gait,
             observation_names,
             cuts=cuts,
             pair_cuts=pair_cuts,
-            tables=tables,
+            tables=tables[0],
             pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
             pair_joints=np.array(pair_joints, dtype=np.int64),
-            pair_tables=np.array(pair_tables).reshape(-1, size, size),
+            pair_tables=paired[:, 0],
+            deviations=tables[1],
+            pair_deviations=paired[:, 1],
             intercepts=np.array([float(np.ravel(model.intercept_)[0]) for model in models]),
         )
 
@@ -132,19 +144,17 @@ class AdditivePolicy(Policy):
         singles = np.moveaxis(self.tables[:, self._feature, single], 0, 1)
         return singles, self.pair_tables[self._pair, first, second]
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        single, paired = self.term_values(observation[None])
+    def explain(self, observation: Array, joint: int) -> Contributions:
+        rows = observation.reshape(-1, observation.shape[-1])
+        single, paired = self.term_values(rows)
+        mine = np.flatnonzero(self.pair_joints == joint)
+        constant = np.full((len(rows), 1), self.intercepts[joint])
+        values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
         names = self.observation_names
-        parts = [Contribution("intercept", float(self.intercepts[joint]))]
-        parts += [
-            Contribution(name, float(value))
-            for name, value in zip(names, single[0, joint], strict=True)
-        ]
-        for index in np.flatnonzero(self.pair_joints == joint):
-            first, second = self.pairs[index]
-            term = f"{names[first]} & {names[second]}"
-            parts.append(Contribution(term, float(paired[0, index])))
-        return tuple(parts)
+        pairs = (f"{names[first]} & {names[second]}" for first, second in self.pairs[mine])
+        return Contributions(
+            (INTERCEPT, *names, *pairs), values.reshape(*observation.shape[:-1], -1)
+        )
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

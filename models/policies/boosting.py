@@ -101,6 +101,20 @@ class BoostedTreesPolicy(Policy):
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
 
+    @property
+    def depth(self) -> int:
+        """Questions on the longest branch."""
+        return self._depth
+
+    def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
+        """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""
+        features, thresholds = self.features[joint, tree], self.thresholds[joint, tree]
+        node = np.zeros(len(observations), dtype=np.intp)
+        row = np.arange(len(observations))
+        for _ in range(self._depth):
+            node = 2 * node + 1 + (observations[row, features[node]] > thresholds[node])
+        return self.leaves[joint, tree, node - (2**self._depth - 1)]
+
     def _act(self, observation: Array) -> Array:
         # One observation: `take` and sums in place are half as slow as general indexing.
         at = self._first_inner.copy()

@@ -87,20 +87,26 @@ class Expression:
                 return times(_outer_slope(operator, self, inner), slopes[0])
         raise AssertionError(self.operator)
 
-    def to_text(self, names: tuple[str, ...]) -> str:
-        """Writes the formula with the given variable names, so that it can be read back."""
+    def to_text(self, names: tuple[str, ...], digits: int | None = None) -> str:
+        """Writes the formula with the given variable names, so that it can be read back.
+
+        Args:
+            names: Names of the variables.
+            digits: Digits of the constants; all by default, which read back as the same formula.
+        """
+        operands = [operand.to_text(names, digits) for operand in self.operands]
         match self.operator:
             case "constant":
-                return repr(float(self.value))
+                value = float(self.value)
+                return repr(value) if digits is None else f"{value:.{digits}g}"
             case "variable":
                 return names[self.variable]
             case "neg":
-                return f"-({self.operands[0].to_text(names)})"
+                return f"-({operands[0]})"
             case operator if operator in BINARY:
-                left, right = (operand.to_text(names) for operand in self.operands)
-                return f"({left} {BINARY[operator]} {right})"
+                return f"({operands[0]} {BINARY[operator]} {operands[1]})"
             case operator:
-                return f"{operator}({self.operands[0].to_text(names)})"
+                return f"{operator}({operands[0]})"
 
     def to_sympy(self, symbols: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         """Builds the formula in sympy, to be simplified or typeset."""

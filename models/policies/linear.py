@@ -3,7 +3,7 @@
 import numpy as np
 
 from models.a1.robot import Array
-from models.policies.policy import Contribution, Policy
+from models.policies.policy import INTERCEPT, Contributions, Policy
 from models.task.observation import machine_state_entries
 
 
@@ -28,9 +28,9 @@ class LinearPolicy(Policy):
     def __call__(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        parts = self.weights[joint] * observation
-        return _contributions(self.observation_names, parts, self.intercepts[joint])
+    def explain(self, observation: Array, joint: int) -> Contributions:
+        intercepts = np.full(observation.shape[:-1], self.intercepts[joint])
+        return _contributions(self.observation_names, intercepts, self.weights[joint] * observation)
 
 
 class StatewiseLinearPolicy(Policy):
@@ -61,14 +61,12 @@ class StatewiseLinearPolicy(Policy):
         """Returns the share of observations (m, n) in each state of the machine (n_states,)."""
         return observations[:, self._one_hot].mean(axis=0)
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        state = int(np.argmax(observation[self._one_hot]))
+    def explain(self, observation: Array, joint: int) -> Contributions:
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
         parts = self.weights[state, joint] * observation
-        return _contributions(self.observation_names, parts, self.intercepts[state, joint])
+        return _contributions(self.observation_names, self.intercepts[state, joint], parts)
 
 
-def _contributions(
-    names: tuple[str, ...], parts: Array, intercept: float
-) -> tuple[Contribution, ...]:
-    terms = zip(("intercept", *names), (intercept, *parts), strict=True)
-    return tuple(Contribution(term, float(value)) for term, value in terms)
+def _contributions(names: tuple[str, ...], intercepts: Array, parts: Array) -> Contributions:
+    values = np.concatenate([intercepts[..., None], parts], axis=-1)
+    return Contributions((INTERCEPT, *names), values)

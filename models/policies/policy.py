@@ -14,18 +14,21 @@ from models.files import load_arrays, save_arrays
 
 FORMAT_VERSION = 1
 
+INTERCEPT = "intercept"
+"""The constant among the terms of an action."""
+
 
 @dataclass(frozen=True)
-class Contribution:
-    """A part of an action.
+class Contributions:
+    """The parts that a joint's actions are sums of.
 
     Attributes:
-        term: What it comes from.
-        value: How much it adds.
+        terms: What the parts come from (k).
+        values: How much each adds (..., k).
     """
 
-    term: str
-    value: float
+    terms: tuple[str, ...]
+    values: Array
 
 
 class Policy(ABC):
@@ -66,19 +69,19 @@ class Policy(ABC):
         """Rebuilds the policy that `to_arrays` took apart."""
         return cls(gait, observation_names, **{name: arrays[name] for name in cls.array_names})
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        """Splits an action into contributions that add up to it.
+    def explain(self, observation: Array, joint: int) -> Contributions:
+        """Splits a joint's actions into contributions that add up to them.
 
         Args:
-            observation: One observation (n,).
+            observation: Observations (..., n).
             joint: Index of the joint.
 
         Raises:
             InputError: if this kind of policy has no such parts.
         """
         raise InputError(
-            f"a {self.kind} policy does not split into contributions; take an additive, a linear "
-            "or a symbolic one"
+            f"policies of kind {self.kind!r} do not split into contributions; take an additive, "
+            "a linear or a symbolic one"
         )
 
     def save(self, path: Path) -> None:

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from models.a1.robot import Array
 from models.policies.expression import Expression, parse_expression, variable_names
-from models.policies.policy import Contribution, Policy
+from models.policies.policy import Contributions, Policy
 from models.task.observation import machine_state_entries
+
+TERM_DIGITS = 3
+"""Digits of the constants in the terms that an action is split into."""
 
 _FUNCTIONS: dict[str, Callable[..., Array]] = {
     "add": np.add,
@@ -167,7 +170,7 @@ class SymbolicPolicy(FormulaPolicy):
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return (self.expressions,)
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
+    def explain(self, observation: Array, joint: int) -> Contributions:
         return _contributions(self.expressions[joint], observation, self.observation_names)
 
     def derivatives(self, observation: Array) -> Array:
@@ -208,9 +211,16 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return self.expressions
 
-    def explain(self, observation: Array, joint: int) -> tuple[Contribution, ...]:
-        formulas = self.expressions[int(np.argmax(observation[self._one_hot]))]
-        return _contributions(formulas[joint], observation, self.observation_names)
+    def explain(self, observation: Array, joint: int) -> Contributions:
+        """Splits a joint's actions into contributions; those of other states' terms are 0."""
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
+        terms, values = [], []
+        for index, formulas in enumerate(self.expressions):
+            own = _contributions(formulas[joint], observation, self.observation_names)
+            terms += [f"in state {index}: {term}" for term in own.terms]
+            # Where the robot is in another state, this state's formula may not even be finite.
+            values.append(np.where((state == index)[..., None], own.values, 0.0))
+        return Contributions(tuple(terms), np.concatenate(values, axis=-1))
 
     def derivatives(self, observation: Array) -> Array:
         """Evaluates the partial derivative of each action by each observation (..., 12, n).
@@ -230,13 +240,10 @@ def _nested(function: Callable[[Any], Any], entries: Any) -> Any:
 
 def _contributions(
     formula: Expression, observation: Array, names: tuple[str, ...]
-) -> tuple[Contribution, ...]:
+) -> Contributions:
     terms = formula.terms()
     values = Tape(terms, len(names))(observation)
-    return tuple(
-        Contribution(term.to_text(names), float(value))
-        for term, value in zip(terms, values, strict=True)
-    )
+    return Contributions(tuple(term.to_text(names, TERM_DIGITS) for term in terms), values)
 
 
 def _derivatives(formulas: Sequence[Expression], observation: Array) -> Array:

@@ -24,6 +24,20 @@ JOINT_NOISE.flags.writeable = False
 N_ESTIMATED = 7
 """Length of the part that a deployed robot has to estimate: base velocity and foot heights."""
 
+_UNITS = {
+    "Command X": "m/s",
+    "Command Yaw": "rad/s",
+    "DoF Pos": "rad from the default stance",
+    "DoF Vel": f"{JOINT_VELOCITY_SCALE} · rad/s",
+    "Prev Action": f"{robot.ACTION_SCALE} rad of joint target",
+    "RM State": "0 or 1",
+    "RM Iters": f"{ITERATIONS_SCALE} · control steps",
+    "Command RM Iters": f"{ITERATIONS_SCALE} · control steps",
+    "Base Lin Vel": f"{BASE_VELOCITY_SCALE:g} · m/s",
+    "Foot Height": "m",
+}
+"""Units by the start of an entry's name, with the factor that the entry is scaled by."""
+
 _JOINT_TITLES = tuple(f"{leg} {joint.title()}" for leg in robot.LEGS for joint in robot.LEG_JOINTS)
 
 
@@ -53,20 +67,10 @@ class ObservationLayout:
             *(f"Foot Height {leg}" for leg in robot.LEGS),
         )
 
-    @cached_property
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of all entries, in order, with the factor that an entry is scaled by."""
-        return (
-            "m/s",
-            "rad/s",
-            *["rad from the default stance"] * robot.N_JOINTS,
-            *[f"{JOINT_VELOCITY_SCALE} · rad/s"] * robot.N_JOINTS,
-            *[f"{robot.ACTION_SCALE} rad of joint target"] * robot.N_JOINTS,
-            *["0 or 1"] * self.n_machine_states,
-            *[f"{ITERATIONS_SCALE} · control steps"] * 2,
-            *[f"{BASE_VELOCITY_SCALE:g} · m/s"] * 3,
-            *["m"] * robot.N_LEGS,
-        )
+        return tuple(unit_of(name) for name in self.names)
 
     @property
     def size(self) -> int:
@@ -77,6 +81,18 @@ class ObservationLayout:
     def n_proprioceptive(self) -> int:
         """Length of the part that needs no estimator."""
         return self.size - N_ESTIMATED
+
+
+def unit_of(name: str) -> str:
+    """Returns the unit of an entry, with the factor that it is scaled by.
+
+    Raises:
+        KeyError: if no entry is called so.
+    """
+    for start, unit in _UNITS.items():
+        if name.startswith(start):
+            return unit
+    raise KeyError(name)
 
 
 def machine_state_entries(names: tuple[str, ...]) -> slice:

@@ -1,0 +1,169 @@
+"""The importance study of one gait, without the closed loop: tables and figures by student."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from models.a1 import robot
+from models.a1.robot import Array
+from models.files import write_atomically
+from models.policies.additive import AdditivePolicy
+from models.policies.boosting import BoostedTreesPolicy
+from models.policies.policy import Policy
+from studies.console import say
+from studies.distillation.collection import Dataset, load_levels
+from studies.distillation.config import STUDENT_TITLES
+from studies.evaluation.scores import interval
+from studies.figures import save_figure
+from studies.importance.additive_figures import pair_figure, shape_figure, term_figure
+from studies.importance.figures import importance_map
+from studies.importance.interpret_model import interpret_model
+from studies.importance.methods import METHOD_TITLES, own_importance, permutation_importance
+from studies.importance.observations import merge_importances, observation_groups
+from studies.importance.tables import PAPER_TOP, top_table
+from studies.importance.tree_figures import dependence_figure, tree_figure
+from studies.tables import to_latex, write_table
+
+N_SHAPES = 3
+"""Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
+
+N_PAIRS = 2
+"""Functions of two observations that are drawn for a joint."""
+
+
+def held_out_samples(folder: Path, n_samples: int, generator: np.random.Generator) -> Dataset:
+    """Draws samples from the episodes that a student was not fitted to.
+
+    Args:
+        folder: Folder of the student in a distillation's.
+        n_samples: Number of samples, at most.
+        generator: Source of randomness.
+    """
+    data = load_levels(folder)
+    held_out = np.flatnonzero(data.held_out)
+    chosen = generator.choice(held_out, min(n_samples, len(held_out)), replace=False)
+    return data.subset(np.isin(np.arange(len(data.episodes)), chosen))
+
+
+def measure_importances(
+    gait: str,
+    students: Mapping[str, Policy],
+    samples: Mapping[str, Dataset],
+    folder: Path,
+    *,
+    seed: int,
+    repeats: int,
+) -> pd.DataFrame:
+    """Measures every student's importances by every method, and writes maps and tables.
+
+    Args:
+        gait: The gait.
+        students: The students, by kind.
+        samples: Held-out samples, by kind.
+        folder: Where tables and figures go.
+        seed: Seed of the shuffling.
+        repeats: Shuffles of each observation.
+
+    Returns:
+        A row for each student, method and group of observations: `importance`, the mean of the
+        joints, with its 95 % interval over shuffles.
+    """
+    tables, tops = [], []
+    for kind, student in students.items():
+        say(f"shuffling the observations of {STUDENT_TITLES.get(kind, kind)}")
+        names = student.observation_names
+        generator = np.random.default_rng([seed, 1])
+        found = {"permutation": permutation_importance(student, samples[kind], generator, repeats)}
+        own = own_importance(student, samples[kind].observations)
+        if own is not None:
+            found[own[0]] = own[1][None]
+        for method, values in found.items():
+            mean = values.mean(axis=0)
+            stem = folder / f"{kind}_{method}"
+            title = f"{gait.capitalize()}, {STUDENT_TITLES.get(kind, kind)}"
+            write_table(_by_joint(mean, names), stem)
+            save_figure(importance_map(mean, names, f"{title}: {METHOD_TITLES[method]}"), stem)
+            tables.append(_by_group(values, names, kind, method))
+            if method in PAPER_TOP:
+                top = top_table(mean, names, gait, method)
+                tops.append(top.assign(student=kind, method=method))
+    every_top = pd.concat(tops, ignore_index=True)
+    write_table(every_top, folder / "top_observations")
+    write_atomically(folder / "top_observations.tex", to_latex(every_top))
+    return pd.concat(tables, ignore_index=True)
+
+
+def draw_student(
+    gait: str,
+    kind: str,
+    student: Policy,
+    joint: int,
+    observations: Array,
+    folder: Path,
+    seed: int = 0,
+) -> tuple[Path, ...]:
+    """Draws what the shape of a student's model tells about a joint.
+
+    Boosted trees: one tree, and the partial dependence on the three most important observations.
+    Additive models: the terms' importances, functions of one observation with their bands, and of
+    two as maps.
+
+    Args:
+        gait: The gait.
+        kind: Kind of student.
+        student: The student.
+        joint: Index of the joint.
+        observations: Observations (m, n) that importances and averages are taken over.
+        folder: Where the figures go.
+        seed: Seed of the samples whose curves are drawn.
+
+    Returns:
+        The figures' paths, less extension.
+    """
+    name = robot.JOINTS[joint]
+    title = f"{gait.capitalize()}, {STUDENT_TITLES.get(kind, kind)}, {name.replace('_', ' ')}"
+    figures: dict[str, Figure] = {}
+    match student:
+        case BoostedTreesPolicy():
+            ranked = np.argsort(-student.importances[joint], kind="stable")[:N_SHAPES]
+            columns = tuple(int(column) for column in ranked)
+            generator = np.random.default_rng([seed, 2])
+            figures["tree"] = tree_figure(student, joint, observations)
+            figures["partial_dependence"] = dependence_figure(
+                student, joint, observations, columns, generator
+            )
+        case AdditivePolicy():
+            model = interpret_model(student, joint, observations)
+            ranked = np.argsort(-np.asarray(model.term_importances()), kind="stable").tolist()
+            n = len(student.observation_names)
+            singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
+            pairs = [term for term in ranked if term >= n][:N_PAIRS]
+            figures["terms"] = term_figure(model, title)
+            figures["shapes"] = shape_figure(model, singles, title)
+            for place, term in enumerate(pairs, start=1):
+                figures[f"pair_{place}"] = pair_figure(model, term, title)
+    stems = {what: folder / f"{kind}_{name}_{what}" for what in figures}
+    for what, figure in figures.items():
+        save_figure(figure, stems[what])
+    return tuple(stems.values())
+
+
+def _by_joint(importances: Array, names: tuple[str, ...]) -> pd.DataFrame:
+    return pd.DataFrame(importances, columns=pd.Index(names)).assign(joint=robot.JOINTS)
+
+
+def _by_group(values: Array, names: tuple[str, ...], policy: str, method: str) -> pd.DataFrame:
+    """Adds importances (repeats, 12, n) up over each group, and averages over joints."""
+    merged = merge_importances(values, names).mean(axis=1)
+    return pd.DataFrame(
+        {
+            "policy": policy,
+            "method": method,
+            "without": list(observation_groups(names)),
+            "importance": merged.mean(axis=0),
+            "importance_ci": [interval(pd.Series(column)) for column in merged.T],
+        }
+    )
