@@ -17,6 +17,7 @@ COMMANDS = {
     "front": "studies.front.command:Front",
     "importance": "studies.importance.command:Importance",
     "explain": "studies.explanation.command:Explain",
+    "report": "studies.report.command:Report",
     "rollout": "studies.rollout.command:ShowRollout",
     "gait": "studies.gait_command:ShowGait",
     "benchmark": "studies.benchmark.command:Benchmark",

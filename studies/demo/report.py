@@ -1,10 +1,8 @@
 """The demo's report: one HTML page, figures inside, replays beside it."""
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 
-import jinja2
 import pandas as pd
 
 from models.a1 import robot
@@ -14,7 +12,7 @@ from models.policies.policy import Policy
 from models.policies.symbolic import SymbolicPolicy
 from models.task.gait import Gait
 from studies.distillation.formulas import readable_formula
-from studies.tables import format_cell
+from studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -30,10 +28,6 @@ def write_report(
     minutes: float,
 ) -> None:
     """Writes `report.html` from what the demo left in its folder."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["cell"] = format_cell
     symbolic = students.get("symbolic")
     formulas = []
     if isinstance(symbolic, SymbolicPolicy):
@@ -41,21 +35,17 @@ def write_report(
             (joint, formula.length, readable_formula(formula, expert.observation_names))
             for joint, formula in zip(robot.JOINTS, symbolic.expressions, strict=True)
         ]
-    page = environment.get_template("report.html").render(
+    page = page_template(TEMPLATES, "report.html").render(
         gait=gait,
         n_observations=len(expert.observation_names),
         r2=r2,
         standalone=standalone,
-        reward_figure=_inline(folder / "reward.png"),
+        reward_figure=inline_image(folder / "reward.png"),
         gait_figures=[
-            (name, _inline(folder / f"{name}_gait.png"), f"{name}_replay.html")
+            (name, inline_image(folder / f"{name}_gait.png"), f"{name}_replay.html")
             for name in ("expert", "symbolic")
         ],
         formulas=formulas,
         minutes=minutes,
     )
     write_atomically(folder / "report.html", page)
-
-
-def _inline(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()

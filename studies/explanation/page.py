@@ -1,13 +1,11 @@
 """The page: replay, gait diagram and the terms of every action, in one file that opens offline."""
 
-import base64
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from diagrams.rollout import Rollout
@@ -17,6 +15,7 @@ from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
 from models.task.palette import STATE_COLORS
 from studies.evaluation.tables import POLICY_TITLES
+from studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -99,20 +98,14 @@ def render_page(
         "joint": joint,
         "step": step,
     }
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.get_template("explanation.html").render(
+    return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
         policy=POLICY_TITLES.get(policy_name, policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
         n_shown=N_SHOWN,
         data=_embedded(data),
         replay=_embedded(replay),
-        figures=[
-            (path.stem, "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode())
-            for path in figures
-        ],
+        figures=[(path.stem, inline_image(path)) for path in figures],
     )
 
 

@@ -1,0 +1,55 @@
+"""How thoroughly the report is made: in full, or in minutes."""
+
+from dataclasses import dataclass, field
+
+from studies.distillation.config import (
+    DistillationConfig,
+    EbmConfig,
+    GbmConfig,
+    StudentKind,
+    SymbolicConfig,
+)
+from studies.evaluation.config import RolloutConfig
+
+PAPER_STUDENTS: tuple[StudentKind, ...] = ("gbm", "ebm", "symbolic")
+"""The students of the paper's tables and figures."""
+
+PAPER_GAITS = ("walk", "trot", "pace", "bound")
+
+
+@dataclass(frozen=True)
+class ReportConfig:
+    """How much is computed for each gait.
+
+    Attributes:
+        distillation: Settings of the distillation; the gait is set for each.
+        rollouts: How robots are rolled out.
+        n_samples: Held-out samples that importances are measured on.
+        repeats: Shuffles of each observation.
+    """
+
+    distillation: DistillationConfig = field(
+        default_factory=lambda: DistillationConfig(students=PAPER_STUDENTS)
+    )
+    rollouts: RolloutConfig = field(default_factory=RolloutConfig)
+    n_samples: int = 1000
+    repeats: int = 10
+
+
+FULL = ReportConfig()
+"""The paper's protocol, five seeds."""
+
+QUICK = ReportConfig(
+    distillation=DistillationConfig(
+        students=PAPER_STUDENTS,
+        episodes=8,
+        episodes_per_level=2,
+        episode_steps=500,
+        gbm=GbmConfig(n_trees=80, depth=4),
+        ebm=EbmConfig(interactions=20, max_rounds=400),
+        symbolic=SymbolicConfig(population=100, generations=15, max_samples=1500),
+    ),
+    rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
+    n_samples=400,
+)
+"""A fifteenth of the samples, small students, one seed of half as many robots for half as long."""

@@ -1,0 +1,112 @@
+"""What the report needs of one gait: students, scores, importances and figures, in its folder."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from diagrams.rollout import Rollout, make_simulator, record
+from models.policies.library import load_expert
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait, load_gait
+from studies.console import say
+from studies.distillation.config import STUDENT_TITLES
+from studies.distillation.study import distill, load_students
+from studies.distillation.tables import write_r2_table
+from studies.evaluation.alternation import alternation_jobs
+from studies.evaluation.figures import gait_figure
+from studies.evaluation.jobs import run_jobs
+from studies.evaluation.results import write_alternation
+from studies.figures import save_figure
+from studies.importance.additive_figures import contribution_figure
+from studies.importance.study import draw_student, held_out_samples, measure_importances
+from studies.report.config import ReportConfig
+
+JOINT = 0
+"""The joint of the paper's single-joint figures, FL hip."""
+
+SEQUENCE_SECONDS = 4.0
+EXPLAINED_STEP = 100
+SPEED = 0.5
+"""Commanded forward speed of the gait sequences (m/s), as the distillation's speeds."""
+
+
+@dataclass(frozen=True)
+class GaitResults:
+    """What was found about one gait.
+
+    Attributes:
+        gait: Its name.
+        folder: Where its figures lie.
+        r2: R² of each student, as `distill` returns them.
+        standalone: Scores alone, formatted.
+        tops: The most important observations beside the paper's.
+    """
+
+    gait: str
+    folder: Path
+    r2: pd.DataFrame
+    standalone: pd.DataFrame
+    tops: pd.DataFrame
+
+
+def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -> GaitResults:
+    """Distils, evaluates and explains one gait.
+
+    Args:
+        name: Name of the gait.
+        config: How thoroughly.
+        folder: Where everything of this gait goes.
+        resume: Whether to keep what is done already.
+    """
+    gait, expert = load_gait(name), load_expert(name)
+    title = name.capitalize()
+    distillation = replace(config.distillation, gait=name)
+    source = folder / "distillation"
+    r2 = distill(distillation, expert, source, say, resume=resume)
+    write_r2_table(r2, name, source)
+    students = load_students(source, expert)
+
+    say(f"{title}: rolling out every student at every alternation ratio")
+    jobs = alternation_jobs(gait, expert, students, config.rollouts)
+    scores = run_jobs(jobs, folder / "rollouts", resume=resume)
+    standalone = write_alternation(scores, title, folder)
+
+    seed = config.rollouts.seed
+    samples = {
+        kind: held_out_samples(source / kind, config.n_samples, np.random.default_rng(seed))
+        for kind in students
+    }
+    explained = {kind: students[kind] for kind in ("gbm", "ebm")}
+    measure_importances(name, explained, samples, folder, seed=seed, repeats=config.repeats)
+    for kind, student in explained.items():
+        draw_student(name, kind, student, JOINT, samples[kind].observations, folder, seed)
+    _draw_sequences(gait, expert, students, folder)
+    tops = pd.read_csv(folder / "top_observations.csv").query("student == 'gbm'")
+    return GaitResults(name, folder, r2, standalone, tops)
+
+
+def _draw_sequences(
+    gait: Gait, expert: NeuralPolicy, students: Mapping[str, Policy], folder: Path
+) -> None:
+    for kind, student in students.items():
+        rollout = _roll_out_alone(gait, expert, student)
+        title = f"{gait.name.capitalize()}, {STUDENT_TITLES.get(kind, kind)}"
+        save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
+        if kind == "ebm":
+            step = min(EXPLAINED_STEP, len(rollout.time) - 1)
+            parts = student.explain(rollout["observations"][step], JOINT)
+            local = contribution_figure(parts, f"{title}, FL hip, step {step}")
+            save_figure(local, folder / f"{kind}_local")
+
+
+def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
+    command = FixedCommand(speed=min(SPEED, gait.max_speed))
+    config = LocomotionConfig(command=command, alternation_period=0, sensor_noise=True)
+    diagram = MakeLocomotion(gait, config, student=student, estimator=expert.estimator)
+    return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))

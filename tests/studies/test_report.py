@@ -1,0 +1,74 @@
+"""The report: the paper's tables beside ours, and the whole of it in small."""
+
+import pandas as pd
+import pytest
+
+from studies.cli import main
+from studies.distillation.config import DistillationConfig, EbmConfig, GbmConfig, SymbolicConfig
+from studies.evaluation.config import RolloutConfig
+from studies.report import command
+from studies.report.config import PAPER_STUDENTS, ReportConfig
+from studies.report.contents import contents, r2_by_gait
+from studies.report.gait import GaitResults
+
+TINY = ReportConfig(
+    distillation=DistillationConfig(
+        students=PAPER_STUDENTS,
+        episodes=5,
+        episodes_per_level=4,
+        episode_steps=60,
+        gbm=GbmConfig(n_trees=5, depth=2),
+        ebm=EbmConfig(interactions=2, max_rounds=20),
+        symbolic=SymbolicConfig(population=20, generations=1, max_samples=200),
+        n_jobs=1,
+    ),
+    rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
+    n_samples=30,
+    repeats=2,
+)
+
+
+@pytest.fixture
+def results(tmp_path):
+    r2 = pd.DataFrame(
+        {"student": PAPER_STUDENTS, "r2": [0.9, 0.8, 0.7], "r2_shuffled_split": [0.95, 0.85, 0.75]}
+    )
+    tops = pd.DataFrame({"gait": ["pace"], "student": ["gbm"], "method": ["impurity"], "1st": "x"})
+    return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["GBM"]}), tops)]
+
+
+def test_every_number_of_the_paper_is_there(results):
+    numbers = [item.number.split(",")[0] for item in contents(results)]
+    figures = [f"Figure {number}" for number in range(1, 12)]
+    assert set(numbers) == {"Table I", "Table II", *figures}
+
+
+def test_r2_stands_beside_the_papers(results):
+    table = r2_by_gait(results).set_index(["student", "split"])["pace"]
+    assert table["GBM", "shuffled"] == 0.95
+    assert table["GBM", "by episode"] == 0.9
+    assert table["GBM", "paper"] == 0.9752
+    assert table["Symbolic", "paper"] == 0.7331
+
+
+def test_gaits_without_an_expert_are_told(refused):
+    message = refused(["report", "--quick", "--gaits", "trot", "gallop"])
+    assert "no expert of gallop ships with the project" in message
+
+
+@pytest.mark.slow
+def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
+    monkeypatch.setattr(command, "QUICK", TINY)
+    arguments = ["report", "--quick", "--gaits", "trot", "--output", str(tmp_path)]
+    main(arguments)
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64") == 12
+    assert "data:image/svg+xml" in page
+    text = (tmp_path / "report.md").read_text()
+    for line in text.splitlines():
+        if line.startswith("![Trot"):
+            assert (tmp_path / line.split("](")[1].rstrip(")")).exists()
+    assert (tmp_path / "table_i_1.csv").exists()
+    assert "continue it with --resume" in refused(arguments)
+    main([*arguments, "--resume"])
+    assert (tmp_path / "report.html").read_text() == page
