@@ -1,6 +1,6 @@
 """The settings of a distillation: its command line and its record."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from diagrams.station import StationConfig
@@ -74,7 +74,9 @@ class EbmConfig:
     """Settings of interpret's explainable boosting.
 
     Attributes:
-        outer_bags: Models that are averaged.
+        outer_bags: Models that are averaged while samples are collected.
+        final_outer_bags: Models that are averaged in the end; how much they differ is the error
+            band of every function.
         interactions: Functions of two observations, a joint.
         max_bins: Bins of an observation.
         max_interaction_bins: Bins of an observation in functions of two.
@@ -85,6 +87,7 @@ class EbmConfig:
     """
 
     outer_bags: int = 1
+    final_outer_bags: int = 4
     interactions: int = 200
     max_bins: int = 256
     max_interaction_bins: int = 32
@@ -100,14 +103,17 @@ class SymbolicConfig:
 
     Attributes:
         engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.
-        max_length: Greatest length of a formula in nodes, the paper's overall complexity, as the
-            engine counts: to Operon a weighted observation is one node, to PySR it is three.
+        max_length: Greatest length of a formula in nodes, the paper's overall complexity (pysr).
+            Lengths are as the engine counts: to Operon a weighted observation is one node, to PySR
+            it is three.
         operator_complexity: Greatest complexity of an operator's operand (pysr).
         iterations: Iterations of the search (pysr).
         generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
-        backbone_length: Length of the gated sum that a formula starts from (operon).
+        shapes: Lengths of the sum that a formula starts from, and of the whole formula; equal ones
+            leave nothing to the engine (operon). Levels take the first; of all shapes, the student
+            is the one that earns most alone.
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
 
@@ -118,7 +124,7 @@ class SymbolicConfig:
     generations: int = 100
     population: int = 200
     coefficient_iterations: int = 3
-    backbone_length: int = 74
+    shapes: tuple[tuple[int, int], ...] = ((90, 90), (64, 64), (74, 90))
     max_samples: int = 3000
 
 
@@ -132,6 +138,8 @@ class DistillationConfig:
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_level: Episodes that share an alternation ratio, the paper's n_f.
+        alone_levels: Levels after those of the curriculum in which the student acts alone. The
+            paper has none, so that its students meet alone what no sample has shown them.
         episode_steps: Control steps of an episode.
         curriculum: Who acts while samples are collected: `alternation`, the paper's, where level k
             has the expert act at every k-th step; or, after a first level of the expert's, the
@@ -151,6 +159,7 @@ class DistillationConfig:
     seed: int = 0
     episodes: int = 30
     episodes_per_level: int = 4
+    alone_levels: int = 2
     episode_steps: int = 1000
     curriculum: Curriculum = "alternation"
     speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
@@ -161,10 +170,35 @@ class DistillationConfig:
     symbolic: SymbolicConfig = field(default_factory=SymbolicConfig)
     n_jobs: int = 2
 
+    @property
+    def curriculum_levels(self) -> int:
+        """Levels of the curriculum, the last of which may have fewer episodes."""
+        return -(-self.episodes // self.episodes_per_level)
+
+    @property
+    def n_levels(self) -> int:
+        """All levels."""
+        return self.curriculum_levels + self.alone_levels
+
+    def level_episodes(self, level: int) -> range:
+        """Returns the numbers of a level's episodes, counted from 1."""
+        size = self.episodes_per_level
+        if level <= self.curriculum_levels:
+            first = (level - 1) * size + 1
+            return range(first, min(first + size, self.episodes + 1))
+        first = self.episodes + (level - self.curriculum_levels - 1) * size + 1
+        return range(first, first + size)
+
     def period(self, level: int) -> int:
         """Returns the control steps from one action of the expert to the next; 0 is never."""
         if level == 1:
             return 1
+        if level > self.curriculum_levels:
+            return 0
         return {"alternation": level, "student_only": 0, "expert_only": 1, "half": 2}[
             self.curriculum
         ]
+
+    def final(self) -> "DistillationConfig":
+        """Returns the settings of the last fit, after all samples are collected."""
+        return replace(self, ebm=replace(self.ebm, outer_bags=self.ebm.final_outer_bags))

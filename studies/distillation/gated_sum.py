@@ -1,8 +1,8 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
 A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
-g, h, … tell where in the gait the robot is: a state of the reward machine, the iterations in it,
-and their products.
+g, h, … are states of the reward machine. The iterations in a state are no gate: where a robot is
+late, their products would grow without bound.
 """
 
 import warnings
@@ -15,9 +15,6 @@ from models.a1.robot import Array
 from models.policies.expression import Expression
 from models.task.observation import machine_state_entries
 
-Gate = tuple[int, ...]
-"""Observations whose product is the gate; empty for the ungated sum."""
-
 
 def fit_gated_sum(
     observations: Array, target: Array, gates: Sequence[int], max_length: int
@@ -27,17 +24,10 @@ def fit_gated_sum(
     Args:
         observations: Samples (m, n).
         target: What to fit (m,).
-        gates: Observations that gate: any number of 0-1 states, then one that counts iterations; or
-            none, for a plain weighted sum.
+        gates: Observations that gate, states of the machine; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
     """
-    states, iterations = gates[:-1], gates[-1:]
-    products: list[Gate] = [(), *((gate,) for gate in gates)]
-    products += [(s, i) for s in states for i in iterations]
-    columns = [
-        observations * np.prod(observations[:, list(gate)], axis=1, keepdims=True)
-        for gate in products
-    ]
+    columns = [observations, *(observations * observations[:, [gate]] for gate in gates)]
     candidates = np.concatenate(columns, axis=1)
     mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
     # A product of a state with itself is the state again: of equal columns the first is enough.
@@ -55,7 +45,7 @@ def fit_gated_sum(
             warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
             found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
         weights[usable] = found / spread[usable]
-        larger = _gated_expression(products, weights.reshape(-1, n), target.mean() - weights @ mean)
+        larger = _gated_expression(gates, weights.reshape(-1, n), target.mean() - weights @ mean)
         if larger.length > max_length:
             break
         formula = larger
@@ -63,12 +53,12 @@ def fit_gated_sum(
 
 
 def machine_gates(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Finds the observations that gate: the machine's states but the last, and the iterations.
+    """Finds the observations that gate: the machine's states but the last.
 
     The last state is where all others are 0.
     """
     states = machine_state_entries(names)
-    return (*range(states.start, states.stop - 1), names.index("RM Iters"))
+    return tuple(range(states.start, states.stop - 1))
 
 
 def scaled(expression: Expression, factor: float) -> Expression:
@@ -76,17 +66,17 @@ def scaled(expression: Expression, factor: float) -> Expression:
     return Expression("mul", (Expression("constant", value=factor), expression))
 
 
-def _gated_expression(products: Sequence[Gate], weights: Array, intercept: float) -> Expression:
+def _gated_expression(gates: Sequence[int], weights: Array, intercept: float) -> Expression:
     total = Expression("constant", value=float(intercept))
-    for gate, row in zip(products, weights, strict=True):
+    for gate, row in zip((None, *gates), weights, strict=True):
         terms = [scaled(_variable(i), float(row[i])) for i in np.flatnonzero(row)]
         if not terms:
             continue
         part = terms[0]
         for term in terms[1:]:
             part = Expression("add", (part, term))
-        for index in gate:
-            part = Expression("mul", (_variable(index), part))
+        if gate is not None:
+            part = Expression("mul", (_variable(gate), part))
         total = Expression("add", (total, part))
     return total
 

@@ -192,7 +192,7 @@ def _fit_symbolic(
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    search = partial(fit_formula, gates=(names.index("RM Iters"),))
+    search = partial(fit_formula, gates=())
     formulas = [
         _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
         for mine in samples_by_state(observations, names)

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,10 @@ from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
 from studies.distillation.formulas import write_formulas
+from studies.distillation.selection import rank_alone
 from studies.distillation.students import fit_student, untrained_student
 from studies.records import read_yaml, to_plain
+from studies.tables import write_table
 
 CONFIG_NAME = "config.yaml"
 FREE_TO_CHANGE = ("students", "n_jobs")
@@ -69,7 +72,7 @@ def distill(
         if not record_path.exists():
             started = time.monotonic()
             dataset = _collect_levels(kind, config, expert, student_folder, report)
-            row = _fit_final(kind, config, expert, dataset, folder)
+            row = _fit_final(kind, config, expert, dataset, folder, report)
             row["minutes"] = (time.monotonic() - started) / 60
             write_atomically(record_path, json.dumps(row, indent=2))
         row = json.loads(record_path.read_text())
@@ -120,10 +123,8 @@ def _collect_levels(
     speeds = np.minimum(config.speeds, gait.max_speed)
     dataset = None
     student = untrained_student(config.gait, expert.observation_names)
-    episodes = np.arange(1, config.episodes + 1)
-    levels = -(-episodes // config.episodes_per_level)
-    for level in range(1, levels[-1] + 1):
-        path = folder / f"level_{level}.safetensors"
+    for level in range(1, config.n_levels + 1):
+        path = folder / f"level_{level:02d}.safetensors"
         if path.exists():
             samples = Dataset.load(path)
         else:
@@ -133,10 +134,10 @@ def _collect_levels(
                 student = fit_student(
                     kind, config, expert.observation_names, seen.observations, seen.actions
                 )
-            mine = episodes[levels == level]
+            mine = np.array(config.level_episodes(level))
             period = config.period(level)
             ratio = ratio_title(period)
-            report(f"{STUDENT_TITLES[kind]}: level {level} of {levels[-1]}, ratio {ratio}")
+            report(f"{STUDENT_TITLES[kind]}: level {level} of {config.n_levels}, ratio {ratio}")
             samples = collect(
                 gait,
                 expert,
@@ -160,10 +161,12 @@ def _fit_final(
     expert: NeuralPolicy,
     dataset: Dataset,
     folder: Path,
+    report: Report,
 ) -> dict:
     names = expert.observation_names
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
-    student = fit_student(kind, config, names, seen.observations, seen.actions)
+    report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
+    final, student = _choose_final(kind, config.final(), expert, seen, folder)
     student.save(student_path(folder, kind))
     if isinstance(student, FormulaPolicy):
         write_formulas(student, folder / f"{kind}_formulas")
@@ -172,7 +175,7 @@ def _fit_final(
     # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
     index = np.arange(len(dataset.episodes))
     train, test = train_test_split(index, test_size=SHUFFLED_TEST_SHARE, random_state=config.seed)
-    shuffled = fit_student(kind, config, names, dataset.observations[train], dataset.actions[train])
+    shuffled = fit_student(kind, final, names, dataset.observations[train], dataset.actions[train])
     mask = np.isin(index, test)
     return {
         "student": kind,
@@ -182,6 +185,35 @@ def _fit_final(
         "r2_shuffled_split": float(r2_scores(shuffled, dataset.subset(mask)).mean()),
         **{f"r2_{joint}": float(r2) for joint, r2 in zip(robot.JOINTS, scores, strict=True)},
     }
+
+
+def _choose_final(
+    kind: StudentKind,
+    config: DistillationConfig,
+    expert: NeuralPolicy,
+    seen: Dataset,
+    folder: Path,
+) -> tuple[DistillationConfig, Policy]:
+    """Fits the student; of formulas, one of each shape, of which the best alone is taken."""
+
+    def fit(settings: DistillationConfig) -> Policy:
+        return fit_student(
+            kind, settings, expert.observation_names, seen.observations, seen.actions
+        )
+
+    if kind not in ("symbolic", "statewise_symbolic") or config.symbolic.engine == "pysr":
+        return config, fit(config)
+    shapes = {
+        f"sum of {sum_length}, {length} in all": replace(
+            config, symbolic=replace(config.symbolic, shapes=((sum_length, length),))
+        )
+        for sum_length, length in config.symbolic.shapes
+    }
+    candidates = {label: fit(settings) for label, settings in shapes.items()}
+    ranked = rank_alone(candidates, load_gait(config.gait), expert, config.episode_steps)
+    write_table(ranked, folder / f"{kind}_candidates")
+    best = ranked["candidate"].iloc[0]
+    return shapes[best], candidates[best]
 
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:

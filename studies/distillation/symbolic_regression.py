@@ -30,9 +30,8 @@ def fit_formula(
         observations: Samples (m, n).
         target: The expert's actions (m,).
         seed: Seed of the search.
-        gates: Observations that tell where in the gait the robot is: the reward machine's states
-            but the last, and the iterations; see `fit_gated_sum`.
-        settings: Engine and budget.
+        settings: Engine and budget; of its shapes the first.
+        gates: Observations that tell where in the gait the robot is; see `fit_gated_sum`.
 
     Raises:
         InputError: if the engine is PySR and Julia cannot start.
@@ -47,9 +46,12 @@ def _fit_operon(
 ) -> Expression:
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
-    backbone = fit_gated_sum(observations, target, gates, settings.backbone_length)
+    sum_length, length = settings.shapes[0]
+    backbone = fit_gated_sum(observations, target, gates, sum_length)
+    if sum_length == length:
+        return backbone
     residual = target - Tape([backbone], observations.shape[1])(observations)[:, 0]
-    rest = settings.max_length - backbone.length - 1
+    rest = length - backbone.length - 1
     correction = _evolve(observations, residual, rest, seed, settings)
     return Expression("add", (backbone, correction))
 

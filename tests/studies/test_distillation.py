@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
@@ -35,11 +36,14 @@ from studies.distillation.tables import write_r2_table
 
 TINY = DistillationConfig(
     episodes=5,
+    alone_levels=1,
     episode_steps=60,
     gbm=GbmConfig(n_trees=5),
     histogram_gbm=HistogramGbmConfig(n_trees=5),
     ebm=EbmConfig(interactions=2, max_rounds=10),
-    symbolic=SymbolicConfig(population=20, generations=2, max_samples=100, backbone_length=30),
+    symbolic=SymbolicConfig(
+        population=20, generations=2, max_samples=100, shapes=((30, 30), (30, 60))
+    ),
     n_jobs=1,
 )
 
@@ -75,7 +79,7 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     (tmp_path / "metrics.json").unlink()
-    for path in ("gbm/record.json", "gbm.safetensors", "gbm/level_2.safetensors"):
+    for path in ("gbm/record.json", "gbm.safetensors", "gbm/level_02.safetensors"):
         (tmp_path / path).unlink()
     shutil.rmtree(tmp_path / "symbolic")
     write_r2_table(
@@ -113,7 +117,7 @@ def test_a_finished_folder_is_not_overwritten(finished, expert):
 
 def test_levels_follow_the_paper(finished):
     folder, _ = finished
-    first, second = (Dataset.load(folder / "linear" / f"level_{n}.safetensors") for n in (1, 2))
+    first, second = (Dataset.load(folder / "linear" / f"level_{n:02d}.safetensors") for n in (1, 2))
     assert sorted(set(first.episodes)) == [1, 2, 3, 4]
     assert set(second.episodes) == {5}
     speeds = [first.observations[first.episodes == episode, 0] for episode in (1, 2, 3, 4)]
@@ -142,6 +146,24 @@ def test_whole_episodes_are_held_out():
 def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
     config = DistillationConfig(curriculum=curriculum)
     assert [config.period(level) for level in (1, 2, 3, 4)] == periods
+    assert config.n_levels == 10
+    assert [config.period(level) for level in (9, 10)] == [0, 0]
+
+
+def test_levels_hold_every_episode_once():
+    config = DistillationConfig(episodes=10, episodes_per_level=4, alone_levels=2)
+    levels = [list(config.level_episodes(level)) for level in range(1, config.n_levels + 1)]
+    assert levels == [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10], [11, 12, 13, 14], [15, 16, 17, 18]]
+
+
+def test_the_best_alone_is_taken_and_the_others_are_told(finished):
+    folder, _ = finished
+    ranked = pd.read_csv(folder / "symbolic_candidates.csv")
+    assert set(ranked["candidate"]) == {"sum of 30, 30 in all", "sum of 30, 60 in all"}
+    assert ranked["reward"].is_monotonic_decreasing
+    policy = load_policy(folder / "symbolic.safetensors")
+    longest = max(formula.length for formula in policy.expressions)
+    assert (longest <= 30) == (ranked["candidate"][0] == "sum of 30, 30 in all")
 
 
 def test_open_loop_is_the_mean_of_each_moment(generator):
@@ -167,7 +189,7 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
     dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
     settings = replace(
         TINY,
-        symbolic=SymbolicConfig(population=20, generations=2, max_length=20, backbone_length=10),
+        symbolic=SymbolicConfig(population=20, generations=2, shapes=((10, 20),)),
     )
     policy = fit_student("statewise_symbolic", settings, names, observations, actions)
     assert r2_scores(policy, dataset).min() > 0.99
@@ -208,7 +230,7 @@ def test_r2_is_scikit_learns(generator):
 def sample_of_a_gated_law(generator, count=3000):
     x = generator.normal(size=(count, 6))
     x[:, 4] = generator.random(count) < 0.5
-    x[:, 5] = generator.integers(0, 10, count) / 10
+    x[:, 5] = generator.random(count) < 0.3
     return x, 1.0 + 2.0 * x[:, 0] + x[:, 4] * (3.0 * x[:, 1] - 1.0) + x[:, 5] * x[:, 2]
 
 
@@ -229,10 +251,8 @@ def test_operon_finds_what_is_not_linear(generator):
     x = generator.normal(size=(1500, 5))
     x[:, 3] = 0.0
     y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
-    settings = SymbolicConfig(
-        population=200, generations=40, max_samples=1500, backbone_length=10, max_length=60
-    )
-    formula = fit_formula(x, y, 0, settings, gates=(3, 4))
+    settings = SymbolicConfig(population=200, generations=40, max_samples=1500, shapes=((10, 60),))
+    formula = fit_formula(x, y, 0, settings, gates=(3,))
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
     assert formula.length <= 60

@@ -1,0 +1,49 @@
+"""Which of several students earns most alone: what R² does not tell."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from models.a1 import robot
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task import EPISODE_STEPS
+from models.task.gait import Gait
+from studies.evaluation.config import DISTILLED_SPEEDS, WORLDS, RolloutConfig
+from studies.evaluation.rollouts import roll_out
+from studies.evaluation.scores import score_rollouts, summarize
+from studies.evaluation.team import Team
+
+SELECTION_SEED = 500
+"""Seed of the rollouts that select, none of those that evaluate."""
+
+
+def rank_alone(
+    candidates: Mapping[str, Policy], gait: Gait, expert: NeuralPolicy, n_steps: int = EPISODE_STEPS
+) -> pd.DataFrame:
+    """Rolls every candidate out alone and ranks them by reward.
+
+    Args:
+        candidates: Students by label.
+        gait: The gait.
+        expert: The expert, for its estimator.
+        n_steps: Control steps of a rollout.
+
+    Returns:
+        A row a candidate, the best first, with its means over 26 robots.
+    """
+    slowest, fastest = DISTILLED_SPEEDS
+    config = RolloutConfig(
+        n_steps=n_steps,
+        seed=SELECTION_SEED,
+        n_seeds=1,
+        speed_range=(slowest, min(fastest, gait.max_speed)),
+    )
+    scores = [
+        score_rollouts(
+            roll_out(gait, Team(expert, student, 0), WORLDS["training"], config), robot.MASS
+        ).assign(candidate=label)
+        for label, student in candidates.items()
+    ]
+    means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
+    return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")
