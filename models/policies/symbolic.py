@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
-from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.expression import BINARY, Expression, parse_expression, variable_names
 from models.policies.policy import Contributions, Policy
 from models.task.observation import machine_state_entries
 
@@ -217,7 +217,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         terms, values = [], []
         for index, formulas in enumerate(self.expressions):
             own = _contributions(formulas[joint], observation, self.observation_names)
-            terms += [f"in state {index}: {term}" for term in own.terms]
+            terms += [f"state {index}: {term}" for term in own.terms]
             # Where the robot is in another state, this state's formula may not even be finite.
             values.append(np.where((state == index)[..., None], own.values, 0.0))
         return Contributions(tuple(terms), np.concatenate(values, axis=-1))
@@ -243,7 +243,12 @@ def _contributions(
 ) -> Contributions:
     terms = formula.terms()
     values = Tape(terms, len(names))(observation)
-    return Contributions(tuple(term.to_text(names, TERM_DIGITS) for term in terms), values)
+    return Contributions(tuple(_title(term, names) for term in terms), values)
+
+
+def _title(term: Expression, names: tuple[str, ...]) -> str:
+    text = term.to_text(names, TERM_DIGITS)
+    return text[1:-1] if term.operator in BINARY else text
 
 
 def _derivatives(formulas: Sequence[Expression], observation: Array) -> Array:
