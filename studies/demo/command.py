@@ -30,18 +30,27 @@ from studies.rollout.play import play
 from studies.tables import print_table
 
 QUICK = DistillationConfig(
-    students=("open_loop", "linear", "statewise_linear", "histogram_gbm", "ebm", "symbolic"),
-    episodes=16,
+    students=(
+        "open_loop",
+        "linear",
+        "statewise_linear",
+        "histogram_gbm",
+        "ebm",
+        "symbolic",
+        "statewise_symbolic",
+    ),
+    episodes=12,
+    alone_levels=1,
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
-    ebm=EbmConfig(interactions=30, max_rounds=500),
+    ebm=EbmConfig(interactions=30, max_rounds=500, final_outer_bags=1),
     symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
 
 REPLAY_SECONDS = 8.0
-REPLAYED = "symbolic"
-"""The student whose replay and gait diagram stand beside the expert's."""
+SHOWN = "statewise_symbolic"
+"""The student whose formulas, replay and gait diagram are shown."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,7 @@ class Demo:
         standalone = write_alternation(scores, "Trot", folder)
         print_table("Alone, without the expert", standalone)
 
-        for name, student in (("expert", None), (REPLAYED, students[REPLAYED])):
+        for name, student in (("expert", None), (SHOWN, students[SHOWN])):
             say(f"recording the {name}")
             team = Team(expert, student, period=1 if student is None else 0)
             rollout = play(
@@ -97,7 +106,7 @@ class Demo:
             folder,
             gait=gait,
             expert=expert,
-            students=students,
+            shown=(SHOWN, students[SHOWN]),
             r2=r2_summary,
             standalone=standalone,
             minutes=minutes,

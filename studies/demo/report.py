@@ -1,6 +1,5 @@
 """The demo's report: one HTML page, figures inside, replays beside it."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -9,8 +8,9 @@ from models.a1 import robot
 from models.files import write_atomically
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
-from models.policies.symbolic import SymbolicPolicy
+from models.policies.symbolic import StatewiseSymbolicPolicy
 from models.task.gait import Gait
+from studies.distillation.config import STUDENT_TITLES
 from studies.distillation.formulas import readable_formula
 from studies.pages import inline_image, page_template
 
@@ -22,19 +22,34 @@ def write_report(
     *,
     gait: Gait,
     expert: NeuralPolicy,
-    students: Mapping[str, Policy],
+    shown: tuple[str, Policy],
     r2: pd.DataFrame,
     standalone: pd.DataFrame,
     minutes: float,
 ) -> None:
-    """Writes `report.html` from what the demo left in its folder."""
-    symbolic = students.get("symbolic")
+    """Writes `report.html` from what the demo left in its folder.
+
+    Args:
+        folder: The demo's folder.
+        gait: The gait.
+        expert: The expert.
+        shown: Kind and policy of the student whose formulas and replay are shown.
+        r2: The R² table.
+        standalone: The scores alone.
+        minutes: What the demo took.
+    """
+    kind, student = shown
     formulas = []
-    if isinstance(symbolic, SymbolicPolicy):
-        formulas = [
-            (joint, formula.length, readable_formula(formula, expert.observation_names))
-            for joint, formula in zip(robot.JOINTS, symbolic.expressions, strict=True)
-        ]
+    if isinstance(student, StatewiseSymbolicPolicy):
+        for state, own in zip(gait.states, student.expressions, strict=True):
+            formulas += [
+                (
+                    f"{joint} in {state}",
+                    formula.length,
+                    readable_formula(formula, expert.observation_names),
+                )
+                for joint, formula in zip(robot.JOINTS, own, strict=True)
+            ]
     page = page_template(TEMPLATES, "report.html").render(
         gait=gait,
         n_observations=len(expert.observation_names),
@@ -43,8 +58,9 @@ def write_report(
         reward_figure=inline_image(folder / "reward.png"),
         gait_figures=[
             (name, inline_image(folder / f"{name}_gait.png"), f"{name}_replay.html")
-            for name in ("expert", "symbolic")
+            for name in ("expert", kind)
         ],
+        title=STUDENT_TITLES[kind],
         formulas=formulas,
         minutes=minutes,
     )

@@ -44,12 +44,13 @@ QUICK = ReportConfig(
         students=PAPER_STUDENTS,
         episodes=8,
         episodes_per_level=2,
+        alone_levels=1,
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
-        ebm=EbmConfig(interactions=20, max_rounds=400),
+        ebm=EbmConfig(interactions=20, max_rounds=400, final_outer_bags=2),
         symbolic=SymbolicConfig(population=100, generations=15, max_samples=1500),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
     n_samples=400,
 )
-"""A fifteenth of the samples, small students, one seed of half as many robots for half as long."""
+"""A seventh of the samples, small students, one seed of half as many robots for half as long."""

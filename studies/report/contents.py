@@ -19,10 +19,12 @@ DEVIATIONS = (
     "Experts are trained with 256 robots for a seventh to a quarter of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "Boosted trees are more and deeper than scikit-learn's defaults, and see half of the samples "
-    "each; explainable boosting has more functions of two observations and no bags.",
+    "each; explainable boosting has more functions of two observations and fewer bags.",
     "Formulas start from a sparse sum found by least squares, gated by the reward machine, which "
-    "Operon then corrects; the paper evolves them with PySR alone. Both have at most 90 nodes, but "
-    "Operon counts a weighted observation as one.",
+    "Operon may then correct; of several shapes the one is taken that earns most alone. The paper "
+    "evolves them with PySR alone. Both have at most 90 nodes, but Operon counts a weighted "
+    "observation as one.",
+    "After the paper's episodes come levels in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
     "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",
     "Gait sequences are drawn as contacts over time, not as stills; glassgait rollout draws "

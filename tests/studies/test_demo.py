@@ -1,0 +1,33 @@
+"""The demo, in small: one command from the shipped expert to a page."""
+
+import pytest
+
+from studies.cli import main
+from studies.demo import command
+from studies.distillation.config import DistillationConfig, SymbolicConfig
+
+TINY = DistillationConfig(
+    students=("linear", "statewise_symbolic"),
+    episodes=5,
+    alone_levels=0,
+    episode_steps=60,
+    symbolic=SymbolicConfig(shapes=((20, 20),)),
+    n_jobs=1,
+)
+
+
+@pytest.mark.slow
+def test_demo_writes_a_page_with_tables_formulas_and_replays(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(command, "QUICK", TINY)
+    monkeypatch.setattr(command, "REPLAY_SECONDS", 1.0)
+    (tmp_path / "distillation").mkdir()
+    (tmp_path / "distillation" / "config.yaml").write_text("seed: 7\n")
+    # What an earlier demo left is replaced.
+    main(["demo", "--output", str(tmp_path), "--n-robots", "2"])
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<b>FL_hip in q") == 2
+    assert "Linear" in page
+    for kind in ("expert", "statewise_symbolic"):
+        assert f'src="{kind}_replay.html"' in page
+        assert (tmp_path / f"{kind}_replay.html").exists()
+    assert "report written to" in capsys.readouterr().out
