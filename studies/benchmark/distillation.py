@@ -55,7 +55,7 @@ def compiled_against_library(
     Boosted trees are as many and as deep as the study's; additive models have as many terms, but
     few rounds, which a prediction does not notice.
     """
-    config = replace(config, ebm=replace(config.ebm, max_rounds=50))
+    config = replace(config, ebm=replace(config.ebm, outer_bags=1, max_rounds=50))
     rows = []
     compilers = {
         "gbm": BoostedTreesPolicy,

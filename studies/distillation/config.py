@@ -74,10 +74,10 @@ class EbmConfig:
     """Settings of interpret's explainable boosting.
 
     Attributes:
-        outer_bags: Models that are averaged while samples are collected.
-        final_outer_bags: Models that are averaged in the end; how much they differ is the error
-            band of every function.
+        outer_bags: Models that are averaged; how much they differ is the error band of every
+            function. While samples are collected there is one.
         interactions: Functions of two observations, a joint.
+        level_interactions: The same while samples are collected.
         max_bins: Bins of an observation.
         max_interaction_bins: Bins of an observation in functions of two.
         max_rounds: Greatest number of boosting rounds.
@@ -86,9 +86,9 @@ class EbmConfig:
         interaction_smoothing_rounds: The same, for functions of two.
     """
 
-    outer_bags: int = 1
-    final_outer_bags: int = 4
+    outer_bags: int = 4
     interactions: int = 200
+    level_interactions: int = 30
     max_bins: int = 256
     max_interaction_bins: int = 32
     max_rounds: int = 4000
@@ -199,6 +199,11 @@ class DistillationConfig:
             self.curriculum
         ]
 
-    def final(self) -> "DistillationConfig":
-        """Returns the settings of the last fit, after all samples are collected."""
-        return replace(self, ebm=replace(self.ebm, outer_bags=self.ebm.final_outer_bags))
+    def for_levels(self) -> "DistillationConfig":
+        """Returns the settings of the students that collect samples: a model for each fit."""
+        one_model = replace(self.ebm, outer_bags=1, interactions=self.ebm.level_interactions)
+        return replace(self, ebm=one_model)
+
+    def for_shuffled_split(self) -> "DistillationConfig":
+        """Returns the settings of the fit that is scored by the paper's split, without bands."""
+        return replace(self, ebm=replace(self.ebm, outer_bags=1))

@@ -132,7 +132,11 @@ def _collect_levels(
                 seen = dataset.subset(~dataset.held_out)
                 report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples")
                 student = fit_student(
-                    kind, config, expert.observation_names, seen.observations, seen.actions
+                    kind,
+                    config.for_levels(),
+                    expert.observation_names,
+                    seen.observations,
+                    seen.actions,
                 )
             mine = np.array(config.level_episodes(level))
             period = config.period(level)
@@ -166,7 +170,7 @@ def _fit_final(
     names = expert.observation_names
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
-    final, student = _choose_final(kind, config.final(), expert, seen, folder)
+    final, student = _choose_final(kind, config, expert, seen, folder)
     student.save(student_path(folder, kind))
     if isinstance(student, FormulaPolicy):
         write_formulas(student, folder / f"{kind}_formulas")
@@ -175,7 +179,13 @@ def _fit_final(
     # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
     index = np.arange(len(dataset.episodes))
     train, test = train_test_split(index, test_size=SHUFFLED_TEST_SHARE, random_state=config.seed)
-    shuffled = fit_student(kind, final, names, dataset.observations[train], dataset.actions[train])
+    shuffled = fit_student(
+        kind,
+        final.for_shuffled_split(),
+        names,
+        dataset.observations[train],
+        dataset.actions[train],
+    )
     mask = np.isin(index, test)
     return {
         "student": kind,

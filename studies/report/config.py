@@ -47,7 +47,7 @@ QUICK = ReportConfig(
         alone_levels=1,
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
-        ebm=EbmConfig(interactions=20, max_rounds=400, final_outer_bags=2),
+        ebm=EbmConfig(outer_bags=2, interactions=20, level_interactions=10, max_rounds=400),
         symbolic=SymbolicConfig(population=100, generations=15, max_samples=1500),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),

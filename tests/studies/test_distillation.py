@@ -40,7 +40,7 @@ TINY = DistillationConfig(
     episode_steps=60,
     gbm=GbmConfig(n_trees=5),
     histogram_gbm=HistogramGbmConfig(n_trees=5),
-    ebm=EbmConfig(interactions=2, max_rounds=10),
+    ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=10),
     symbolic=SymbolicConfig(
         population=20, generations=2, max_samples=100, shapes=((30, 30), (30, 60))
     ),
@@ -154,6 +154,15 @@ def test_levels_hold_every_episode_once():
     config = DistillationConfig(episodes=10, episodes_per_level=4, alone_levels=2)
     levels = [list(config.level_episodes(level)) for level in range(1, config.n_levels + 1)]
     assert levels == [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10], [11, 12, 13, 14], [15, 16, 17, 18]]
+
+
+def test_bands_come_with_the_last_fit_alone(finished):
+    folder, _ = finished
+    policy = load_policy(folder / "ebm.safetensors")
+    assert policy.deviations.max() > 0
+    assert len(policy.pairs) == 2 * 12
+    assert TINY.for_levels().ebm.outer_bags == TINY.for_shuffled_split().ebm.outer_bags == 1
+    assert TINY.for_levels().ebm.interactions == 1
 
 
 def test_the_best_alone_is_taken_and_the_others_are_told(finished):

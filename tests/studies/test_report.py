@@ -18,7 +18,7 @@ TINY = ReportConfig(
         episodes_per_level=4,
         episode_steps=60,
         gbm=GbmConfig(n_trees=5, depth=2),
-        ebm=EbmConfig(interactions=2, max_rounds=20),
+        ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=20),
         symbolic=SymbolicConfig(population=20, generations=1, max_samples=200),
         n_jobs=1,
     ),
