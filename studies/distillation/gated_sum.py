@@ -15,11 +15,19 @@ from models.a1.robot import Array
 from models.policies.expression import Expression
 from models.task.observation import machine_state_entries
 
+PENALTY = 0.003
+"""Ridge penalty on the weights of standardised observations, for each sample.
+
+Joints move together, and without a penalty their weights grow against one another: of equal R²,
+formulas of a trot then fell in 3 of 52 rollouts instead of none.
+"""
+
 
 def fit_gated_sum(
     observations: Array, target: Array, gates: Sequence[int], max_length: int
 ) -> Expression:
-    """Fits the longest gated sum of at most `max_length` nodes, by orthogonal matching pursuit.
+    """Fits the longest gated sum of at most `max_length` nodes, by orthogonal matching pursuit
+    with a ridge penalty.
 
     Args:
         observations: Samples (m, n).
@@ -34,7 +42,8 @@ def fit_gated_sum(
     _, first = np.unique(candidates, axis=1, return_index=True)
     usable = np.sort(first[spread[first] > 1e-12])
     standard = (candidates[:, usable] - mean[usable]) / spread[usable]
-    gram, product = standard.T @ standard, standard.T @ (target - target.mean())
+    penalty = PENALTY * len(target) * np.eye(len(usable))
+    gram, product = standard.T @ standard + penalty, standard.T @ (target - target.mean())
 
     n = observations.shape[1]
     formula = Expression("constant", value=float(target.mean()))

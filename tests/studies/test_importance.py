@@ -312,3 +312,8 @@ def test_command_writes_maps_tables_and_the_test_of_truth(distilled, tmp_path, c
 def test_missing_students_are_told(distilled, refused):
     message = refused(["importance", "--students", str(distilled)])
     assert "no student gbm, ebm, symbolic of the trot" in message
+
+
+def test_unknown_joints_are_told(distilled, refused):
+    message = refused(["importance", "--joint", "FL_knee", "--students", str(distilled)])
+    assert "unknown joint 'FL_knee'; the joints are FL_hip" in message
