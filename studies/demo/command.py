@@ -24,6 +24,7 @@ from studies.evaluation.config import RolloutConfig
 from studies.evaluation.figures import gait_figure
 from studies.evaluation.jobs import run_jobs
 from studies.evaluation.results import write_alternation
+from studies.evaluation.tables import POLICY_TITLES
 from studies.evaluation.team import Team
 from studies.figures import save_figure
 from studies.rollout.play import play
@@ -100,7 +101,8 @@ class Demo:
                 folder / f"{name}_replay.html",
                 seconds=REPLAY_SECONDS,
             )
-            save_figure(gait_figure(rollout, gait, f"Trot, {name}"), folder / f"{name}_gait")
+            title = f"Trot, {POLICY_TITLES[name]}"
+            save_figure(gait_figure(rollout, gait, title), folder / f"{name}_gait")
         minutes = (time.monotonic() - started) / 60
         write_report(
             folder,

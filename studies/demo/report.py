@@ -10,8 +10,8 @@ from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy
 from models.task.gait import Gait
-from studies.distillation.config import STUDENT_TITLES
 from studies.distillation.formulas import readable_formula
+from studies.evaluation.tables import POLICY_TITLES
 from studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -57,10 +57,14 @@ def write_report(
         standalone=standalone,
         reward_figure=inline_image(folder / "reward.png"),
         gait_figures=[
-            (name, inline_image(folder / f"{name}_gait.png"), f"{name}_replay.html")
+            (
+                POLICY_TITLES[name],
+                inline_image(folder / f"{name}_gait.png"),
+                f"{name}_replay.html",
+            )
             for name in ("expert", kind)
         ],
-        title=STUDENT_TITLES[kind],
+        title=POLICY_TITLES[kind],
         formulas=formulas,
         minutes=minutes,
     )
