@@ -8,6 +8,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from models.files import write_atomically
+from models.task.observation import unit_of
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
@@ -33,6 +34,11 @@ STYLE = {
 
 mpl.use("Agg")
 mpl.rcParams.update(STYLE)
+
+
+def label_with_unit(name: str) -> str:
+    """Labels an axis with an observation's name, its unit below."""
+    return f"{name}\n({unit_of(name)})"
 
 
 def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png", "pdf")) -> None:

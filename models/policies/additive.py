@@ -132,6 +132,12 @@ class AdditivePolicy(Policy):
             action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
 
+    def term_names(self, joint: int) -> tuple[str, ...]:
+        """Names a joint's functions: those of one observation, then those of two."""
+        names = self.observation_names
+        pairs = self.pairs[self.pair_joints == joint]
+        return (*names, *(f"{names[first]} & {names[second]}" for first, second in pairs))
+
     def term_values(self, observations: Array) -> tuple[Array, Array]:
         """Evaluates every function on observations (m, n).
 
@@ -150,11 +156,8 @@ class AdditivePolicy(Policy):
         mine = np.flatnonzero(self.pair_joints == joint)
         constant = np.full((len(rows), 1), self.intercepts[joint])
         values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
-        names = self.observation_names
-        pairs = (f"{names[first]} & {names[second]}" for first, second in self.pairs[mine])
-        return Contributions(
-            (INTERCEPT, *names, *pairs), values.reshape(*observation.shape[:-1], -1)
-        )
+        terms = (INTERCEPT, *self.term_names(joint))
+        return Contributions(terms, values.reshape(*observation.shape[:-1], -1))
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

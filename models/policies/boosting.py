@@ -24,6 +24,7 @@ class BoostedTreesPolicy(Policy):
         intercepts: Constants (12,).
         importances: Share of the fit's gain at nodes that ask for each observation (12, n), the
             impurity importance.
+        depth: Questions on the longest branch.
     """
 
     kind = "boosted_trees"
@@ -46,7 +47,7 @@ class BoostedTreesPolicy(Policy):
         self.intercepts = intercepts
         self.importances = importances
         n_joints, n_trees, n_inner = features.shape
-        self._depth = (n_inner + 1).bit_length() - 1
+        self.depth = (n_inner + 1).bit_length() - 1
         tree = np.arange(n_joints * n_trees)
         self._first_inner = tree * n_inner
         self._first_leaf = tree * (n_inner + 1)
@@ -92,33 +93,28 @@ class BoostedTreesPolicy(Policy):
         rows = observation.reshape(-1, observation.shape[-1])
         node = np.zeros((len(rows), len(self._first_inner)), dtype=np.intp)
         row = np.arange(len(rows))[:, None]
-        for _ in range(self._depth):
+        for _ in range(self.depth):
             at = self._first_inner + node
             right = rows[row, self._flat_features[at]] > self._flat_thresholds[at]
             node = 2 * node + 1 + right
-        leaf = self._first_leaf + node - (2**self._depth - 1)
+        leaf = self._first_leaf + node - (2**self.depth - 1)
         contributions = self._flat_leaves[leaf].reshape(len(rows), *self.leaves.shape[:2])
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
-
-    @property
-    def depth(self) -> int:
-        """Questions on the longest branch."""
-        return self._depth
 
     def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
         """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""
         features, thresholds = self.features[joint, tree], self.thresholds[joint, tree]
         node = np.zeros(len(observations), dtype=np.intp)
         row = np.arange(len(observations))
-        for _ in range(self._depth):
+        for _ in range(self.depth):
             node = 2 * node + 1 + (observations[row, features[node]] > thresholds[node])
-        return self.leaves[joint, tree, node - (2**self._depth - 1)]
+        return self.leaves[joint, tree, node - (2**self.depth - 1)]
 
     def _act(self, observation: Array) -> Array:
         # One observation: `take` and sums in place are half as slow as general indexing.
         at = self._first_inner.copy()
-        for _ in range(self._depth):
+        for _ in range(self.depth):
             asked = observation.take(self._flat_features.take(at))
             right = asked > self._flat_thresholds.take(at)
             at *= 2

@@ -68,11 +68,6 @@ class ObservationLayout:
         )
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Units of all entries, in order, with the factor that an entry is scaled by."""
-        return tuple(unit_of(name) for name in self.names)
-
-    @property
     def size(self) -> int:
         """Length of the observation."""
         return len(self.names)

@@ -9,7 +9,7 @@ from models.a1 import robot
 from models.files import write_atomically
 from models.policies.expression import Expression
 from models.policies.symbolic import FormulaPolicy
-from models.task.observation import ObservationLayout, machine_state_entries
+from models.task.observation import unit_of
 
 DIGITS = 3
 
@@ -93,12 +93,8 @@ def _markdown(policy: FormulaPolicy) -> str:
         lines += [f"## {title}", ""] if title else []
         for joint, formula in zip(robot.JOINTS, formulas, strict=True):
             lines += [f"**{joint}** = {readable_formula(formula, names)}", ""]
-    layout = ObservationLayout(_n_states(names))
     lines += ["## Observations", "", "| name | in LaTeX | unit |", "|---|---|---|"]
-    lines += [
-        f"| {name} | ${latex_symbol(name)}$ | {unit} |"
-        for name, unit in zip(names, layout.units, strict=True)
-    ]
+    lines += [f"| {name} | ${latex_symbol(name)}$ | {unit_of(name)} |" for name in names]
     return "\n".join(lines) + "\n"
 
 
@@ -120,11 +116,6 @@ def _sections(policy: FormulaPolicy) -> list[tuple[str, Sequence[Expression]]]:
     return [
         (f"RM state {i}" if len(every) > 1 else "", formulas) for i, formulas in enumerate(every)
     ]
-
-
-def _n_states(names: tuple[str, ...]) -> int:
-    entries = machine_state_entries(names)
-    return entries.stop - entries.start
 
 
 def _signed_terms(formula: Expression, names: tuple[str, ...]) -> list[tuple[bool, sympy.Expr]]:

@@ -9,7 +9,7 @@ from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.task import EPISODE_STEPS
 from models.task.gait import Gait
-from studies.evaluation.config import DISTILLED_SPEEDS, WORLDS, RolloutConfig
+from studies.evaluation.config import WORLDS, RolloutConfig, distilled_speeds
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts, summarize
 from studies.evaluation.team import Team
@@ -32,12 +32,8 @@ def rank_alone(
     Returns:
         A row a candidate, the best first, with its means over 26 robots.
     """
-    slowest, fastest = DISTILLED_SPEEDS
     config = RolloutConfig(
-        n_steps=n_steps,
-        seed=SELECTION_SEED,
-        n_seeds=1,
-        speed_range=(slowest, min(fastest, gait.max_speed)),
+        n_steps=n_steps, seed=SELECTION_SEED, n_seeds=1, speed_range=distilled_speeds(gait)
     )
     scores = [
         score_rollouts(

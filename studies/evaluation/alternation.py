@@ -7,7 +7,7 @@ from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.task.alternation import ratio_title
 from models.task.gait import Gait
-from studies.evaluation.config import DISTILLED_SPEEDS, WORLDS, RolloutConfig
+from studies.evaluation.config import WORLDS, RolloutConfig, distilled_speeds
 from studies.evaluation.jobs import RolloutJob, for_each_seed
 from studies.evaluation.team import Team
 
@@ -28,8 +28,7 @@ def alternation_jobs(
     is rolled out once.
     """
     if config.speed_range is None:
-        slowest, fastest = DISTILLED_SPEEDS
-        config = replace(config, speed_range=(slowest, min(fastest, gait.max_speed)))
+        config = replace(config, speed_range=distilled_speeds(gait))
     teams = {("expert", 1): Team(expert)}
     for kind, student in students.items():
         for period in periods:

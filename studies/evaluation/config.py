@@ -6,6 +6,7 @@ from typing import Literal
 from diagrams.station import StationConfig
 from models.errors import InputError
 from models.task import EPISODE_STEPS
+from models.task.gait import Gait
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,12 @@ WORLDS: dict[WorldName, World] = {
 
 DISTILLED_SPEEDS = (0.0, 0.75)
 """Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
+
+
+def distilled_speeds(gait: Gait) -> tuple[float, float]:
+    """Returns the least and the greatest forward speed of a gait's distillation (m/s)."""
+    slowest, fastest = DISTILLED_SPEEDS
+    return slowest, min(fastest, gait.max_speed)
 
 
 @dataclass(frozen=True)

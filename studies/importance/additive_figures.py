@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from models.policies.policy import Contributions
-from models.task.observation import unit_of
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, label_with_unit
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
 
@@ -39,7 +38,7 @@ def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], ti
     for (above, below), term in zip(panels.T, terms, strict=True):
         _draw_shape(above, below, explanation.data(term))
         name = model.term_names_[term]
-        below.set_xlabel(_with_unit(name))
+        below.set_xlabel(label_with_unit(name))
         below.set_yticks([])
     panels[0, 0].set_ylabel("adds to the action")
     panels[1, 0].set_ylabel("samples")
@@ -60,7 +59,7 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
         left, right, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
     )
     axes.grid(visible=False)
-    axes.set(xlabel=_with_unit(first), ylabel=_with_unit(second), title=title)
+    axes.set(xlabel=label_with_unit(first), ylabel=label_with_unit(second), title=title)
     figure.colorbar(image, ax=axes).set_label("adds to the action")
     return figure
 
@@ -102,10 +101,6 @@ def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
 
 def _edges(names: Any) -> np.ndarray:
     return np.asarray(names, dtype=float)
-
-
-def _with_unit(name: str) -> str:
-    return f"{name}\n({unit_of(name)})"
 
 
 def _short(label: str, width: int = 42) -> str:

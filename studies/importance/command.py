@@ -71,7 +71,7 @@ class Importance:
         }
         folder = self.output or Path("runs/importance") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
-        importances = measure_importances(
+        importances, _ = measure_importances(
             gait.name, students, samples, folder, seed=seed, repeats=self.repeats
         )
         for kind, student in students.items():

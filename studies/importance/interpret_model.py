@@ -35,10 +35,7 @@ def interpret_model(
 
     model.bins_ = [[fine, coarse] for fine, coarse in zip(cuts, pair_cuts, strict=True)]
     model.term_features_ = singles + pairs
-    model.term_names_ = [
-        " & ".join(policy.observation_names[feature] for feature in term)
-        for term in model.term_features_
-    ]
+    model.term_names_ = list(policy.term_names(joint))
     for attribute, single, paired in (
         ("term_scores_", policy.tables[joint], policy.pair_tables[mine]),
         ("standard_deviations_", policy.deviations[joint], policy.pair_deviations[mine]),

@@ -56,7 +56,7 @@ def measure_importances(
     *,
     seed: int,
     repeats: int,
-) -> pd.DataFrame:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Measures every student's importances by every method, and writes maps and tables.
 
     Args:
@@ -69,7 +69,8 @@ def measure_importances(
 
     Returns:
         A row for each student, method and group of observations: `importance`, the mean of the
-        joints, with its 95 % interval over shuffles.
+        joints, with its 95 % interval over shuffles. And the most important observations of each
+        student and joint type, beside the paper's.
     """
     tables, tops = [], []
     for kind, student in students.items():
@@ -93,7 +94,7 @@ def measure_importances(
     every_top = pd.concat(tops, ignore_index=True)
     write_table(every_top, folder / "top_observations")
     write_atomically(folder / "top_observations.tex", to_latex(every_top))
-    return pd.concat(tables, ignore_index=True)
+    return pd.concat(tables, ignore_index=True), every_top
 
 
 def draw_student(

@@ -10,8 +10,7 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.policy import Policy
-from models.task.observation import unit_of
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, label_with_unit
 
 _BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
 
@@ -103,8 +102,7 @@ def dependence_figure(
         pd_line_kw={"color": "#D55E00", "linewidth": 1.8, "linestyle": "-"},
     )
     for panel, column in zip(panels[0], columns, strict=True):
-        name = policy.observation_names[column]
-        panel.set(xlabel=f"{name}\n({unit_of(name)})", ylabel="")
+        panel.set(xlabel=label_with_unit(policy.observation_names[column]), ylabel="")
         panel.get_legend().remove()
     panels[0][0].set_ylabel(f"action of {_title(joint)}")
     lines = panels[0][0].get_lines()

@@ -13,7 +13,7 @@ from studies.console import console, say
 from studies.pages import inline_image, page_template
 from studies.records import to_plain
 from studies.report.config import FULL, PAPER_GAITS, QUICK
-from studies.report.contents import DEVIATIONS, contents
+from studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from studies.report.gait import study_gait
 from studies.tables import print_table, to_markdown, write_table
 
@@ -69,7 +69,7 @@ class Report:
             **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
         )
         write_atomically(folder / "report.md", text)
-        print_table("R²", items[2].tables[0][1])
+        print_table("R²", r2_by_gait(results))
         minutes = (time.monotonic() - started) / 60
         console.print(
             f"report written to {folder / 'report.html'} and report.md after {minutes:.1f} minutes"

@@ -53,4 +53,4 @@ QUICK = ReportConfig(
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
     n_samples=400,
 )
-"""A seventh of the samples, small students, one seed of half as many robots for half as long."""
+"""An eighth of the samples, small students, one seed of half as many robots for half as long."""

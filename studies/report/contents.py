@@ -16,7 +16,7 @@ FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 DEVIATIONS = (
     "The robot is a Unitree A1 in Drake, SAP contact at 10 ms; the paper names neither its "
     "simulator's contact model nor its time step.",
-    "Experts are trained with 256 robots for a seventh to a quarter of the paper's control steps, "
+    "Experts are trained with 256 robots for 15 to 27 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "Boosted trees are more and deeper than scikit-learn's defaults, and see half of the samples "
     "each; explainable boosting has more functions of two observations and fewer bags.",

@@ -83,12 +83,13 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
         for kind in students
     }
     explained = {kind: students[kind] for kind in ("gbm", "ebm")}
-    measure_importances(name, explained, samples, folder, seed=seed, repeats=config.repeats)
+    _, tops = measure_importances(
+        name, explained, samples, folder, seed=seed, repeats=config.repeats
+    )
     for kind, student in explained.items():
         draw_student(name, kind, student, JOINT, samples[kind].observations, folder, seed)
     _draw_sequences(gait, expert, students, folder)
-    tops = pd.read_csv(folder / "top_observations.csv").query("student == 'gbm'")
-    return GaitResults(name, folder, r2, standalone, tops)
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])
 
 
 def _draw_sequences(
