@@ -15,6 +15,7 @@ COMMANDS = {
     "evaluate": "studies.evaluation.command:Evaluate",
     "convergence": "studies.convergence.command:Convergence",
     "front": "studies.front.command:Front",
+    "curricula": "studies.curricula.command:Curricula",
     "importance": "studies.importance.command:Importance",
     "explain": "studies.explanation.command:Explain",
     "report": "studies.report.command:Report",

@@ -39,6 +39,7 @@ class GbmConfig:
 
     Attributes:
         n_trees: Number of trees.
+        level_trees: The same while samples are collected.
         depth: Depth of a tree.
         learning_rate: Share of a tree's correction that is kept.
         subsample: Share of the samples that a tree sees.
@@ -46,6 +47,7 @@ class GbmConfig:
     """
 
     n_trees: int = 300
+    level_trees: int = 100
     depth: int = 5
     learning_rate: float = 0.1
     subsample: float = 0.5
@@ -90,9 +92,9 @@ class EbmConfig:
     interactions: int = 200
     level_interactions: int = 30
     max_bins: int = 256
-    max_interaction_bins: int = 32
-    max_rounds: int = 4000
-    learning_rate: float = 0.1
+    max_interaction_bins: int = 24
+    max_rounds: int = 500
+    learning_rate: float = 0.2
     smoothing_rounds: int = 20
     interaction_smoothing_rounds: int = 5
 
@@ -200,9 +202,12 @@ class DistillationConfig:
         ]
 
     def for_levels(self) -> "DistillationConfig":
-        """Returns the settings of the students that collect samples: a model for each fit."""
-        one_model = replace(self.ebm, outer_bags=1, interactions=self.ebm.level_interactions)
-        return replace(self, ebm=one_model)
+        """Returns the settings of the students that collect samples: small models, quickly made."""
+        return replace(
+            self,
+            gbm=replace(self.gbm, n_trees=self.gbm.level_trees),
+            ebm=replace(self.ebm, outer_bags=1, interactions=self.ebm.level_interactions),
+        )
 
     def for_shuffled_split(self) -> "DistillationConfig":
         """Returns the settings of the fit that is scored by the paper's split, without bands."""

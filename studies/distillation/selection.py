@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 
 import pandas as pd
+from joblib import Parallel, delayed
 
 from models.a1 import robot
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.task import EPISODE_STEPS
 from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig, distilled_speeds
+from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts, summarize
 from studies.evaluation.team import Team
@@ -19,7 +20,11 @@ SELECTION_SEED = 500
 
 
 def rank_alone(
-    candidates: Mapping[str, Policy], gait: Gait, expert: NeuralPolicy, n_steps: int = EPISODE_STEPS
+    candidates: Mapping[str, Policy],
+    gait: Gait,
+    expert: NeuralPolicy,
+    n_steps: int = EPISODE_STEPS,
+    n_jobs: int = 1,
 ) -> pd.DataFrame:
     """Rolls every candidate out alone and ranks them by reward.
 
@@ -28,18 +33,19 @@ def rank_alone(
         gait: The gait.
         expert: The expert, for its estimator.
         n_steps: Control steps of a rollout.
+        n_jobs: Candidates that are rolled out at once.
 
     Returns:
         A row a candidate, the best first, with its means over 26 robots.
     """
-    config = RolloutConfig(
-        n_steps=n_steps, seed=SELECTION_SEED, n_seeds=1, speed_range=distilled_speeds(gait)
+    config = RolloutConfig(n_steps=n_steps, seed=SELECTION_SEED).at_distilled_speeds(gait)
+    logs = Parallel(n_jobs=n_jobs)(
+        delayed(roll_out)(gait, Team(expert, student, 0), WORLDS["training"], config)
+        for student in candidates.values()
     )
     scores = [
-        score_rollouts(
-            roll_out(gait, Team(expert, student, 0), WORLDS["training"], config), robot.MASS
-        ).assign(candidate=label)
-        for label, student in candidates.items()
+        score_rollouts(log, robot.MASS).assign(candidate=label)
+        for label, log in zip(candidates, logs, strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")

@@ -220,7 +220,9 @@ def _choose_final(
         for sum_length, length in config.symbolic.shapes
     }
     candidates = {label: fit(settings) for label, settings in shapes.items()}
-    ranked = rank_alone(candidates, load_gait(config.gait), expert, config.episode_steps)
+    ranked = rank_alone(
+        candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
+    )
     write_table(ranked, folder / f"{kind}_candidates")
     best = ranked["candidate"].iloc[0]
     return shapes[best], candidates[best]

@@ -1,13 +1,12 @@
 """Reward against alternation ratio, for the expert and every student (paper, Figure 2)."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.task.alternation import ratio_title
 from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig, distilled_speeds
+from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.jobs import RolloutJob, for_each_seed
 from studies.evaluation.team import Team
 
@@ -27,8 +26,7 @@ def alternation_jobs(
     All meet the same initial states, commands and noise. At ratio 1 the expert acts alone, so it
     is rolled out once.
     """
-    if config.speed_range is None:
-        config = replace(config, speed_range=distilled_speeds(gait))
+    config = config.at_distilled_speeds(gait)
     teams = {("expert", 1): Team(expert)}
     for kind, student in students.items():
         for period in periods:

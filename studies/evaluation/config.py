@@ -1,6 +1,6 @@
 """The settings of an evaluation: its command line and its record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from diagrams.station import StationConfig
@@ -97,6 +97,10 @@ class RolloutConfig:
         for name in ("n_robots", "n_steps", "n_seeds"):
             if getattr(self, name) < 1:
                 raise InputError(f"rollouts: {name} is {getattr(self, name)}; it must be 1 or more")
+
+    def at_distilled_speeds(self, gait: Gait) -> "RolloutConfig":
+        """Returns the settings with a gait's speeds of distillation, unless speeds are set."""
+        return replace(self, speed_range=self.speed_range or distilled_speeds(gait))
 
     @property
     def seeds(self) -> range:

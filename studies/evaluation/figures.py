@@ -19,7 +19,7 @@ from studies.evaluation.alternation import PERIODS
 from studies.evaluation.tables import POLICY_TITLES, alternation_table
 from studies.figures import COLUMN_WIDTH
 
-_LINES = {
+STUDENT_LINES = {
     "open_loop": ("#CCCCCC", "x"),
     "linear": ("#999999", "v"),
     "statewise_linear": ("#666666", "^"),
@@ -40,9 +40,9 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     )
     known = set(means["ratio"])
     ratios = [ratio_title(period) for period in PERIODS if ratio_title(period) in known]
-    students = [policy for policy in _LINES if policy in set(means["policy"])]
+    students = [policy for policy in STUDENT_LINES if policy in set(means["policy"])]
     for i, policy in enumerate(students):
-        color, marker = _LINES[policy]
+        color, marker = STUDENT_LINES[policy]
         mine = means[means["policy"] == policy].set_index("ratio")
         mine.loc["1"] = expert
         mine = mine.loc[ratios]

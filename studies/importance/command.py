@@ -17,7 +17,7 @@ from models.policies.policy import Policy
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.study import load_students
-from studies.evaluation.config import DISTILLED_SPEEDS, RolloutConfig
+from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
 from studies.figures import save_figure
 from studies.importance.figures import loss_figure, truth_figure
@@ -51,9 +51,7 @@ class Importance:
     n_samples: int = 1000
     repeats: int = 10
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: RolloutConfig(
-            n_robots=13, n_steps=500, n_seeds=1, speed_range=DISTILLED_SPEEDS
-        )
+        default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
     )
     expert: Path | None = None
     resume: bool = False

@@ -84,6 +84,8 @@ def ablation_jobs(
 ) -> list[RolloutJob]:
     """Lists the rollouts of every student alone, whole and without each group of observations.
 
+    Forward speeds are those of distillation unless the settings name others.
+
     Args:
         gait: The gait.
         expert: The expert, for its estimator.
@@ -92,6 +94,7 @@ def ablation_jobs(
         config: How robots are rolled out.
     """
     jobs = []
+    config = config.at_distilled_speeds(gait)
     groups = observation_groups(expert.observation_names)
     for kind, student in students.items():
         teams: dict[tuple[str, str], Team] = {(WHOLE, "mean"): Team(expert, student, 0)}

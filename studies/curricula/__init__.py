@@ -1,0 +1,1 @@
+"""Is the curriculum needed? Students of other ways to collect samples, alone."""

@@ -1,0 +1,137 @@
+"""`glassgait curricula`: what the curriculum of a distillation is worth."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import tyro
+import yaml
+
+from models.files import write_atomically
+from models.policies.library import load_expert
+from models.task.gait import load_gait
+from studies.console import console, say
+from studies.curricula.figures import curricula_figure
+from studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
+from studies.distillation.study import distill, load_students
+from studies.evaluation.alternation import alternation_jobs
+from studies.evaluation.config import RolloutConfig
+from studies.evaluation.jobs import RolloutJob, run_jobs
+from studies.evaluation.scores import summarize
+from studies.figures import save_figure
+from studies.records import to_plain
+from studies.tables import print_table, write_metrics, write_table
+
+CURRICULA = {
+    "expert_only": "Expert acts (behaviour cloning)",
+    "half": "Expert acts at half of the steps",
+    "student_only": "Student acts (DAgger)",
+    "alternation": "Alternation (the paper's)",
+    "alternation_then_alone": "Alternation, then student alone",
+}
+
+
+@dataclass(frozen=True)
+class Curricula:
+    """Distil by other curricula with as many samples, and let the students walk alone.
+
+    Attributes:
+        distillation: Settings of the distillation with alternation and levels alone; its curriculum
+            does not count. Formulas take one shape, without a choice.
+        rollouts: How students are rolled out.
+        expert: Policy file of the expert; the shipped one by default.
+        resume: Keep what is done.
+        output: Folder of the results; runs/curricula/<gait> by default.
+    """
+
+    distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: DistillationConfig(
+            students=("linear", "statewise_linear", "histogram_gbm", "symbolic"),
+            symbolic=SymbolicConfig(shapes=((90, 90),)),
+        )
+    )
+    rollouts: RolloutConfig = field(default_factory=RolloutConfig)
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.distillation.gait)
+        expert = load_expert(gait.name, self.expert)
+        folder = self.output or Path("runs/curricula") / gait.name
+        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
+        fits: list[pd.DataFrame] = []
+        jobs: dict[str, RolloutJob] = {}
+        for name, config in equal_budgets(self.distillation).items():
+            say(CURRICULA[name])
+            own = folder / name
+            r2 = distill(config, expert, own, say, resume=self.resume)
+            fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
+            students = load_students(own, expert)
+            for job in alternation_jobs(gait, expert, students, self.rollouts, periods=(0,)):
+                # The expert alone is the same with every curriculum.
+                labels = {"curriculum": name, "student": job.labels["policy"]}
+                if job.team.student is None:
+                    labels["curriculum"] = "expert"
+                labelled = replace(job, labels=labels)
+                jobs[labelled.name] = labelled
+        scores = run_jobs(list(jobs.values()), folder / "rollouts", resume=self.resume)
+        table = curricula_table(pd.concat(fits, ignore_index=True), scores)
+        write_table(scores, folder / "robots")
+        write_table(table, folder / "curricula")
+        write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
+        save_figure(curricula_figure(table, gait.name.capitalize()), folder / "curricula")
+        print_table(f"{gait.name}: students alone", titled(table))
+        console.print(f"written to {folder}")
+
+
+def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
+    """Returns the settings of each curriculum, all of as many episodes.
+
+    Without levels of the student alone, alternation goes on to lower ratios instead.
+    """
+    levels_alone = config.alone_levels * config.episodes_per_level
+    whole = replace(config, episodes=config.episodes + levels_alone, alone_levels=0)
+    return {
+        "expert_only": replace(whole, curriculum="expert_only"),
+        "half": replace(whole, curriculum="half"),
+        "student_only": replace(whole, curriculum="student_only"),
+        "alternation": replace(whole, curriculum="alternation"),
+        "alternation_then_alone": replace(config, curriculum="alternation"),
+    }
+
+
+def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
+    """Joins R² with what each student earns alone.
+
+    Args:
+        fits: Columns `curriculum`, `student` and `r2` on held-out episodes.
+        scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
+
+    Returns:
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
+        and the reward's `share` of the expert's with its interval `share_ci`.
+    """
+    means = summarize(scores, ["curriculum", "student"])
+    expert = means.loc[means["curriculum"] == "expert", "reward"].iloc[0]
+    means["share"] = means["reward"] / expert
+    means["share_ci"] = means["reward_ci"] / expert
+    columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
+    return fits.merge(means[["curriculum", "student", *columns]], on=["curriculum", "student"])
+
+
+def titled(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the table for reading."""
+    falls = zip(table["falls"], table["robots"], strict=True)
+    shares = zip(table["share"], table["share_ci"], strict=True)
+    return pd.DataFrame(
+        {
+            "samples collected while": table["curriculum"].map(CURRICULA),
+            "student": table["student"].map(STUDENT_TITLES),
+            "R² held out": table["r2"].round(3),
+            "share of expert": [f"{share:.3f} ± {half:.3f}" for share, half in shares],
+            "falls": [f"{fallen} of {robots}" for fallen, robots in falls],
+        }
+    )

@@ -1,0 +1,60 @@
+"""The comparison of curricula: equal budgets, one table, one figure."""
+
+import pandas as pd
+import pytest
+
+from studies.cli import main
+from studies.curricula.command import CURRICULA, curricula_table, equal_budgets
+from studies.curricula.figures import TICKS
+from studies.distillation.config import DistillationConfig
+
+SMALL = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "40", "--n-jobs", "1"]
+ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]
+
+
+def test_every_curriculum_has_as_many_episodes():
+    budgets = equal_budgets(DistillationConfig())
+    last = {config.level_episodes(config.n_levels)[-1] for config in budgets.values()}
+    assert list(budgets) == list(CURRICULA) == list(TICKS)
+    assert last == {38}
+
+
+def test_every_curriculum_begins_with_the_expert_and_goes_its_own_way():
+    periods = {
+        name: [config.period(level) for level in range(1, config.n_levels + 1)]
+        for name, config in equal_budgets(DistillationConfig()).items()
+    }
+    assert periods["expert_only"] == [1] * 10
+    assert periods["half"] == [1] + [2] * 9
+    assert periods["student_only"] == [1] + [0] * 9
+    assert periods["alternation"] == list(range(1, 11))
+    assert periods["alternation_then_alone"] == [*range(1, 9), 0, 0]
+
+
+def test_shares_are_of_the_expert_alone():
+    fits = pd.DataFrame({"curriculum": ["half"], "student": ["linear"], "r2": [0.9]})
+    scores = pd.DataFrame(
+        {
+            "curriculum": ["expert", "expert", "half", "half"],
+            "student": ["expert", "expert", "linear", "linear"],
+            "reward": [10.0, 10.0, 9.0, 7.0],
+            "fell": [False, False, False, True],
+        }
+    )
+    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+        scores[name] = 1.0
+    row = curricula_table(fits, scores).iloc[0]
+    assert row["share"] == pytest.approx(0.8)
+    assert (row["falls"], row["robots"]) == (1, 2)
+
+
+def test_command_writes_a_row_a_curriculum_and_resumes_to_the_same(tmp_path, capsys, refused):
+    output = tmp_path / "curricula"
+    command = ["curricula", "--students", "linear", *SMALL, *ROLLOUTS, "--output", str(output)]
+    main(command)
+    first = (output / "curricula.csv").read_text()
+    assert pd.read_csv(output / "curricula.csv")["curriculum"].tolist() == list(CURRICULA)
+    assert {path.suffix for path in output.glob("curricula.*")} == {".csv", ".md", ".png", ".pdf"}
+    main([*command, "--resume"])
+    assert (output / "curricula.csv").read_text() == first
+    assert "--resume" in refused(command)
