@@ -26,6 +26,7 @@ POLICY_CLASSES: dict[str, type[Policy]] = {
 }
 
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
+STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
 
 
 def load_policy(path: Path) -> Policy:
@@ -50,6 +51,26 @@ def load_policy(path: Path) -> Policy:
 def shipped_experts() -> tuple[str, ...]:
     """Lists the gaits whose expert ships with the project."""
     return tuple(sorted(path.stem for path in EXPERT_DIRECTORY.glob("*.safetensors")))
+
+
+def shipped_students(gait: str) -> tuple[str, ...]:
+    """Lists the kinds of students of a gait that ship with the project."""
+    return tuple(sorted(path.stem for path in (STUDENT_DIRECTORY / gait).glob("*.safetensors")))
+
+
+def load_student(gait: str, kind: str) -> Policy:
+    """Loads a shipped student.
+
+    Raises:
+        InputError: if no such student ships with the project.
+    """
+    if kind not in shipped_students(gait):
+        kinds = ", ".join(shipped_students(gait)) or "none"
+        raise InputError(
+            f"no student {kind!r} of the {gait} ships with the project ({kinds} does); make it "
+            f"with 'glassgait distill --gait {gait}'"
+        )
+    return load_policy(STUDENT_DIRECTORY / gait / f"{kind}.safetensors")
 
 
 def load_expert(gait: str, path: Path | None = None) -> NeuralPolicy:

@@ -35,7 +35,8 @@ class Explain:
         command: Commanded speed, yaw rate and rhythm.
         seconds: Length of the rollout (s); a fall ends it before.
         seed: Seed of the sensors' noise.
-        students: Folder of the distillation; runs/distillation/<gait> by default.
+        students: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         output: Folder of the page; runs/importance/<gait> by default.
     """
@@ -55,8 +56,7 @@ class Explain:
         """Rolls out, explains, and writes the page."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
         joint = joint_index(self.joint)
-        source = self.students or Path("runs/distillation") / gait.name
-        student = find_student(self.policy, source, expert)
+        student = find_student(self.policy, expert, self.students)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         folder = self.output or Path("runs/importance") / gait.name

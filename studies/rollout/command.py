@@ -37,7 +37,8 @@ class ShowRollout:
         seconds: Length of the rollout (s); live, the button `stop and save` ends it before.
         seed: Seed of the sensors' noise.
         station: Physics.
-        students: Folder of the distillation; runs/distillation/<gait> by default.
+        students: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         output: Folder of the replay; runs/rollout/<gait> by default.
     """
@@ -61,8 +62,7 @@ class ShowRollout:
         expert = load_expert(self.gait, self.expert)
         student: Policy | None = None
         if self.policy != "expert":
-            folder = self.students or Path("runs/distillation") / self.gait
-            student = find_student(self.policy, folder, expert)
+            student = find_student(self.policy, expert, self.students)
         period = parse_ratio(self.ratio or ("1" if student is None else "0"))
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")

@@ -4,7 +4,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from models.errors import InputError
-from models.policies.library import load_policy
+from models.policies.library import load_policy, load_student, shipped_students
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from studies.distillation.config import STUDENT_TITLES
@@ -28,22 +28,34 @@ def parse_ratio(text: str) -> int:
     return ratio.denominator
 
 
-def find_student(name: str, folder: Path, expert: NeuralPolicy) -> Policy:
-    """Loads a student by its kind, from a distillation's folder, or by its file.
+def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
+    """Loads a student by its kind or by its file.
+
+    Args:
+        name: Kind of student, or path of a policy file.
+        expert: The expert that it must fit.
+        folder: Folder of a distillation; by default runs/distillation/<gait>, and where that lacks
+            the student, the shipped one.
 
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    path = student_path(folder, name) if name in STUDENT_TITLES else Path(name)
-    if path.suffix != ".safetensors":
-        raise InputError(
-            f"unknown policy {name!r}; the policies are expert, {', '.join(STUDENT_TITLES)}, "
-            "or the path of a policy file ending in .safetensors"
-        )
-    if not path.exists():
-        raise InputError(
-            f"{path}: no such student; make it with 'glassgait distill --gait {expert.gait}'"
-        )
-    student = load_policy(path)
+    student = _load_student(name, expert.gait, folder)
     student.check(gait=expert.gait, observation_names=expert.observation_names)
     return student
+
+
+def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
+    if name not in STUDENT_TITLES:
+        if Path(name).suffix != ".safetensors":
+            raise InputError(
+                f"unknown policy {name!r}; the policies are expert, {', '.join(STUDENT_TITLES)}, "
+                "or the path of a policy file ending in .safetensors"
+            )
+        return load_policy(Path(name))
+    path = student_path(folder or Path("runs/distillation") / gait, name)
+    if folder is None and not path.exists() and name in shipped_students(gait):
+        return load_student(gait, name)
+    if not path.exists():
+        raise InputError(f"{path}: no such student; make it with 'glassgait distill --gait {gait}'")
+    return load_policy(path)

@@ -2,7 +2,9 @@
 
 import ast
 import importlib.util
+import os
 import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -86,6 +88,34 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
         distill(TINY, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
     )
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_any_line_and_resumed_ends_the_same(tmp_path):
+    small = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "60", "--n-jobs", "1"]
+    small += ["--gbm.n-trees", "5", "--symbolic.shapes", "30", "30"]
+    small += ["--students", "linear", "gbm", "symbolic"]
+    glassgait = [str(Path(sys.executable).with_name("glassgait")), "distill", *small]
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run([*glassgait, "--output", str(whole)], check=True, capture_output=True)
+    for lines in (1, 4, 6, 3, 2):
+        # Each time it tells some lines, and is killed while it does what the last one says.
+        process = subprocess.Popen(
+            [*glassgait, "--output", str(killed), "--resume"],
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdout=subprocess.PIPE,
+        )
+        assert process.stdout is not None
+        for _ in range(lines):
+            process.stdout.readline()
+        process.kill()
+        process.communicate()
+        assert not (killed / "metrics.json").exists()
+    resume = [*glassgait, "--output", str(killed), "--resume"]
+    subprocess.run(resume, check=True, capture_output=True)
+    assert (killed / "metrics.json").read_text() == (whole / "metrics.json").read_text()
+    for student in whole.glob("*.safetensors"):
+        assert student.read_bytes() == (killed / student.name).read_bytes()
 
 
 def test_formulas_are_written_for_people(finished):

@@ -1,0 +1,69 @@
+"""The students that ship with the project: they load, fit their expert, and walk alone."""
+
+import numpy as np
+import pytest
+
+from models.errors import InputError
+from models.policies.library import (
+    STUDENT_DIRECTORY,
+    load_expert,
+    load_student,
+    shipped_experts,
+    shipped_students,
+)
+from models.policies.symbolic import FormulaPolicy
+from models.task.gait import load_gait
+from studies.cli import main
+from studies.distillation.config import STUDENT_TITLES
+from studies.distillation.formulas import write_formulas
+from studies.evaluation.config import WORLDS, RolloutConfig
+from studies.evaluation.rollouts import roll_out
+from studies.evaluation.team import Team
+from studies.rollout.config import find_student
+
+SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
+
+
+def test_the_trot_ships_with_formulas():
+    assert (
+        {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENT_TITLES)
+    )
+
+
+@pytest.mark.parametrize(("gait", "kind"), SHIPPED)
+def test_a_shipped_student_walks_alone(gait, kind):
+    expert, student = load_expert(gait), load_student(gait, kind)
+    student.check(gait=gait, observation_names=expert.observation_names)
+    config = RolloutConfig(n_robots=6, n_steps=250).at_distilled_speeds(load_gait(gait))
+    log = roll_out(load_gait(gait), Team(expert, student, 0), WORLDS["training"], config)
+    assert not log.failures.any()
+    assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
+
+
+@pytest.mark.parametrize(("gait", "kind"), SHIPPED)
+def test_shipped_formulas_can_be_read(gait, kind, tmp_path):
+    student = load_student(gait, kind)
+    if isinstance(student, FormulaPolicy):
+        write_formulas(student, tmp_path / f"{kind}_formulas")
+        name = f"{kind}_formulas.md"
+        assert (tmp_path / name).read_text() == (STUDENT_DIRECTORY / gait / name).read_text()
+
+
+def test_a_student_that_does_not_ship_is_told():
+    with pytest.raises(InputError, match="no student 'ebm' of the trot ships"):
+        load_student("trot", "ebm")
+
+
+def test_a_shipped_student_is_found_where_no_distillation_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    expert = load_expert("trot")
+    assert find_student("symbolic", expert).kind == "symbolic"
+    with pytest.raises(InputError, match="no such student"):
+        find_student("symbolic", expert, tmp_path)
+
+
+def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["rollout", "--policy", "symbolic", "--seconds", "0.2"])
+    assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
+    assert "stayed up" in capsys.readouterr().out
