@@ -1,7 +1,11 @@
 """The alternation of expert and student within an episode (paper, Algorithm 1)."""
 
+from fractions import Fraction
+
 import numpy as np
 from numpy.typing import NDArray
+
+from models.errors import InputError
 
 
 def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:
@@ -19,3 +23,20 @@ def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArra
 def ratio_title(period: int) -> str:
     """Writes a period as the paper's alternation ratio."""
     return {0: "0", 1: "1"}.get(period, f"1/{period}")
+
+
+def parse_ratio(text: str) -> int:
+    """Turns an alternation ratio such as 1, 1/4 or 0 into the expert's period.
+
+    Raises:
+        InputError: if the text is not such a ratio.
+    """
+    try:
+        ratio = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        ratio = Fraction(-1)
+    if ratio == 0:
+        return 0
+    if ratio.numerator != 1:
+        raise InputError(f"ratio {text!r} is not an alternation ratio; give 1, 0, or 1/2, 1/3, …")
+    return ratio.denominator

@@ -18,7 +18,7 @@ from studies.benchmark.inference import single_row_microseconds
 from studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from studies.console import console, say
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig
-from studies.distillation.study import student_path
+from studies.distillation.library import distillation_folder, student_path
 from studies.tables import print_table, write_metrics, write_table
 from studies.training.config import TrainingConfig
 
@@ -102,7 +102,7 @@ class Benchmark:
         )
 
     def _student_folder(self) -> Path:
-        return self.students or Path("runs/distillation") / self.gait
+        return self.students or distillation_folder(self.gait)
 
     def _inference(self) -> pd.DataFrame:
         expert = load_expert(self.gait)

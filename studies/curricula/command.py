@@ -14,7 +14,8 @@ from models.task.gait import load_gait
 from studies.console import console, say
 from studies.curricula.figures import curricula_figure
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
-from studies.distillation.study import distill, load_students
+from studies.distillation.library import load_students
+from studies.distillation.study import distill
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import RolloutJob, run_jobs

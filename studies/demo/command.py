@@ -17,7 +17,8 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from studies.distillation.study import distill, load_students
+from studies.distillation.library import load_students
+from studies.distillation.study import distill
 from studies.distillation.tables import write_r2_table
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig

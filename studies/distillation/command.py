@@ -10,6 +10,7 @@ from models.policies.library import load_expert
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.config import DistillationConfig
+from studies.distillation.library import distillation_folder
 from studies.distillation.study import distill
 from studies.distillation.tables import write_r2_table
 from studies.tables import print_table
@@ -37,7 +38,7 @@ class Distill:
         """Runs the study."""
         load_gait(self.config.gait)
         expert = load_expert(self.config.gait, self.expert)
-        folder = self.output or Path("runs/distillation") / self.config.gait
+        folder = self.output or distillation_folder(self.config.gait)
         r2 = distill(self.config, expert, folder, say, resume=self.resume)
         table = write_r2_table(r2, self.config.gait, folder)
         print_table("R² on held-out data", table)

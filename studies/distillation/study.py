@@ -15,7 +15,6 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.errors import InputError
 from models.files import write_atomically
-from models.policies.library import load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.policies.symbolic import FormulaPolicy
@@ -24,6 +23,7 @@ from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
 from studies.distillation.formulas import write_formulas
+from studies.distillation.library import student_path
 from studies.distillation.selection import rank_alone
 from studies.distillation.students import fit_student, untrained_student
 from studies.records import read_yaml, to_plain
@@ -79,30 +79,6 @@ def distill(
         report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def student_path(folder: Path, kind: str) -> Path:
-    """Returns where a run keeps the student of a kind."""
-    return folder / f"{kind}.safetensors"
-
-
-def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
-    """Loads the students of a run, by kind.
-
-    Raises:
-        InputError: if the folder holds none, or a student does not fit the expert.
-    """
-    students = {}
-    for kind in STUDENT_TITLES:
-        path = student_path(folder, kind)
-        if path.exists():
-            students[kind] = load_policy(path)
-            students[kind].check(gait=expert.gait, observation_names=expert.observation_names)
-    if not students:
-        raise InputError(
-            f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
-        )
-    return students
 
 
 def r2_scores(policy: Policy, dataset: Dataset) -> Array:

@@ -10,10 +10,10 @@ import yaml
 
 from models.errors import InputError
 from models.files import write_atomically
-from models.policies.library import load_expert, load_policy, shipped_experts
+from models.policies.library import load_expert, shipped_experts, shipped_students
 from models.task.gait import Gait, load_gait
 from studies.console import console
-from studies.distillation.study import load_students
+from studies.distillation.library import distillation_folder, find_student, load_students
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import WORLDS, RolloutConfig, WorldName
 from studies.evaluation.jobs import RolloutJob, run_jobs
@@ -32,11 +32,13 @@ class Evaluate:
 
     Attributes:
         gait: Name of a gait, or `all`, for every gait with a shipped expert.
-        policy: `expert`; `students`, for those of a distillation at every alternation ratio; or the
-            path of a student's policy file, to be rolled out alone.
+        policy: `expert`; `students`, for those of a distillation at every alternation ratio; or a
+            kind of student or the path of its policy file, to be rolled out alone, at the speeds
+            of distillation.
         worlds: Where to roll out, or `all`; `students` are rolled out in the training physics.
         rollouts: How robots are rolled out.
-        students: Folder of the distillation; runs/distillation/<gait> by default.
+        students: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks a kind of student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         resume: Keep the rollouts that are done, where policies and settings are the same.
         output: Folder of the results; runs/evaluation/<gait>/<policy> by default.
@@ -70,27 +72,28 @@ class Evaluate:
 
     def _alternation(self) -> list[RolloutJob]:
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
-        students = load_students(self.students or Path("runs/distillation") / gait.name, expert)
+        students = load_students(self.students or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts)
 
     def _scorecard(self) -> list[RolloutJob]:
-        names = shipped_experts() if self.gait == ALL_GAITS else (self.gait,)
-        if self.gait == ALL_GAITS and (self.expert or self.policy != "expert"):
-            raise InputError("--gait all takes the shipped experts; name one gait for another file")
         worlds = tuple(WORLDS) if "all" in self.worlds else self.worlds
-        teams = [self._team(load_gait(name)) for name in names]
+        teams = [self._team(load_gait(name)) for name in self._gaits()]
         return scorecard_jobs(teams, worlds, self.rollouts)
+
+    def _gaits(self) -> tuple[str, ...]:
+        if self.gait != ALL_GAITS:
+            return (self.gait,)
+        if self.expert or self.students or "." in self.policy:
+            raise InputError("--gait all takes what ships; name one gait for files of your own")
+        shipped = {name: ("expert", *shipped_students(name)) for name in shipped_experts()}
+        gaits = tuple(name for name, policies in shipped.items() if self.policy in policies)
+        if not gaits:
+            raise InputError(f"no gait ships with a policy {self.policy!r}; name one gait")
+        return gaits
 
     def _team(self, gait: Gait) -> tuple[Gait, Team]:
         expert = load_expert(gait.name, self.expert)
         if self.policy == "expert":
             return gait, Team(expert)
-        path = Path(self.policy)
-        if path.suffix != ".safetensors":
-            raise InputError(
-                f"unknown policy {self.policy!r}; say 'expert', 'students', or give the path "
-                "of a policy file ending in .safetensors"
-            )
-        student = load_policy(path)
-        student.check(gait=gait.name, observation_names=expert.observation_names)
+        student = find_student(self.policy, expert, self.students)
         return gait, Team(expert, student, period=0)

@@ -14,12 +14,12 @@ from models.files import write_atomically
 from models.policies.library import load_expert
 from models.task.gait import load_gait
 from studies.console import console, say
+from studies.distillation.library import find_student
 from studies.evaluation.team import Team
 from studies.explanation.page import explain_rollout, render_page
 from studies.figures import save_figure
 from studies.importance.additive_figures import contribution_figure
 from studies.importance.study import draw_student
-from studies.rollout.config import find_student
 from studies.rollout.play import play
 
 
@@ -42,7 +42,7 @@ class Explain:
     """
 
     gait: str = "trot"
-    policy: str = "ebm"
+    policy: str = "symbolic"
     joint: str = "FL_hip"
     step: int = 100
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))

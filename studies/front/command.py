@@ -15,6 +15,7 @@ from models.policies.symbolic import FormulaPolicy
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.collection import load_levels
+from studies.distillation.library import distillation_folder
 from studies.distillation.study import r2_scores
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
@@ -55,7 +56,7 @@ class Front:
     def run(self) -> None:
         """Runs the study."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
-        data = load_levels(self.samples or Path("runs/distillation") / gait.name / "symbolic")
+        data = load_levels(self.samples or distillation_folder(gait.name) / "symbolic")
         folder = self.output or Path("runs/front") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         students, rows = {}, []

@@ -16,7 +16,7 @@ from models.policies.library import load_expert
 from models.policies.policy import Policy
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.study import load_students
+from studies.distillation.library import distillation_folder, load_students
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
 from studies.figures import save_figure
@@ -61,7 +61,7 @@ class Importance:
         """Runs the study."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
-        source = self.students or Path("runs/distillation") / gait.name
+        source = self.students or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))
         samples = {
             kind: held_out_samples(source / kind, self.n_samples, np.random.default_rng(seed))

@@ -16,7 +16,8 @@ from models.task import CONTROL_PERIOD
 from models.task.gait import Gait, load_gait
 from studies.console import say
 from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.study import distill, load_students
+from studies.distillation.library import load_students
+from studies.distillation.study import distill
 from studies.distillation.tables import write_r2_table
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.figures import gait_figure

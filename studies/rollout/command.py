@@ -10,12 +10,13 @@ from diagrams.visualization import open_meshcat
 from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.policy import Policy
+from models.task.alternation import parse_ratio
 from models.task.gait import load_gait
 from studies.console import console
+from studies.distillation.library import find_student
 from studies.evaluation.figures import gait_figure
 from studies.evaluation.team import Team
 from studies.figures import save_figure
-from studies.rollout.config import find_student, parse_ratio
 from studies.rollout.play import play
 from studies.rollout.stills import gait_strip
 

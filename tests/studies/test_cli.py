@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from models.task.alternation import parse_ratio
 from studies.cli import main
-from studies.rollout.config import parse_ratio
 from studies.tables import format_cell, to_markdown
 
 

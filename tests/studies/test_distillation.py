@@ -31,8 +31,9 @@ from studies.distillation.config import (
 )
 from studies.distillation.formulas import latex_formula, readable_formula
 from studies.distillation.gated_sum import fit_gated_sum
+from studies.distillation.library import load_students
 from studies.distillation.students import fit_student, untrained_student
-from studies.distillation.study import distill, load_students, r2_scores
+from studies.distillation.study import distill, r2_scores
 from studies.distillation.symbolic_regression import fit_formula, pysr_arguments
 from studies.distillation.tables import write_r2_table
 

@@ -1,6 +1,7 @@
 """The students that ship with the project: they load, fit their expert, and walk alone."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from models.errors import InputError
@@ -16,10 +17,11 @@ from models.task.gait import load_gait
 from studies.cli import main
 from studies.distillation.config import STUDENT_TITLES
 from studies.distillation.formulas import write_formulas
+from studies.distillation.library import find_student
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
+from studies.evaluation.scorecard import scorecard_jobs
 from studies.evaluation.team import Team
-from studies.rollout.config import find_student
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 
@@ -67,3 +69,21 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
     main(["rollout", "--policy", "symbolic", "--seconds", "0.2"])
     assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
     assert "stayed up" in capsys.readouterr().out
+
+
+def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--worlds", "training"]
+    main(["evaluate", "--gait", "all", "--policy", "symbolic", *small])
+    table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
+    gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
+    assert table["gait"].tolist() == gaits
+    message = refused(["evaluate", "--gait", "all", "--policy", "ebm", *small])
+    assert "no gait ships with a policy 'ebm'" in message
+
+
+def test_students_are_scored_at_slower_speeds_than_experts():
+    expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
+    teams = [(gait, Team(expert)), (gait, Team(expert, student, 0))]
+    jobs = scorecard_jobs(teams, ["training"], RolloutConfig(n_seeds=1))
+    assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]

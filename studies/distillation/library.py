@@ -1,6 +1,5 @@
-"""Who acts in a rollout, as a person names it."""
+"""Where students are kept, and finding them."""
 
-from fractions import Fraction
 from pathlib import Path
 
 from models.errors import InputError
@@ -8,24 +7,35 @@ from models.policies.library import load_policy, load_student, shipped_students
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.study import student_path
 
 
-def parse_ratio(text: str) -> int:
-    """Turns an alternation ratio such as 1, 1/4 or 0 into the expert's period.
+def distillation_folder(gait: str) -> Path:
+    """Returns where a gait's distillation is kept, unless a person names another folder."""
+    return Path("runs/distillation") / gait
+
+
+def student_path(folder: Path, kind: str) -> Path:
+    """Returns where a run keeps the student of a kind."""
+    return folder / f"{kind}.safetensors"
+
+
+def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of a run, by kind.
 
     Raises:
-        InputError: if the text is not such a ratio.
+        InputError: if the folder holds none, or a student does not fit the expert.
     """
-    try:
-        ratio = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        ratio = Fraction(-1)
-    if ratio == 0:
-        return 0
-    if ratio.numerator != 1:
-        raise InputError(f"ratio {text!r} is not an alternation ratio; give 1, 0, or 1/2, 1/3, …")
-    return ratio.denominator
+    students = {}
+    for kind in STUDENT_TITLES:
+        path = student_path(folder, kind)
+        if path.exists():
+            students[kind] = load_policy(path)
+            students[kind].check(gait=expert.gait, observation_names=expert.observation_names)
+    if not students:
+        raise InputError(
+            f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
+        )
+    return students
 
 
 def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
@@ -53,7 +63,7 @@ def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
                 "or the path of a policy file ending in .safetensors"
             )
         return load_policy(Path(name))
-    path = student_path(folder or Path("runs/distillation") / gait, name)
+    path = student_path(folder or distillation_folder(gait), name)
     if folder is None and not path.exists() and name in shipped_students(gait):
         return load_student(gait, name)
     if not path.exists():
