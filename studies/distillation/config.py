@@ -114,8 +114,8 @@ class SymbolicConfig:
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
         shapes: Lengths of the sum that a formula starts from, and of the whole formula; equal ones
-            leave nothing to the engine (operon). Levels take the first; of all shapes, the student
-            is the one that earns most alone.
+            leave nothing to the engine (operon). Levels take the first. The student is of the
+            simplest shape that alone falls no more often than the best and earns nearly as much.
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
 

@@ -1,9 +1,12 @@
 """Formulas for people: named observations with units, three digits, as Markdown and LaTeX."""
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import sympy
+from sympy.printing.str import StrPrinter
 
 from models.a1 import robot
 from models.files import write_atomically
@@ -15,6 +18,12 @@ DIGITS = 3
 
 TERMS_PER_LINE = 4
 """Terms of a formula in a line of LaTeX."""
+
+LINE_LENGTH = 100
+"""Characters of a line of text."""
+
+GLUE = "\N{NO-BREAK SPACE}"
+"""Stands for a space at which no line is broken."""
 
 _LATEX = {
     "Command X": "v_x^{*}",
@@ -34,17 +43,13 @@ _LATEX_PREFIXES = {
 
 
 def readable_formula(formula: Expression, names: tuple[str, ...]) -> str:
-    """Writes a formula as text, its terms from the heaviest constant down.
+    """Writes a formula as text: its weighted observations from the heaviest down, then the rest.
 
     Args:
         formula: The formula.
         names: Names of the observations.
     """
-    text = ""
-    for minus, term in _signed_terms(formula, names):
-        text += (" − " if minus else " + ") if text else ("−" if minus else "")
-        text += str(term)
-    return text
+    return " ".join(_pieces(_rounded(formula, names), _TEXT))
 
 
 def latex_formula(formula: Expression, names: tuple[str, ...]) -> str:
@@ -55,14 +60,13 @@ def latex_formula(formula: Expression, names: tuple[str, ...]) -> str:
         names: Names of the observations.
     """
     symbols = {sympy.Symbol(name): latex_symbol(name) for name in names}
-    lines: list[str] = []
-    for position, (minus, term) in enumerate(_signed_terms(formula, names)):
-        body = sympy.latex(term, symbol_names=symbols, mul_symbol="dot")
-        sign = "-" if minus else "+" if position else ""
-        if position % TERMS_PER_LINE == 0:
-            lines.append("")
-        lines[-1] += f" {sign} {body}"
-    return " \\\\\n  &".join(line.strip() for line in lines)
+
+    def write(term: sympy.Expr) -> str:
+        return sympy.latex(term, symbol_names=symbols, mul_symbol="dot")
+
+    pieces = _pieces(_rounded(formula, names), replace(_LATEX_STYLE, write=write))
+    lines = [pieces[i : i + TERMS_PER_LINE] for i in range(0, len(pieces), TERMS_PER_LINE)]
+    return " \\\\\n  &".join(" ".join(line) for line in lines)
 
 
 def latex_symbol(name: str) -> str:
@@ -92,10 +96,20 @@ def _markdown(policy: FormulaPolicy) -> str:
     for title, formulas in _sections(policy):
         lines += [f"## {title}", ""] if title else []
         for joint, formula in zip(robot.JOINTS, formulas, strict=True):
-            lines += [f"**{joint}** = {readable_formula(formula, names)}", ""]
+            lines += ["```text", *_wrapped(joint, formula, names), "```", ""]
     lines += ["## Observations", "", "| name | in LaTeX | unit |", "|---|---|---|"]
     lines += [f"| {name} | ${latex_symbol(name)}$ | {unit_of(name)} |" for name in names]
     return "\n".join(lines) + "\n"
+
+
+def _wrapped(joint: str, formula: Expression, names: tuple[str, ...]) -> list[str]:
+    """Breaks a formula into lines between its terms."""
+    glued = [piece.replace(" ", GLUE) for piece in _pieces(_rounded(formula, names), _TEXT)]
+    text = f"{joint}{GLUE}={GLUE}" + " ".join(glued)
+    lines = textwrap.wrap(
+        text, LINE_LENGTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+    return [line.replace(GLUE, " ") for line in lines]
 
 
 def _latex(policy: FormulaPolicy) -> str:
@@ -118,20 +132,69 @@ def _sections(policy: FormulaPolicy) -> list[tuple[str, Sequence[Expression]]]:
     ]
 
 
-def _signed_terms(formula: Expression, names: tuple[str, ...]) -> list[tuple[bool, sympy.Expr]]:
-    """Splits a formula into terms, heaviest first, each with whether it is subtracted."""
-    symbols = tuple(sympy.Symbol(name) for name in names)
-    terms = sympy.Add.make_args(_rounded(formula.to_sympy(symbols)))
-    ordered = sorted(terms, key=lambda term: -abs(_weight(term)))
-    signs = [bool(term.could_extract_minus_sign()) for term in ordered]
-    return [(minus, -term if minus else term) for minus, term in zip(signs, ordered, strict=True)]
+@dataclass(frozen=True)
+class _Style:
+    """How pieces of a formula are written: one term, and what stands between and around terms."""
+
+    write: Callable[[sympy.Expr], str]
+    minus: str
+    times: str
+    brackets: tuple[str, str]
 
 
-def _rounded(expression: sympy.Expr) -> sympy.Expr:
+MINUS = "\N{MINUS SIGN}"
+
+
+class _TextPrinter(StrPrinter):
+    # Names hold spaces, so that a power without brackets could be misread.
+    def _print_Pow(self, expr: sympy.Pow, rational: bool = False) -> str:  # noqa: N802
+        return f"({self.doprint(expr.base)})^{self.doprint(expr.exp)}"
+
+
+def _write_text(term: sympy.Expr) -> str:
+    return (
+        _TextPrinter({"full_prec": False})
+        .doprint(term)
+        .replace("*", " · ")
+        .replace(" - ", f" {MINUS} ")
+    )
+
+
+_TEXT = _Style(_write_text, MINUS, " · ", ("(", ")"))
+_LATEX_STYLE = _Style(sympy.latex, "-", r" \cdot ", (r"\bigl(", r"\bigr)"))
+
+
+def _pieces(expression: sympy.Expr, style: _Style) -> list[str]:
+    """Writes a sum as a list of signed terms; the terms of a product with a sum are terms too."""
+    terms = sorted(sympy.Add.make_args(expression), key=_order)
+    pieces: list[str] = []
+    for term in terms:
+        minus = term.could_extract_minus_sign()
+        own = _product_pieces(-term if minus else term, style)
+        sign = f"{style.minus} " if minus else "+ " if pieces else ""
+        # At the start a minus stands close to its number.
+        pieces += [(sign if pieces else sign.rstrip()) + own[0], *own[1:]]
+    return pieces
+
+
+def _product_pieces(term: sympy.Expr, style: _Style) -> list[str]:
+    sums = [factor for factor in sympy.Mul.make_args(term) if isinstance(factor, sympy.Add)]
+    if len(sums) != 1 or term == sums[0]:
+        return [style.write(term)]
+    opening, closing = style.brackets
+    inner = _pieces(sums[0], style)
+    inner[0] = style.write(term / sums[0]) + style.times + opening + inner[0]
+    inner[-1] += closing
+    return inner
+
+
+def _order(term: sympy.Expr) -> tuple[bool, bool, float]:
+    """Orders weighted observations by weight, then products with sums, then the constant."""
+    coefficient, rest = term.as_coeff_Mul()
+    return rest == 1, rest.has(sympy.Add), -abs(float(coefficient))
+
+
+def _rounded(formula: Expression, names: tuple[str, ...]) -> sympy.Expr:
+    expression = formula.to_sympy(tuple(sympy.Symbol(name) for name in names))
     floats = {number: sympy.Float(number, DIGITS) for number in expression.atoms(sympy.Float)}
     return expression.xreplace(floats)
-
-
-def _weight(term: sympy.Expr) -> float:
-    coefficient, rest = term.as_coeff_Mul()
-    return float(coefficient) if rest != 1 else 0.0

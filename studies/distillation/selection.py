@@ -1,6 +1,6 @@
 """Which of several students earns most alone: what R² does not tell."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 from joblib import Parallel, delayed
@@ -14,6 +14,9 @@ from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts, summarize
 from studies.evaluation.team import Team
+
+ENOUGH = 0.99
+"""Share of the best student's reward that a simpler one must earn to be preferred."""
 
 SELECTION_SEED = 500
 """Seed of the rollouts that select, none of those that evaluate."""
@@ -49,3 +52,16 @@ def rank_alone(
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")
+
+
+def simplest_of_the_best(ranked: pd.DataFrame, simplest_first: Sequence[str]) -> str:
+    """Returns the simplest candidate that falls no more often than the best and earns enough.
+
+    Args:
+        ranked: What `rank_alone` returned.
+        simplest_first: Every candidate, the simplest first.
+    """
+    best = ranked.iloc[0]
+    earns = ranked["reward"] >= best["reward"] - (1.0 - ENOUGH) * abs(best["reward"])
+    good = set(ranked.loc[earns & (ranked["falls"] <= best["falls"]), "candidate"])
+    return next(candidate for candidate in simplest_first if candidate in good)

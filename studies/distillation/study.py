@@ -24,7 +24,7 @@ from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
 from studies.distillation.formulas import write_formulas
 from studies.distillation.library import student_path
-from studies.distillation.selection import rank_alone
+from studies.distillation.selection import rank_alone, simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
 from studies.records import read_yaml, to_plain
 from studies.tables import write_table
@@ -180,7 +180,7 @@ def _choose_final(
     seen: Dataset,
     folder: Path,
 ) -> tuple[DistillationConfig, Policy]:
-    """Fits the student; of formulas, one of each shape, of which the best alone is taken."""
+    """Fits the student; of formulas one of each shape, of which the simplest good one is taken."""
 
     def fit(settings: DistillationConfig) -> Policy:
         return fit_student(
@@ -193,15 +193,21 @@ def _choose_final(
         f"sum of {sum_length}, {length} in all": replace(
             config, symbolic=replace(config.symbolic, shapes=((sum_length, length),))
         )
-        for sum_length, length in config.symbolic.shapes
+        for sum_length, length in sorted(config.symbolic.shapes, key=_complexity)
     }
     candidates = {label: fit(settings) for label, settings in shapes.items()}
     ranked = rank_alone(
         candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
     )
     write_table(ranked, folder / f"{kind}_candidates")
-    best = ranked["candidate"].iloc[0]
-    return shapes[best], candidates[best]
+    chosen = simplest_of_the_best(ranked, list(shapes))
+    return shapes[chosen], candidates[chosen]
+
+
+def _complexity(shape: tuple[int, int]) -> tuple[int, int]:
+    # Of equal length, a longer sum leaves less to the engine, whose terms are harder to read.
+    sum_length, length = shape
+    return length, -sum_length
 
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:

@@ -45,7 +45,13 @@ class Importance:
     """
 
     gait: str = "trot"
-    policies: tuple[str, ...] = ("gbm", "ebm", "statewise_linear", "symbolic")
+    policies: tuple[str, ...] = (
+        "gbm",
+        "ebm",
+        "statewise_linear",
+        "symbolic",
+        "statewise_symbolic",
+    )
     joint: str = "FL_hip"
     students: Path | None = None
     n_samples: int = 1000

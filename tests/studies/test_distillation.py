@@ -32,6 +32,7 @@ from studies.distillation.config import (
 from studies.distillation.formulas import latex_formula, readable_formula
 from studies.distillation.gated_sum import fit_gated_sum
 from studies.distillation.library import load_students
+from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
 from studies.distillation.study import distill, r2_scores
 from studies.distillation.symbolic_regression import fit_formula, pysr_arguments
@@ -122,7 +123,8 @@ def test_a_run_killed_at_any_line_and_resumed_ends_the_same(tmp_path):
 def test_formulas_are_written_for_people(finished):
     folder, _ = finished
     page = (folder / "statewise_symbolic_formulas.md").read_text()
-    assert page.count("**FL_hip** = ") == 2
+    assert page.count("\nFL_hip = ") == 2
+    assert max(len(line) for line in page.split("## Observations")[0].splitlines()) < 150
     assert "| DoF Vel FL Hip | $\\dot q_{\\mathrm{FL Hip}}$ | 0.05 · rad/s |" in page
     latex = (folder / "symbolic_formulas.tex").read_text()
     assert latex.count(r"\begin{align*}") == latex.count(r"\end{align*}") == 12
@@ -196,14 +198,44 @@ def test_bands_come_with_the_last_fit_alone(finished):
     assert TINY.for_levels().ebm.interactions == 1
 
 
-def test_the_best_alone_is_taken_and_the_others_are_told(finished):
+def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
     folder, _ = finished
     ranked = pd.read_csv(folder / "symbolic_candidates.csv")
-    assert set(ranked["candidate"]) == {"sum of 30, 30 in all", "sum of 30, 60 in all"}
+    shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
+    assert set(ranked["candidate"]) == set(shapes)
     assert ranked["reward"].is_monotonic_decreasing
     policy = load_policy(folder / "symbolic.safetensors")
     longest = max(formula.length for formula in policy.expressions)
-    assert (longest <= 30) == (ranked["candidate"][0] == "sum of 30, 30 in all")
+    assert (longest <= 30) == (simplest_of_the_best(ranked, shapes) == shapes[0])
+
+
+@pytest.mark.parametrize(
+    ("small", "chosen"),
+    [((995.0, 0), "small"), ((985.0, 0), "large"), ((999.0, 1), "large"), ((1001.0, 0), "small")],
+)
+def test_simplicity_costs_no_fall_and_little_reward(small, chosen):
+    candidates = {"small": small, "large": (1000.0, 0)}
+    rows = [(name, reward, falls) for name, (reward, falls) in candidates.items()]
+    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
+    ranked = ranked.sort_values("reward", ascending=False)
+    assert simplest_of_the_best(ranked, ["small", "large"]) == chosen
+
+
+def test_formulas_read_as_people_write_them():
+    names = load_expert("trot").observation_names
+    at = {name: f"x{i}" for i, name in enumerate(names)}
+    x, q, state = at["Command X"], at["DoF Pos FL Hip"], at["RM State 0"]
+    text = f"0.5 - 2.0 * {x} + 1.5 * {q} + {state} * (0.25 * {x} - 3.0 * square({q}))"
+    formula = parse_expression(text, variable_names(len(names)))
+    assert readable_formula(formula, names) == (
+        "−2.0 · Command X + 1.5 · DoF Pos FL Hip + RM State 0 · "
+        "(−3.0 · (DoF Pos FL Hip)^2 + 0.25 · Command X) + 0.5"
+    )
+    assert latex_formula(formula, names) == (
+        r"-2.0 \cdot v_x^{*} + 1.5 \cdot q_{\mathrm{FL Hip}} "
+        r"+ s_{0} \cdot \bigl(-3.0 \cdot q_{\mathrm{FL Hip}}^{2} + 0.25 \cdot v_x^{*}\bigr) \\"
+        "\n  &+ 0.5"
+    )
 
 
 def test_open_loop_is_the_mean_of_each_moment(generator):
