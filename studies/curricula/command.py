@@ -19,7 +19,7 @@ from studies.distillation.study import distill
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import RolloutJob, run_jobs
-from studies.evaluation.scores import summarize
+from studies.evaluation.scores import reward_shares, summarize
 from studies.figures import save_figure
 from studies.records import to_plain
 from studies.tables import print_table, write_metrics, write_table
@@ -115,12 +115,11 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
         and the reward's `share` of the expert's with its interval `share_ci`.
     """
-    means = summarize(scores, ["curriculum", "student"])
-    expert = means.loc[means["curriculum"] == "expert", "reward"].iloc[0]
-    means["share"] = means["reward"] / expert
-    means["share_ci"] = means["reward_ci"] / expert
+    by = ["curriculum", "student"]
+    shares = reward_shares(scores, by, scores[scores["curriculum"] == "expert"])
+    means = summarize(scores, by).merge(shares, on=by)
     columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
-    return fits.merge(means[["curriculum", "student", *columns]], on=["curriculum", "student"])
+    return fits.merge(means[[*by, *columns]], on=by)
 
 
 def titled(table: pd.DataFrame) -> pd.DataFrame:

@@ -134,3 +134,28 @@ def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
             row[f"{name}_ci"] = interval(group[name])
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def reward_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
+    """Sets rewards in proportion to those of a reference that was rolled out from the same seeds.
+
+    Robots of a seed start alike, are commanded alike and feel the same noise. They are compared one
+    by one, which leaves out how much robots differ by their commands: the interval is that of a
+    ratio of paired means, to first order in the errors.
+
+    Args:
+        scores: Scores, a row a robot.
+        by: Columns that tell groups apart.
+        reference: Scores of the reference, its robots in the order of each group's.
+
+    Returns:
+        A row a group: `share` of the reference's mean reward, and its 95 % interval `share_ci`.
+    """
+    whole = reference["reward"].to_numpy(dtype=float)
+    rows = []
+    for keys, group in scores.groupby(by, sort=False):
+        own = group["reward"].to_numpy(dtype=float)
+        share = own.mean() / whole.mean()
+        half = interval(pd.Series(own - share * whole)) / abs(whole.mean())
+        rows.append({**dict(zip(by, keys, strict=True)), "share": share, "share_ci": half})
+    return pd.DataFrame(rows)

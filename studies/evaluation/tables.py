@@ -4,26 +4,27 @@ import pandas as pd
 
 from studies.distillation.config import STUDENT_TITLES
 from studies.evaluation.config import WORLDS
-from studies.evaluation.scores import summarize
+from studies.evaluation.scores import reward_shares, summarize
 
 POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """Means of every policy at every ratio."""
-    return summarize(scores, ["policy", "ratio"])
+    """Means of every policy at every ratio, and the share of the expert's reward."""
+    by = ["policy", "ratio"]
+    shares = reward_shares(scores, by, scores[scores["policy"] == "expert"])
+    return summarize(scores, by).merge(shares, on=by)
 
 
 def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     """The students alone beside the expert alone: the table that matters."""
     means = alternation_table(scores)
-    expert = means[means["policy"] == "expert"].iloc[0]
     alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
     return pd.DataFrame(
         {
             "policy": [POLICY_TITLES[name] for name in alone["policy"]],
             "reward": _with_interval(alone, "reward", 0),
-            "share of expert": (alone["reward"] / expert["reward"]).round(3),
+            "share of expert": _with_interval(alone, "share", 3),
             "plain reward": _with_interval(alone, "plain_reward", 1),
             "falls": _falls(alone),
             "rhythm": alone["rhythm"].round(3),

@@ -20,7 +20,7 @@ from studies.distillation.study import r2_scores
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
-from studies.evaluation.scores import summarize
+from studies.evaluation.scores import reward_shares, summarize
 from studies.figures import save_figure
 from studies.front.figures import front_figure
 from studies.front.formulas import FAMILIES, LENGTHS
@@ -92,11 +92,11 @@ def mean_nodes(policy: FormulaPolicy) -> float:
 
 def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Joins the fits with their scores alone: share of the expert's reward, and falls."""
-    means = summarize(scores, ["policy"])
-    expert = means.loc[means["policy"] == "expert", "reward"].iloc[0]
-    means["share"] = means["reward"] / expert
-    columns = ["policy", "robots", "falls", "fall_rate", "share", "reward", "reward_ci", "rhythm"]
-    return fits.merge(means[columns], on="policy").sort_values("nodes", ignore_index=True)
+    shares = reward_shares(scores, ["policy"], scores[scores["policy"] == "expert"])
+    means = summarize(scores, ["policy"]).merge(shares, on="policy")
+    columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
+    front = fits.merge(means[["policy", *columns]], on="policy")
+    return front.sort_values("nodes", ignore_index=True)
 
 
 def smallest_that_walks(front: pd.DataFrame) -> str:

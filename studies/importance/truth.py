@@ -14,7 +14,7 @@ from models.policies.policy import Policy
 from models.task.gait import Gait
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.jobs import RolloutJob, for_each_seed
-from studies.evaluation.scores import summarize
+from studies.evaluation.scores import reward_shares, summarize
 from studies.evaluation.team import Team
 from studies.importance.observations import observation_groups
 
@@ -124,13 +124,15 @@ def losses(scores: pd.DataFrame) -> pd.DataFrame:
         A row for each policy, group and mode: `lost` share of reward, its 95 % interval `lost_ci`,
         and `fall_rate`.
     """
-    means = summarize(scores, ["policy", "without", "mode"])
-    whole = means.query("without == @WHOLE")[["policy", "reward"]]
-    ablated = means.query("without != @WHOLE").merge(whole, on="policy", suffixes=("", "_whole"))
-    ablated["lost"] = 1.0 - ablated["reward"] / ablated["reward_whole"]
-    ablated["lost_ci"] = ablated["reward_ci"] / ablated["reward_whole"]
+    by = ["policy", "without", "mode"]
+    shares = []
+    for _, own in scores.groupby("policy", sort=False):
+        whole = own["without"] == WHOLE
+        shares.append(reward_shares(own[~whole], by, own[whole]))
+    means = summarize(scores[scores["without"] != WHOLE], by).merge(pd.concat(shares), on=by)
+    means["lost"], means["lost_ci"] = 1.0 - means["share"], means["share_ci"]
     columns = ["policy", "without", "mode", "lost", "lost_ci", "fall_rate"]
-    return pd.DataFrame(ablated, columns=columns).reset_index(drop=True)
+    return means[columns]
 
 
 def rank_correlations(importances: pd.DataFrame, lost: pd.DataFrame) -> pd.DataFrame:

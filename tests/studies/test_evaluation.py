@@ -17,7 +17,13 @@ from studies.evaluation.figures import gait_figure, reward_figure
 from studies.evaluation.jobs import run_jobs
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scorecard import scorecard_jobs
-from studies.evaluation.scores import RolloutLog, interval, score_rollouts, summarize
+from studies.evaluation.scores import (
+    RolloutLog,
+    interval,
+    reward_shares,
+    score_rollouts,
+    summarize,
+)
 from studies.evaluation.tables import falls_table, scorecard_table, standalone_table
 from studies.evaluation.team import Team
 from studies.figures import save_figure
@@ -89,9 +95,25 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     assert summary.loc[("linear", "0"), "rhythm"] < 0.1
     table = standalone_table(scores)
     assert table["policy"].tolist() == ["Neural expert", "Linear"]
-    assert table["share of expert"].tolist()[0] == 1.0
+    assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
     save_figure(reward_figure(scores, "trot"), tmp_path / "reward")
     assert (tmp_path / "reward.pdf").stat().st_size > 5000
+
+
+def test_shares_compare_robot_with_robot(generator):
+    whole = pd.DataFrame({"reward": generator.uniform(1000.0, 5000.0, size=40)})
+    noise = generator.normal(scale=50.0, size=40)
+    scores = pd.DataFrame({"policy": "a", "reward": 0.9 * whole["reward"] + noise})
+    row = reward_shares(scores, ["policy"], whole).iloc[0]
+    assert row["share"] == scores["reward"].mean() / whole["reward"].mean()
+    # As a bootstrap over robots finds it.
+    picks = generator.integers(40, size=(4000, 40))
+    resampled = scores["reward"].to_numpy()[picks].mean(axis=1) / (
+        whole["reward"].to_numpy()[picks].mean(axis=1)
+    )
+    assert row["share_ci"] == pytest.approx(1.96 * resampled.std(), rel=0.15)
+    unpaired = interval(scores["reward"]) / whole["reward"].mean()
+    assert row["share_ci"] < 0.1 * unpaired
 
 
 def test_worlds_are_named_in_the_tables(expert, tmp_path):

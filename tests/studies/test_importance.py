@@ -177,10 +177,10 @@ def test_losses_are_shares_of_the_whole_students_reward():
     scores = pd.DataFrame(
         {
             "policy": "linear",
-            "without": ["nothing", "nothing", "RM Iters", "RM Iters", "Foot Height"],
+            "without": ["nothing"] * 2 + ["RM Iters"] * 2 + ["Foot Height"] * 2,
             "mode": "mean",
-            "reward": [10.0, 10.0, 4.0, 6.0, 9.0],
-            "fell": [False, False, True, False, False],
+            "reward": [10.0, 20.0, 5.0, 10.0, 9.0, 18.0],
+            "fell": [False, False, True, False, False, False],
         }
     )
     for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
@@ -188,6 +188,8 @@ def test_losses_are_shares_of_the_whole_students_reward():
     lost = losses(scores).set_index("without")
     assert lost["lost"].to_dict() == pytest.approx({"RM Iters": 0.5, "Foot Height": 0.1})
     assert lost.loc["RM Iters", "fall_rate"] == 0.5
+    # Each robot loses the same share, so that the interval is nothing.
+    assert lost["lost_ci"].to_numpy() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_ranks_are_correlated():
@@ -311,7 +313,7 @@ def test_command_writes_maps_tables_and_the_test_of_truth(distilled, tmp_path, c
 
 def test_missing_students_are_told(distilled, refused):
     message = refused(["importance", "--students", str(distilled)])
-    assert "no student gbm, ebm, symbolic of the trot" in message
+    assert "no student gbm, ebm, symbolic, statewise_symbolic of the trot" in message
 
 
 def test_unknown_joints_are_told(distilled, refused):
