@@ -46,7 +46,7 @@ class GbmConfig:
         feature_share: Share of the observations that a split may choose from.
     """
 
-    n_trees: int = 300
+    n_trees: int = 200
     level_trees: int = 100
     depth: int = 5
     learning_rate: float = 0.1
@@ -89,7 +89,7 @@ class EbmConfig:
     """
 
     outer_bags: int = 4
-    interactions: int = 200
+    interactions: int = 120
     level_interactions: int = 30
     max_bins: int = 256
     max_interaction_bins: int = 24
@@ -141,7 +141,8 @@ class DistillationConfig:
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_level: Episodes that share an alternation ratio, the paper's n_f.
         alone_levels: Levels after those of the curriculum in which the student acts alone. The
-            paper has none, so that its students meet alone what no sample has shown them.
+            paper has none, so that its students meet alone what no sample has shown them. A walk of
+            boosted trees fell in 5 of 26 rollouts after two such levels and in none after eight.
         episode_steps: Control steps of an episode.
         curriculum: Who acts while samples are collected: `alternation`, the paper's, where level k
             has the expert act at every k-th step; or, after a first level of the expert's, the
@@ -161,7 +162,7 @@ class DistillationConfig:
     seed: int = 0
     episodes: int = 30
     episodes_per_level: int = 4
-    alone_levels: int = 2
+    alone_levels: int = 8
     episode_steps: int = 1000
     curriculum: Curriculum = "alternation"
     speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)

@@ -19,7 +19,8 @@ DEVIATIONS = (
     "Experts are trained with 256 robots for 15 to 27 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "Boosted trees are more and deeper than scikit-learn's defaults, and see half of the samples "
-    "each; explainable boosting has more functions of two observations and fewer bags.",
+    "each; explainable boosting takes larger and fewer steps than interpret's defaults, with fewer "
+    "bins and bags. While samples are collected both are smaller.",
     "Formulas start from a sparse sum found by least squares, gated by the reward machine, which "
     "Operon may then correct; of several shapes the one is taken that earns most alone. The paper "
     "evolves them with PySR alone. Both have at most 90 nodes, but Operon counts a weighted "

@@ -16,7 +16,7 @@ def test_every_curriculum_has_as_many_episodes():
     budgets = equal_budgets(DistillationConfig())
     last = {config.level_episodes(config.n_levels)[-1] for config in budgets.values()}
     assert list(budgets) == list(CURRICULA) == list(TICKS)
-    assert last == {38}
+    assert last == {62}
 
 
 def test_every_curriculum_begins_with_the_expert_and_goes_its_own_way():
@@ -24,11 +24,11 @@ def test_every_curriculum_begins_with_the_expert_and_goes_its_own_way():
         name: [config.period(level) for level in range(1, config.n_levels + 1)]
         for name, config in equal_budgets(DistillationConfig()).items()
     }
-    assert periods["expert_only"] == [1] * 10
-    assert periods["half"] == [1] + [2] * 9
-    assert periods["student_only"] == [1] + [0] * 9
-    assert periods["alternation"] == list(range(1, 11))
-    assert periods["alternation_then_alone"] == [*range(1, 9), 0, 0]
+    assert periods["expert_only"] == [1] * 16
+    assert periods["half"] == [1] + [2] * 15
+    assert periods["student_only"] == [1] + [0] * 15
+    assert periods["alternation"] == list(range(1, 17))
+    assert periods["alternation_then_alone"] == [*range(1, 9), *[0] * 8]
 
 
 def test_shares_are_of_the_expert_alone():

@@ -179,7 +179,7 @@ def test_whole_episodes_are_held_out():
 def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
     config = DistillationConfig(curriculum=curriculum)
     assert [config.period(level) for level in (1, 2, 3, 4)] == periods
-    assert config.n_levels == 10
+    assert config.n_levels == 16
     assert [config.period(level) for level in (9, 10)] == [0, 0]
 
 
