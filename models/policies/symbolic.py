@@ -89,7 +89,7 @@ class Tape:
             )
             size += len(keys)
         self._size = size
-        self._outputs = np.array([self._slot(root) for root in roots])
+        self._outputs = np.array([self._slot(root) for root in roots], dtype=np.int64)
 
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
@@ -103,7 +103,7 @@ class Tape:
             for step in self._instructions:
                 operands = (values[operand] for operand in step.operands)
                 values[step.start : step.stop] = step.function(*operands)
-        return values[self._outputs].T.reshape(*observation.shape[:-1], -1)
+        return values[self._outputs].T.reshape(*observation.shape[:-1], len(self._outputs))
 
     def _slot(self, key: Any) -> int:
         return key[1] if key[0] == "variable" else self._slots[key]

@@ -113,8 +113,9 @@ class SymbolicConfig:
         generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
-        shapes: Lengths of the sum that a formula starts from, and of the whole formula; equal ones
-            leave nothing to the engine (operon). Levels take the first. The student is of the
+        shapes: Lengths of the sum that a formula starts from and of the whole formula, of which
+            equal ones leave nothing to the engine; and whether its gates tell early from late in a
+            state (operon). Levels take the first. The student is of the
             simplest shape that alone falls no more often than the best and earns nearly as much.
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
@@ -126,7 +127,13 @@ class SymbolicConfig:
     generations: int = 100
     population: int = 200
     coefficient_iterations: int = 3
-    shapes: tuple[tuple[int, int], ...] = ((90, 90), (64, 64), (74, 90))
+    shapes: tuple[tuple[int, int, bool], ...] = (
+        (90, 90, True),
+        (64, 64, True),
+        (90, 90, False),
+        (64, 64, False),
+        (74, 90, False),
+    )
     max_samples: int = 3000
 
 

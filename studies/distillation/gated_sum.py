@@ -1,8 +1,9 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
-A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
-g, h, … are states of the reward machine. The iterations in a state are no gate: where a robot is
-late, their products would grow without bound.
+A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations. The gates g,
+h, … tell where in the gait the robot is: states of the reward machine, and whether it is early or
+late in a state. All are bounded; a product with the iterations themselves would grow without bound
+where the robot is late.
 """
 
 import warnings
@@ -13,6 +14,7 @@ from sklearn.linear_model import orthogonal_mp_gram
 
 from models.a1.robot import Array
 from models.policies.expression import Expression
+from models.policies.symbolic import Tape
 from models.task.observation import machine_state_entries
 
 PENALTY = 0.003
@@ -23,8 +25,15 @@ formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
 
 
+LATE = 0.4
+"""Iterations in a state (tenths of control steps) at which it is neither early nor late."""
+
+LATENESS_SLOPE = 5.0
+"""Slope of the gate there: from early to late it takes about four control steps."""
+
+
 def fit_gated_sum(
-    observations: Array, target: Array, gates: Sequence[int], max_length: int
+    observations: Array, target: Array, gates: Sequence[Expression], max_length: int
 ) -> Expression:
     """Fits the longest gated sum of at most `max_length` nodes, by orthogonal matching pursuit
     with a ridge penalty.
@@ -32,10 +41,11 @@ def fit_gated_sum(
     Args:
         observations: Samples (m, n).
         target: What to fit (m,).
-        gates: Observations that gate, states of the machine; none for a plain weighted sum.
+        gates: Bounded functions of the observations; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
     """
-    columns = [observations, *(observations * observations[:, [gate]] for gate in gates)]
+    opened = Tape(gates, observations.shape[1])(observations)
+    columns = [observations, *(observations * gate[:, None] for gate in opened.T)]
     candidates = np.concatenate(columns, axis=1)
     mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
     # A product of a state with itself is the state again: of equal columns the first is enough.
@@ -61,13 +71,22 @@ def fit_gated_sum(
     return formula
 
 
-def machine_gates(names: tuple[str, ...]) -> tuple[int, ...]:
-    """Finds the observations that gate: the machine's states but the last.
-
-    The last state is where all others are 0.
-    """
+def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns the states of the machine but the last, which is where all others are 0."""
     states = machine_state_entries(names)
-    return tuple(range(states.start, states.stop - 1))
+    return tuple(_variable(index) for index in range(states.start, states.stop - 1))
+
+
+def lateness_gate(names: tuple[str, ...]) -> Expression:
+    """Returns a function that goes from -1 early in a state of the machine to 1 late in it."""
+    iterations = _variable(names.index("RM Iters"))
+    offset = Expression("constant", value=-LATENESS_SLOPE * LATE)
+    return Expression("tanh", (Expression("add", (scaled(iterations, LATENESS_SLOPE), offset)),))
+
+
+def products(gates: Sequence[Expression], gate: Expression) -> tuple[Expression, ...]:
+    """Multiplies gates by another."""
+    return tuple(Expression("mul", (other, gate)) for other in gates)
 
 
 def scaled(expression: Expression, factor: float) -> Expression:
@@ -75,7 +94,7 @@ def scaled(expression: Expression, factor: float) -> Expression:
     return Expression("mul", (Expression("constant", value=factor), expression))
 
 
-def _gated_expression(gates: Sequence[int], weights: Array, intercept: float) -> Expression:
+def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
     total = Expression("constant", value=float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
         terms = [scaled(_variable(i), float(row[i])) for i in np.flatnonzero(row)]
@@ -85,7 +104,7 @@ def _gated_expression(gates: Sequence[int], weights: Array, intercept: float) ->
         for term in terms[1:]:
             part = Expression("add", (part, term))
         if gate is not None:
-            part = Expression("mul", (_variable(gate), part))
+            part = Expression("mul", (gate, part))
         total = Expression("add", (total, part))
     return total
 

@@ -14,6 +14,7 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
+from models.policies.expression import Expression
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy
@@ -27,7 +28,7 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     StudentKind,
 )
-from studies.distillation.gated_sum import machine_gates
+from studies.distillation.gated_sum import lateness_gate, machine_gates, products
 from studies.distillation.symbolic_regression import fit_formula
 
 RIDGE = 1.0
@@ -184,7 +185,8 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    search = partial(fit_formula, gates=machine_gates(names))
+    states = machine_gates(names)
+    search = partial(fit_formula, gates=(*states, *_late_gates(config, names, states)))
     formulas = _fit_joints(search, config, observations, actions, config.symbolic)
     return SymbolicPolicy(config.gait, names, formulas)
 
@@ -192,12 +194,20 @@ def _fit_symbolic(
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    search = partial(fit_formula, gates=())
+    search = partial(fit_formula, gates=_late_gates(config, names, ()))
     formulas = [
         _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
         for mine in samples_by_state(observations, names)
     ]
     return StatewiseSymbolicPolicy(config.gait, names, formulas)
+
+
+def _late_gates(
+    config: DistillationConfig, names: tuple[str, ...], states: Sequence[Expression]
+) -> tuple[Expression, ...]:
+    *_, tells_late = config.symbolic.shapes[0]
+    late = lateness_gate(names)
+    return (late, *products(states, late)) if tells_late else ()
 
 
 def _fit_joints(

@@ -190,10 +190,8 @@ def _choose_final(
     if kind not in ("symbolic", "statewise_symbolic") or config.symbolic.engine == "pysr":
         return config, fit(config)
     shapes = {
-        f"sum of {sum_length}, {length} in all": replace(
-            config, symbolic=replace(config.symbolic, shapes=((sum_length, length),))
-        )
-        for sum_length, length in sorted(config.symbolic.shapes, key=_complexity)
+        _shape_title(shape): replace(config, symbolic=replace(config.symbolic, shapes=(shape,)))
+        for shape in sorted(config.symbolic.shapes, key=_complexity)
     }
     candidates = {label: fit(settings) for label, settings in shapes.items()}
     ranked = rank_alone(
@@ -204,10 +202,16 @@ def _choose_final(
     return shapes[chosen], candidates[chosen]
 
 
-def _complexity(shape: tuple[int, int]) -> tuple[int, int]:
+def _complexity(shape: tuple[int, int, bool]) -> tuple[int, bool, int]:
     # Of equal length, a longer sum leaves less to the engine, whose terms are harder to read.
-    sum_length, length = shape
-    return length, -sum_length
+    sum_length, length, tells_late = shape
+    return length, tells_late, -sum_length
+
+
+def _shape_title(shape: tuple[int, int, bool]) -> str:
+    sum_length, length, tells_late = shape
+    gates = ", early and late" if tells_late else ""
+    return f"sum of {sum_length}, {length} in all{gates}"
 
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:

@@ -1,5 +1,6 @@
 """The engines of symbolic regression: Operon, and PySR where Julia is to be had."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,11 @@ PYSR_BINARY_OPERATORS = ("+", "-", "*")
 
 
 def fit_formula(
-    observations: Array, target: Array, seed: int, settings: SymbolicConfig, gates: tuple[int, ...]
+    observations: Array,
+    target: Array,
+    seed: int,
+    settings: SymbolicConfig,
+    gates: Sequence[Expression],
 ) -> Expression:
     """Searches a formula for one joint.
 
@@ -31,7 +36,7 @@ def fit_formula(
         target: The expert's actions (m,).
         seed: Seed of the search.
         settings: Engine and budget; of its shapes the first.
-        gates: Observations that tell where in the gait the robot is; see `fit_gated_sum`.
+        gates: What tells where in the gait the robot is; see `fit_gated_sum`.
 
     Raises:
         InputError: if the engine is PySR and Julia cannot start.
@@ -42,11 +47,15 @@ def fit_formula(
 
 
 def _fit_operon(
-    observations: Array, target: Array, gates: tuple[int, ...], seed: int, settings: SymbolicConfig
+    observations: Array,
+    target: Array,
+    gates: Sequence[Expression],
+    seed: int,
+    settings: SymbolicConfig,
 ) -> Expression:
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
-    sum_length, length = settings.shapes[0]
+    sum_length, length, _ = settings.shapes[0]
     backbone = fit_gated_sum(observations, target, gates, sum_length)
     if sum_length == length:
         return backbone

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from models.a1 import robot
+from models.policies.expression import Expression
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from studies.distillation.collection import Dataset, samples_by_state
@@ -44,7 +45,7 @@ def _fit_statewise(gait: str, names: tuple[str, ...], data: Dataset, length: int
     return StatewiseSymbolicPolicy(gait, names, formulas)
 
 
-def _fit_joints(data: Dataset, gates: tuple[int, ...], length: int) -> list:
+def _fit_joints(data: Dataset, gates: tuple[Expression, ...], length: int) -> list:
     return [
         fit_gated_sum(data.observations, data.actions[:, joint], gates, length)
         for joint in range(robot.N_JOINTS)

@@ -17,10 +17,11 @@ from sklearn.metrics import r2_score
 
 from diagrams.station import StationConfig
 from models.errors import InputError
-from models.policies.expression import parse_expression, variable_names
+from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.library import load_expert, load_policy
 from models.policies.symbolic import Tape
 from models.task.gait import load_gait
+from models.task.observation import ObservationLayout
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import (
     DistillationConfig,
@@ -30,7 +31,7 @@ from studies.distillation.config import (
     SymbolicConfig,
 )
 from studies.distillation.formulas import latex_formula, readable_formula
-from studies.distillation.gated_sum import fit_gated_sum
+from studies.distillation.gated_sum import fit_gated_sum, lateness_gate
 from studies.distillation.library import load_students
 from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
@@ -46,7 +47,7 @@ TINY = DistillationConfig(
     histogram_gbm=HistogramGbmConfig(n_trees=5),
     ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=10),
     symbolic=SymbolicConfig(
-        population=20, generations=2, max_samples=100, shapes=((30, 30), (30, 60))
+        population=20, generations=2, max_samples=100, shapes=((30, 30, False), (30, 60, True))
     ),
     n_jobs=1,
 )
@@ -95,7 +96,7 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
 @pytest.mark.slow
 def test_a_run_killed_at_any_line_and_resumed_ends_the_same(tmp_path):
     small = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "60", "--n-jobs", "1"]
-    small += ["--gbm.n-trees", "5", "--symbolic.shapes", "30", "30"]
+    small += ["--gbm.n-trees", "5", "--symbolic.shapes", "30", "30", "True"]
     small += ["--students", "linear", "gbm", "symbolic"]
     glassgait = [str(Path(sys.executable).with_name("glassgait")), "distill", *small]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
@@ -201,7 +202,7 @@ def test_bands_come_with_the_last_fit_alone(finished):
 def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
     folder, _ = finished
     ranked = pd.read_csv(folder / "symbolic_candidates.csv")
-    shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
+    shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all, early and late"]
     assert set(ranked["candidate"]) == set(shapes)
     assert ranked["reward"].is_monotonic_decreasing
     policy = load_policy(folder / "symbolic.safetensors")
@@ -261,7 +262,7 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
     dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
     settings = replace(
         TINY,
-        symbolic=SymbolicConfig(population=20, generations=2, shapes=((10, 20),)),
+        symbolic=SymbolicConfig(population=20, generations=2, shapes=((10, 20, False),)),
     )
     policy = fit_student("statewise_symbolic", settings, names, observations, actions)
     assert r2_scores(policy, dataset).min() > 0.99
@@ -299,6 +300,9 @@ def test_r2_is_scikit_learns(generator):
     np.testing.assert_allclose(r2_scores(policy, dataset), expected)
 
 
+GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
+
+
 def sample_of_a_gated_law(generator, count=3000):
     x = generator.normal(size=(count, 6))
     x[:, 4] = generator.random(count) < 0.5
@@ -308,7 +312,7 @@ def sample_of_a_gated_law(generator, count=3000):
 
 def test_gated_sum_finds_a_gated_law(generator):
     x, y = sample_of_a_gated_law(generator)
-    formula = fit_gated_sum(x, y, gates=(4, 5), max_length=60)
+    formula = fit_gated_sum(x, y, gates=GATES, max_length=60)
     assert formula.length <= 60
     error = Tape([formula], 6)(x)[:, 0] - y
     assert error.var() < 1e-4 * y.var()
@@ -323,9 +327,25 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
     assert max(map(abs, slopes)) < 1.1
 
 
+def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
+    names = ObservationLayout(trot.n_states).names
+    gate = lateness_gate(names)
+    iterations = np.zeros((4, len(names)))
+    iterations[:, names.index("RM Iters")] = (0.0, 0.4, 0.8, 50.0)
+    value = Tape([gate], len(names))(iterations)[:, 0]
+    assert value == pytest.approx([-0.964, 0.0, 0.964, 1.0], abs=1e-3)
+
+    x = generator.normal(size=(2000, len(names)))
+    x[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
+    y = (1.0 + 2.0 * Tape([gate], len(names))(x)[:, 0]) * x[:, 0]
+    formula = fit_gated_sum(x, y, gates=(gate,), max_length=20)
+    error = Tape([formula], len(names))(x)[:, 0] - y
+    assert error.var() < 1e-4 * y.var()
+
+
 def test_gated_sum_keeps_its_bound(generator):
     x, y = sample_of_a_gated_law(generator)
-    sizes = [fit_gated_sum(x, y, (4, 5), bound).length for bound in (1, 10, 20)]
+    sizes = [fit_gated_sum(x, y, GATES, bound).length for bound in (1, 10, 20)]
     assert all(size <= bound for size, bound in zip(sizes, (1, 10, 20), strict=True))
 
 
@@ -333,8 +353,10 @@ def test_operon_finds_what_is_not_linear(generator):
     x = generator.normal(size=(1500, 5))
     x[:, 3] = 0.0
     y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
-    settings = SymbolicConfig(population=200, generations=40, max_samples=1500, shapes=((10, 60),))
-    formula = fit_formula(x, y, 0, settings, gates=(3,))
+    settings = SymbolicConfig(
+        population=200, generations=40, max_samples=1500, shapes=((10, 60, False),)
+    )
+    formula = fit_formula(x, y, 0, settings, gates=(Expression("variable", variable=3),))
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
     assert formula.length <= 60
