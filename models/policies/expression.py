@@ -106,7 +106,8 @@ class Expression:
             case operator if operator in BINARY:
                 return f"({operands[0]} {BINARY[operator]} {operands[1]})"
             case operator:
-                return f"{operator}({operands[0]})"
+                bracketed = self.operands[0].operator in BINARY
+                return f"{operator}{operands[0]}" if bracketed else f"{operator}({operands[0]})"
 
     def to_sympy(self, symbols: tuple[sympy.Symbol, ...]) -> sympy.Expr:
         """Builds the formula in sympy, to be simplified or typeset."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
-from models.policies.expression import BINARY, Expression, parse_expression, variable_names
+from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.policy import Contributions, Policy
 from models.task.observation import machine_state_entries
 
@@ -247,8 +247,17 @@ def _contributions(
 
 
 def _title(term: Expression, names: tuple[str, ...]) -> str:
-    text = term.to_text(names, TERM_DIGITS)
-    return text[1:-1] if term.operator in BINARY else text
+    # Weight and observation first: what they are gated by may be long.
+    rank = {"constant": 0, "variable": 1}
+    factors = sorted(_factors(term), key=lambda factor: rank.get(factor.operator, 2))
+    texts = [factor.to_text(names, TERM_DIGITS) for factor in factors]
+    return " * ".join(texts).replace("+ -", "- ")
+
+
+def _factors(term: Expression) -> list[Expression]:
+    if term.operator != "mul":
+        return [term]
+    return [factor for operand in term.operands for factor in _factors(operand)]
 
 
 def _derivatives(formulas: Sequence[Expression], observation: Array) -> Array:

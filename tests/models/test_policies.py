@@ -167,6 +167,17 @@ def test_contributions_add_up_to_the_action(additive_models):
     assert parts.terms[-1].count("&") == 1
 
 
+def test_terms_begin_with_the_weighted_observation():
+    text = f"x0 * tanh(5.0 * x1 + -2.0) * (0.25 * x2) + {1 / 3} * x1"
+    formula = parse_expression(text, variable_names(len(NAMES)))
+    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
+    terms = policy.explain(np.zeros(len(NAMES)), 0).terms
+    assert terms == (
+        f"0.25 * {NAMES[0]} * {NAMES[2]} * tanh((5 * {NAMES[1]}) - 2)",
+        f"0.333 * {NAMES[1]}",
+    )
+
+
 def test_trees_and_networks_do_not_split_into_contributions():
     with pytest.raises(InputError, match=r"kind 'neural' do not split"):
         neural().explain(samples(1)[0][0], 0)
