@@ -67,8 +67,8 @@ def load_student(gait: str, kind: str) -> Policy:
     if kind not in shipped_students(gait):
         kinds = ", ".join(shipped_students(gait)) or "none"
         raise InputError(
-            f"no student {kind!r} of the {gait} ships with the project ({kinds} does); make it "
-            f"with 'glassgait distill --gait {gait}'"
+            f"no student {kind!r} of the {gait} ships with the project (shipped: {kinds}); "
+            f"make it with 'glassgait distill --gait {gait}'"
         )
     return load_policy(STUDENT_DIRECTORY / gait / f"{kind}.safetensors")
 

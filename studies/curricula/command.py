@@ -1,5 +1,6 @@
 """`glassgait curricula`: what the curriculum of a distillation is worth."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -10,16 +11,18 @@ import yaml
 
 from models.files import write_atomically
 from models.policies.library import load_expert
-from models.task.gait import load_gait
+from models.policies.neural import NeuralPolicy
+from models.policies.policy import Policy
+from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.curricula.figures import curricula_figure
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
 from studies.distillation.library import load_students
 from studies.distillation.study import distill
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import RolloutJob, run_jobs
-from studies.evaluation.scores import reward_shares, summarize
+from studies.evaluation.config import WORLDS, RolloutConfig
+from studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
+from studies.evaluation.scores import summarize_against
+from studies.evaluation.team import Team
 from studies.figures import save_figure
 from studies.records import to_plain
 from studies.tables import print_table, write_metrics, write_table
@@ -64,21 +67,15 @@ class Curricula:
         folder = self.output or Path("runs/curricula") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         fits: list[pd.DataFrame] = []
-        jobs: dict[str, RolloutJob] = {}
+        students: dict[str, dict[str, Policy]] = {}
         for name, config in equal_budgets(self.distillation).items():
             say(CURRICULA[name])
             own = folder / name
             r2 = distill(config, expert, own, say, resume=self.resume)
             fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
-            students = load_students(own, expert)
-            for job in alternation_jobs(gait, expert, students, self.rollouts, periods=(0,)):
-                # The expert alone is the same with every curriculum.
-                labels = {"curriculum": name, "student": job.labels["policy"]}
-                if job.team.student is None:
-                    labels["curriculum"] = "expert"
-                labelled = replace(job, labels=labels)
-                jobs[labelled.name] = labelled
-        scores = run_jobs(list(jobs.values()), folder / "rollouts", resume=self.resume)
+            students[name] = load_students(own, expert)
+        jobs = standalone_jobs(gait, expert, students, self.rollouts)
+        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
         table = curricula_table(pd.concat(fits, ignore_index=True), scores)
         write_table(scores, folder / "robots")
         write_table(table, folder / "curricula")
@@ -104,6 +101,31 @@ def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
     }
 
 
+def standalone_jobs(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Mapping[str, Policy]],
+    config: RolloutConfig,
+) -> list[RolloutJob]:
+    """Lists the rollouts of the expert and of every curriculum's students, each alone.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its curriculum is called `expert`.
+        students: The students by curriculum and kind.
+        config: How robots are rolled out.
+    """
+    teams = {("expert", "expert"): Team(expert)}
+    for curriculum, own in students.items():
+        teams |= {(curriculum, kind): Team(expert, student, 0) for kind, student in own.items()}
+    config = config.at_distilled_speeds(gait)
+    jobs = []
+    for (curriculum, student), team in teams.items():
+        labels = {"curriculum": curriculum, "student": student}
+        jobs += for_each_seed(RolloutJob(labels, gait, team, WORLDS["training"], config))
+    return jobs
+
+
 def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Joins R² with what each student earns alone.
 
@@ -116,8 +138,7 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         and the reward's `share` of the expert's with its interval `share_ci`.
     """
     by = ["curriculum", "student"]
-    shares = reward_shares(scores, by, scores[scores["curriculum"] == "expert"])
-    means = summarize(scores, by).merge(shares, on=by)
+    means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
     columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
     return fits.merge(means[[*by, *columns]], on=by)
 

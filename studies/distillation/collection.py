@@ -125,10 +125,10 @@ def collect(
 
 
 def load_levels(folder: Path) -> Dataset:
-    """Reads all samples that a student collected.
+    """Reads all samples that a student is fitted to.
 
     Args:
-        folder: Folder of the student in a distillation's.
+        folder: Their folder in a distillation's.
 
     Raises:
         InputError: if it holds none.

@@ -35,11 +35,11 @@ class GbmConfig:
     """Settings of scikit-learn's gradient boosting.
 
     The paper uses the library's defaults (100 trees, depth 3, all samples, all observations). These
-    trees are deeper and more, and since each sees part of the data a fit takes less time.
+    trees are deeper and more, and since each sees part of the data a fit takes less time. While
+    samples are collected, histogram boosting stands in.
 
     Attributes:
         n_trees: Number of trees.
-        level_trees: The same while samples are collected.
         depth: Depth of a tree.
         learning_rate: Share of a tree's correction that is kept.
         subsample: Share of the samples that a tree sees.
@@ -47,10 +47,9 @@ class GbmConfig:
     """
 
     n_trees: int = 200
-    level_trees: int = 100
-    depth: int = 5
+    depth: int = 7
     learning_rate: float = 0.1
-    subsample: float = 0.5
+    subsample: float = 0.25
     feature_share: float = 0.3
 
 
@@ -115,8 +114,8 @@ class SymbolicConfig:
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
         shapes: Lengths of the sum that a formula starts from and of the whole formula, of which
             equal ones leave nothing to the engine; and whether its gates tell early from late in a
-            state (operon). Levels take the first. The student is of the
-            simplest shape that alone falls no more often than the best and earns nearly as much.
+            state (operon). Levels take the first. The student is of the simplest shape that alone
+            falls no more often than the best and earns nearly as much.
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
 
@@ -213,7 +212,6 @@ class DistillationConfig:
         """Returns the settings of the students that collect samples: small models, quickly made."""
         return replace(
             self,
-            gbm=replace(self.gbm, n_trees=self.gbm.level_trees),
             ebm=replace(self.ebm, outer_bags=1, interactions=self.ebm.level_interactions),
         )
 

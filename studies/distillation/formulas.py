@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import sympy
@@ -24,6 +24,8 @@ LINE_LENGTH = 100
 
 GLUE = "\N{NO-BREAK SPACE}"
 """Stands for a space at which no line is broken."""
+
+MINUS = "\N{MINUS SIGN}"
 
 _LATEX = {
     "Command X": "v_x^{*}",
@@ -64,7 +66,8 @@ def latex_formula(formula: Expression, names: tuple[str, ...]) -> str:
     def write(term: sympy.Expr) -> str:
         return sympy.latex(term, symbol_names=symbols, mul_symbol="dot")
 
-    pieces = _pieces(_rounded(formula, names), replace(_LATEX_STYLE, write=write))
+    style = _Style(write, "-", r" \cdot ", (r"\bigl(", r"\bigr)"))
+    pieces = _pieces(_rounded(formula, names), style)
     lines = [pieces[i : i + TERMS_PER_LINE] for i in range(0, len(pieces), TERMS_PER_LINE)]
     return " \\\\\n  &".join(" ".join(line) for line in lines)
 
@@ -142,9 +145,6 @@ class _Style:
     brackets: tuple[str, str]
 
 
-MINUS = "\N{MINUS SIGN}"
-
-
 class _TextPrinter(StrPrinter):
     # Names hold spaces, so that a power without brackets could be misread.
     def _print_Pow(self, expr: sympy.Pow, rational: bool = False) -> str:  # noqa: N802
@@ -161,7 +161,6 @@ def _write_text(term: sympy.Expr) -> str:
 
 
 _TEXT = _Style(_write_text, MINUS, " · ", ("(", ")"))
-_LATEX_STYLE = _Style(sympy.latex, "-", r" \cdot ", (r"\bigl(", r"\bigr)"))
 
 
 def _pieces(expression: sympy.Expr, style: _Style) -> list[str]:
@@ -171,15 +170,18 @@ def _pieces(expression: sympy.Expr, style: _Style) -> list[str]:
     for term in terms:
         minus = term.could_extract_minus_sign()
         own = _product_pieces(-term if minus else term, style)
-        sign = f"{style.minus} " if minus else "+ " if pieces else ""
-        # At the start a minus stands close to its number.
-        pieces += [(sign if pieces else sign.rstrip()) + own[0], *own[1:]]
+        sign = style.minus if minus else "+"
+        if pieces:
+            own[0] = f"{sign} {own[0]}"
+        elif minus:
+            own[0] = sign + own[0]
+        pieces += own
     return pieces
 
 
 def _product_pieces(term: sympy.Expr, style: _Style) -> list[str]:
     sums = [factor for factor in sympy.Mul.make_args(term) if isinstance(factor, sympy.Add)]
-    if len(sums) != 1 or term == sums[0]:
+    if len(sums) != 1:
         return [style.write(term)]
     opening, closing = style.brackets
     inner = _pieces(sums[0], style)

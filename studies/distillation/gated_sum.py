@@ -15,7 +15,13 @@ from sklearn.linear_model import orthogonal_mp_gram
 from models.a1.robot import Array
 from models.policies.expression import Expression
 from models.policies.symbolic import Tape
-from models.task.observation import machine_state_entries
+from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+
+SPREAD = 1e-12
+"""A term of a smaller standard deviation says nothing."""
+
+EQUAL = 1e-9
+"""Two terms are equal whose correlation differs from 1 or -1 by less."""
 
 PENALTY = 0.003
 """Ridge penalty on the weights of standardised observations, for each sample.
@@ -24,51 +30,68 @@ Joints move together, and without a penalty their weights grow against one anoth
 formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
 
-
-LATE = 0.4
-"""Iterations in a state (tenths of control steps) at which it is neither early nor late."""
+LATE = 4 * ITERATIONS_SCALE
+"""The iterations, as observed after four control steps in a state: neither early nor late."""
 
 LATENESS_SLOPE = 5.0
 """Slope of the gate there: from early to late it takes about four control steps."""
 
 
-def fit_gated_sum(
-    observations: Array, target: Array, gates: Sequence[Expression], max_length: int
-) -> Expression:
-    """Fits the longest gated sum of at most `max_length` nodes, by orthogonal matching pursuit
+def fit_gated_sums(
+    observations: Array, targets: Array, gates: Sequence[Expression], max_length: int
+) -> list[Expression]:
+    """Fits the longest gated sums of at most `max_length` nodes, by orthogonal matching pursuit
     with a ridge penalty.
 
     Args:
         observations: Samples (m, n).
-        target: What to fit (m,).
+        targets: What to fit (m, k), a formula a column.
         gates: Bounded functions of the observations; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
-    """
-    opened = Tape(gates, observations.shape[1])(observations)
-    columns = [observations, *(observations * gate[:, None] for gate in opened.T)]
-    candidates = np.concatenate(columns, axis=1)
-    mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
-    # A product of a state with itself is the state again: of equal columns the first is enough.
-    _, first = np.unique(candidates, axis=1, return_index=True)
-    usable = np.sort(first[spread[first] > 1e-12])
-    standard = (candidates[:, usable] - mean[usable]) / spread[usable]
-    penalty = PENALTY * len(target) * np.eye(len(usable))
-    gram, product = standard.T @ standard + penalty, standard.T @ (target - target.mean())
 
+    Returns:
+        The k formulas.
+    """
     n = observations.shape[1]
-    formula = Expression("constant", value=float(target.mean()))
-    for count in range(1, min(len(usable), max_length // 2) + 1):
-        weights = np.zeros(len(mean))
-        with warnings.catch_warnings():
-            # Where fewer terms fit exactly, fewer are found.
-            warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
-            found = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count)
-        weights[usable] = found / spread[usable]
-        larger = _gated_expression(gates, weights.reshape(-1, n), target.mean() - weights @ mean)
-        if larger.length > max_length:
-            break
-        formula = larger
-    return formula
+    opened = Tape(gates, n)(observations)
+    candidates = np.concatenate(
+        [observations, *(observations * gate[:, None] for gate in opened.T)], axis=1
+    )
+    mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
+    usable = np.flatnonzero(spread > SPREAD)
+    standard = (candidates[:, usable] - mean[usable]) / spread[usable]
+    gram = standard.T @ standard
+    # A product of a state with itself is the state again: of equal terms the first is enough.
+    known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
+    usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
+    gram += PENALTY * len(targets) * np.eye(len(usable))
+    intercepts = targets.mean(axis=0)
+    products = standard.T @ (targets - intercepts)
+
+    formulas = []
+    for intercept, product in zip(intercepts, products.T, strict=True):
+        formula = Expression("constant", value=float(intercept))
+        for found in _pursue(gram, product, max_length // 2):
+            weights = np.zeros(len(mean))
+            weights[usable] = found / spread[usable]
+            larger = _gated_expression(gates, weights.reshape(-1, n), intercept - weights @ mean)
+            if larger.length > max_length:
+                break
+            formula = larger
+        formulas.append(formula)
+    return formulas
+
+
+def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
+    """Returns the weights after each term (terms, candidates)."""
+    count = min(len(gram), max_terms)
+    if count == 0:
+        return np.zeros((0, len(gram)))
+    with warnings.catch_warnings():
+        # Where fewer terms fit exactly, fewer are found.
+        warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
+        path = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count, return_path=True)
+    return np.asarray(path).reshape(len(gram), -1).T
 
 
 def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
@@ -82,11 +105,6 @@ def lateness_gate(names: tuple[str, ...]) -> Expression:
     iterations = _variable(names.index("RM Iters"))
     offset = Expression("constant", value=-LATENESS_SLOPE * LATE)
     return Expression("tanh", (Expression("add", (scaled(iterations, LATENESS_SLOPE), offset)),))
-
-
-def products(gates: Sequence[Expression], gate: Expression) -> tuple[Expression, ...]:
-    """Multiplies gates by another."""
-    return tuple(Expression("mul", (other, gate)) for other in gates)
 
 
 def scaled(expression: Expression, factor: float) -> Expression:

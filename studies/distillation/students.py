@@ -1,7 +1,6 @@
 """Fitting students: from samples to a compiled policy, joints in parallel."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,8 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     StudentKind,
 )
-from studies.distillation.gated_sum import lateness_gate, machine_gates, products
-from studies.distillation.symbolic_regression import fit_formula
+from studies.distillation.gated_sum import lateness_gate, machine_gates
+from studies.distillation.symbolic_regression import fit_formulas
 
 RIDGE = 1.0
 """Weight of the penalty on the linear students' squared weights."""
@@ -185,29 +184,38 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    states = machine_gates(names)
-    search = partial(fit_formula, gates=(*states, *_late_gates(config, names, states)))
-    formulas = _fit_joints(search, config, observations, actions, config.symbolic)
+    gates = _gates(config, names, machine_gates(names))
+    formulas = _fit_formulas(config, observations, actions, gates)
     return SymbolicPolicy(config.gait, names, formulas)
 
 
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    search = partial(fit_formula, gates=_late_gates(config, names, ()))
+    gates = _gates(config, names, ())
     formulas = [
-        _fit_joints(search, config, observations[mine], actions[mine], config.symbolic)
+        _fit_formulas(config, observations[mine], actions[mine], gates)
         for mine in samples_by_state(observations, names)
     ]
     return StatewiseSymbolicPolicy(config.gait, names, formulas)
 
 
-def _late_gates(
-    config: DistillationConfig, names: tuple[str, ...], states: Sequence[Expression]
+def _fit_formulas(
+    config: DistillationConfig, observations: Array, actions: Array, gates: Sequence[Expression]
+) -> list[Expression]:
+    return fit_formulas(
+        observations, actions, config.seed, config.symbolic, gates, n_jobs=config.n_jobs
+    )
+
+
+def _gates(
+    config: DistillationConfig, names: tuple[str, ...], states: tuple[Expression, ...]
 ) -> tuple[Expression, ...]:
     *_, tells_late = config.symbolic.shapes[0]
+    if not tells_late:
+        return states
     late = lateness_gate(names)
-    return (late, *products(states, late)) if tells_late else ()
+    return (*states, late, *(Expression("mul", (state, late)) for state in states))
 
 
 def _fit_joints(

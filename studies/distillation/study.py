@@ -23,7 +23,7 @@ from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
 from studies.distillation.formulas import write_formulas
-from studies.distillation.library import student_path
+from studies.distillation.library import collector, samples_folder, student_path
 from studies.distillation.selection import rank_alone, simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
 from studies.records import read_yaml, to_plain
@@ -67,11 +67,12 @@ def distill(
     _open_folder(config, folder, resume)
     rows = []
     for kind in config.students:
-        student_folder = folder / kind
-        record_path = student_folder / "record.json"
+        record_path = folder / kind / "record.json"
         if not record_path.exists():
             started = time.monotonic()
-            dataset = _collect_levels(kind, config, expert, student_folder, report)
+            dataset = _collect_levels(
+                collector(kind), config, expert, samples_folder(folder, kind), report
+            )
             row = _fit_final(kind, config, expert, dataset, folder, report)
             row["minutes"] = (time.monotonic() - started) / 60
             write_atomically(record_path, json.dumps(row, indent=2))

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from joblib import Parallel, delayed
 from pyoperon.sklearn import SymbolicRegressor
 
 from models.a1.robot import Array
@@ -11,7 +12,7 @@ from models.errors import InputError
 from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.symbolic import Tape
 from studies.distillation.config import SymbolicConfig
-from studies.distillation.gated_sum import fit_gated_sum, scaled
+from studies.distillation.gated_sum import fit_gated_sums, scaled
 
 OPERON_SCALING_NODES = 4
 """Nodes of the scale and the offset that Operon puts around the formula it found."""
@@ -22,47 +23,49 @@ PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
 PYSR_BINARY_OPERATORS = ("+", "-", "*")
 
 
-def fit_formula(
+def fit_formulas(
     observations: Array,
-    target: Array,
+    targets: Array,
     seed: int,
     settings: SymbolicConfig,
     gates: Sequence[Expression],
-) -> Expression:
-    """Searches a formula for one joint.
+    n_jobs: int = 1,
+) -> list[Expression]:
+    """Searches a formula for each target.
 
     Args:
         observations: Samples (m, n).
-        target: The expert's actions (m,).
+        targets: The expert's actions (m, k).
         seed: Seed of the search.
         settings: Engine and budget; of its shapes the first.
-        gates: What tells where in the gait the robot is; see `fit_gated_sum`.
+        gates: What tells where in the gait the robot is; see `fit_gated_sums`.
+        n_jobs: Formulas that are searched at once.
+
+    Returns:
+        The k formulas.
 
     Raises:
         InputError: if the engine is PySR and Julia cannot start.
     """
+    seeds = range(seed, seed + targets.shape[1])
+    run = Parallel(n_jobs=n_jobs)
     if settings.engine == "pysr":
-        return _fit_pysr(observations, target, seed, settings)
-    return _fit_operon(observations, target, gates, seed, settings)
-
-
-def _fit_operon(
-    observations: Array,
-    target: Array,
-    gates: Sequence[Expression],
-    seed: int,
-    settings: SymbolicConfig,
-) -> Expression:
+        return run(
+            delayed(_fit_pysr)(observations, target, own_seed, settings)
+            for target, own_seed in zip(targets.T, seeds, strict=True)
+        )
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
     sum_length, length, _ = settings.shapes[0]
-    backbone = fit_gated_sum(observations, target, gates, sum_length)
+    sums = fit_gated_sums(observations, targets, gates, sum_length)
     if sum_length == length:
-        return backbone
-    residual = target - Tape([backbone], observations.shape[1])(observations)[:, 0]
-    rest = length - backbone.length - 1
-    correction = _evolve(observations, residual, rest, seed, settings)
-    return Expression("add", (backbone, correction))
+        return sums
+    residuals = targets - Tape(sums, observations.shape[1])(observations)
+    corrections = run(
+        delayed(_evolve)(observations, residual, length - found.length - 1, own_seed, settings)
+        for found, residual, own_seed in zip(sums, residuals.T, seeds, strict=True)
+    )
+    return [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
 
 
 def _evolve(

@@ -84,7 +84,7 @@ class Evaluate:
         if self.gait != ALL_GAITS:
             return (self.gait,)
         if self.expert or self.students or "." in self.policy:
-            raise InputError("--gait all takes what ships; name one gait for files of your own")
+            raise InputError("--gait all takes no files of your own; name one gait for them")
         shipped = {name: ("expert", *shipped_students(name)) for name in shipped_experts()}
         gaits = tuple(name for name, policies in shipped.items() if self.policy in policies)
         if not gaits:

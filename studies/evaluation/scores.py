@@ -136,6 +136,20 @@ def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def summarize_against(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
+    """Averages scores over robots, with shares of a reference's reward.
+
+    Args:
+        scores: Scores, a row a robot.
+        by: Columns that tell groups apart.
+        reference: Scores of the reference, as `reward_shares` takes them.
+
+    Returns:
+        What `summarize` returns, with the columns of `reward_shares`.
+    """
+    return summarize(scores, by).merge(reward_shares(scores, by, reference), on=by)
+
+
 def reward_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
     """Sets rewards in proportion to those of a reference that was rolled out from the same seeds.
 

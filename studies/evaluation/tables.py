@@ -4,16 +4,15 @@ import pandas as pd
 
 from studies.distillation.config import STUDENT_TITLES
 from studies.evaluation.config import WORLDS
-from studies.evaluation.scores import reward_shares, summarize
+from studies.evaluation.scores import summarize, summarize_against
 
 POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
     """Means of every policy at every ratio, and the share of the expert's reward."""
-    by = ["policy", "ratio"]
-    shares = reward_shares(scores, by, scores[scores["policy"] == "expert"])
-    return summarize(scores, by).merge(shares, on=by)
+    expert = scores[scores["policy"] == "expert"]
+    return summarize_against(scores, ["policy", "ratio"], expert)
 
 
 def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:

@@ -15,12 +15,12 @@ from models.policies.symbolic import FormulaPolicy
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.collection import load_levels
-from studies.distillation.library import distillation_folder
+from studies.distillation.library import distillation_folder, samples_folder
 from studies.distillation.study import r2_scores
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
-from studies.evaluation.scores import reward_shares, summarize
+from studies.evaluation.scores import summarize_against
 from studies.figures import save_figure
 from studies.front.figures import front_figure
 from studies.front.formulas import FAMILIES, LENGTHS
@@ -56,7 +56,9 @@ class Front:
     def run(self) -> None:
         """Runs the study."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
-        data = load_levels(self.samples or distillation_folder(gait.name) / "symbolic")
+        data = load_levels(
+            self.samples or samples_folder(distillation_folder(gait.name), "symbolic")
+        )
         folder = self.output or Path("runs/front") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         students, rows = {}, []
@@ -92,8 +94,7 @@ def mean_nodes(policy: FormulaPolicy) -> float:
 
 def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Joins the fits with their scores alone: share of the expert's reward, and falls."""
-    shares = reward_shares(scores, ["policy"], scores[scores["policy"] == "expert"])
-    means = summarize(scores, ["policy"]).merge(shares, on="policy")
+    means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
     columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
     front = fits.merge(means[["policy", *columns]], on="policy")
     return front.sort_values("nodes", ignore_index=True)

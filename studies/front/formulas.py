@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from models.a1 import robot
-from models.policies.expression import Expression
 from models.policies.policy import Policy
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from studies.distillation.collection import Dataset, samples_by_state
-from studies.distillation.gated_sum import fit_gated_sum, machine_gates
+from studies.distillation.gated_sum import fit_gated_sums, machine_gates
 
 Fit = Callable[[str, tuple[str, ...], Dataset, int], Policy]
 
@@ -30,26 +28,20 @@ class Family:
 
 
 def _fit_linear(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    return SymbolicPolicy(gait, names, _fit_joints(data, (), length))
+    return SymbolicPolicy(gait, names, fit_gated_sums(data.observations, data.actions, (), length))
 
 
 def _fit_gated(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    return SymbolicPolicy(gait, names, _fit_joints(data, machine_gates(names), length))
+    formulas = fit_gated_sums(data.observations, data.actions, machine_gates(names), length)
+    return SymbolicPolicy(gait, names, formulas)
 
 
 def _fit_statewise(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
     formulas = [
-        _fit_joints(data.subset(mine), (), length)
+        fit_gated_sums(data.observations[mine], data.actions[mine], (), length)
         for mine in samples_by_state(data.observations, names)
     ]
     return StatewiseSymbolicPolicy(gait, names, formulas)
-
-
-def _fit_joints(data: Dataset, gates: tuple[Expression, ...], length: int) -> list:
-    return [
-        fit_gated_sum(data.observations, data.actions[:, joint], gates, length)
-        for joint in range(robot.N_JOINTS)
-    ]
 
 
 FAMILIES = {

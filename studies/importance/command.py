@@ -16,7 +16,7 @@ from models.policies.library import load_expert
 from models.policies.policy import Policy
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.library import distillation_folder, load_students
+from studies.distillation.library import distillation_folder, load_students, samples_folder
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
 from studies.figures import save_figure
@@ -70,7 +70,9 @@ class Importance:
         source = self.students or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))
         samples = {
-            kind: held_out_samples(source / kind, self.n_samples, np.random.default_rng(seed))
+            kind: held_out_samples(
+                samples_folder(source, kind), self.n_samples, np.random.default_rng(seed)
+            )
             for kind in students
         }
         folder = self.output or Path("runs/importance") / gait.name

@@ -38,7 +38,7 @@ def held_out_samples(folder: Path, n_samples: int, generator: np.random.Generato
     """Draws samples from the episodes that a student was not fitted to.
 
     Args:
-        folder: Folder of the student in a distillation's.
+        folder: Where the samples that the student was fitted to are.
         n_samples: Number of samples, at most.
         generator: Source of randomness.
     """

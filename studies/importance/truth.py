@@ -14,7 +14,7 @@ from models.policies.policy import Policy
 from models.task.gait import Gait
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.jobs import RolloutJob, for_each_seed
-from studies.evaluation.scores import reward_shares, summarize
+from studies.evaluation.scores import summarize_against
 from studies.evaluation.team import Team
 from studies.importance.observations import observation_groups
 
@@ -125,11 +125,11 @@ def losses(scores: pd.DataFrame) -> pd.DataFrame:
         and `fall_rate`.
     """
     by = ["policy", "without", "mode"]
-    shares = []
+    tables = []
     for _, own in scores.groupby("policy", sort=False):
         whole = own["without"] == WHOLE
-        shares.append(reward_shares(own[~whole], by, own[whole]))
-    means = summarize(scores[scores["without"] != WHOLE], by).merge(pd.concat(shares), on=by)
+        tables.append(summarize_against(own[~whole], by, own[whole]))
+    means = pd.concat(tables, ignore_index=True)
     means["lost"], means["lost_ci"] = 1.0 - means["share"], means["share_ci"]
     columns = ["policy", "without", "mode", "lost", "lost_ci", "fall_rate"]
     return means[columns]

@@ -46,7 +46,7 @@ QUICK = ReportConfig(
         episodes_per_level=2,
         alone_levels=1,
         episode_steps=500,
-        gbm=GbmConfig(n_trees=80, level_trees=80, depth=4),
+        gbm=GbmConfig(n_trees=80, depth=4),
         ebm=EbmConfig(outer_bags=2, interactions=20, level_interactions=10, max_rounds=400),
         symbolic=SymbolicConfig(population=100, generations=15, max_samples=1500),
     ),

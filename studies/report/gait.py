@@ -16,7 +16,7 @@ from models.task import CONTROL_PERIOD
 from models.task.gait import Gait, load_gait
 from studies.console import say
 from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.library import load_students
+from studies.distillation.library import load_students, samples_folder
 from studies.distillation.study import distill
 from studies.distillation.tables import write_r2_table
 from studies.evaluation.alternation import alternation_jobs
@@ -80,7 +80,9 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
 
     seed = config.rollouts.seed
     samples = {
-        kind: held_out_samples(source / kind, config.n_samples, np.random.default_rng(seed))
+        kind: held_out_samples(
+            samples_folder(source, kind), config.n_samples, np.random.default_rng(seed)
+        )
         for kind in students
     }
     explained = {kind: students[kind] for kind in ("gbm", "ebm")}

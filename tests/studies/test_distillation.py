@@ -31,12 +31,12 @@ from studies.distillation.config import (
     SymbolicConfig,
 )
 from studies.distillation.formulas import latex_formula, readable_formula
-from studies.distillation.gated_sum import fit_gated_sum, lateness_gate
+from studies.distillation.gated_sum import fit_gated_sums, lateness_gate
 from studies.distillation.library import load_students
 from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
 from studies.distillation.study import distill, r2_scores
-from studies.distillation.symbolic_regression import fit_formula, pysr_arguments
+from studies.distillation.symbolic_regression import fit_formulas, pysr_arguments
 from studies.distillation.tables import write_r2_table
 
 TINY = DistillationConfig(
@@ -84,7 +84,7 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     (tmp_path / "metrics.json").unlink()
-    for path in ("gbm/record.json", "gbm.safetensors", "gbm/level_02.safetensors"):
+    for path in ("gbm/record.json", "gbm.safetensors", "histogram_gbm/level_02.safetensors"):
         (tmp_path / path).unlink()
     shutil.rmtree(tmp_path / "symbolic")
     write_r2_table(
@@ -312,7 +312,7 @@ def sample_of_a_gated_law(generator, count=3000):
 
 def test_gated_sum_finds_a_gated_law(generator):
     x, y = sample_of_a_gated_law(generator)
-    formula = fit_gated_sum(x, y, gates=GATES, max_length=60)
+    [formula] = fit_gated_sums(x, y[:, None], gates=GATES, max_length=60)
     assert formula.length <= 60
     error = Tape([formula], 6)(x)[:, 0] - y
     assert error.var() < 1e-4 * y.var()
@@ -322,7 +322,7 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
     x = generator.normal(size=(500, 2))
     x[:, 1] = x[:, 0] + 1e-3 * x[:, 1]
     y = x[:, 0] + 0.1 * generator.normal(size=500)
-    formula = fit_gated_sum(x, y, gates=(), max_length=10)
+    [formula] = fit_gated_sums(x, y[:, None], gates=(), max_length=10)
     slopes = [formula.derivative(variable).value for variable in (0, 1)]
     assert max(map(abs, slopes)) < 1.1
 
@@ -338,14 +338,14 @@ def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
     x = generator.normal(size=(2000, len(names)))
     x[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
     y = (1.0 + 2.0 * Tape([gate], len(names))(x)[:, 0]) * x[:, 0]
-    formula = fit_gated_sum(x, y, gates=(gate,), max_length=20)
+    [formula] = fit_gated_sums(x, y[:, None], gates=(gate,), max_length=20)
     error = Tape([formula], len(names))(x)[:, 0] - y
     assert error.var() < 1e-4 * y.var()
 
 
 def test_gated_sum_keeps_its_bound(generator):
     x, y = sample_of_a_gated_law(generator)
-    sizes = [fit_gated_sum(x, y, GATES, bound).length for bound in (1, 10, 20)]
+    sizes = [fit_gated_sums(x, y[:, None], GATES, bound)[0].length for bound in (1, 10, 20)]
     assert all(size <= bound for size, bound in zip(sizes, (1, 10, 20), strict=True))
 
 
@@ -356,7 +356,9 @@ def test_operon_finds_what_is_not_linear(generator):
     settings = SymbolicConfig(
         population=200, generations=40, max_samples=1500, shapes=((10, 60, False),)
     )
-    formula = fit_formula(x, y, 0, settings, gates=(Expression("variable", variable=3),))
+    [formula] = fit_formulas(
+        x, y[:, None], 0, settings, gates=(Expression("variable", variable=3),)
+    )
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
     assert formula.length <= 60
@@ -391,8 +393,8 @@ def test_pysr_is_asked_as_the_paper_did():
 def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
     monkeypatch.setitem(sys.modules, "pysr", None)
     with pytest.raises(InputError, match="needs Julia") as raised:
-        fit_formula(
-            generator.normal(size=(10, 3)), np.zeros(10), 0, SymbolicConfig(engine="pysr"), (0, 1)
+        fit_formulas(
+            generator.normal(size=(10, 3)), np.zeros((10, 1)), 0, SymbolicConfig(engine="pysr"), ()
         )
     assert "\n" not in str(raised.value)
 
@@ -401,8 +403,9 @@ def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
 @pytest.mark.slow
 def test_pysr_finds_a_law(generator):
     x = generator.normal(size=(200, 3))
-    formula = fit_formula(x, x[:, 0] * x[:, 1], 0, SymbolicConfig(engine="pysr"), (0, 1))
-    np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], x[:, 0] * x[:, 1], atol=1e-3)
+    product = x[:, :1] * x[:, 1:2]
+    [formula] = fit_formulas(x, product, 0, SymbolicConfig(engine="pysr"), ())
+    np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], product[:, 0], atol=1e-3)
 
 
 def test_formulas_are_readable(finished):
