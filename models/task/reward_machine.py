@@ -106,15 +106,15 @@ class RewardMachine:
             foot_contact: Whether each foot touches, now or at the previous step (..., 4).
             foot_height: Height of each foot above the ground (..., 4; m).
             commanded_dwell: Commanded iterations in a state (...; control steps).
-            ease: Factor on the dwell and the clearance that a transition asks for; training raises
-                it to 1.
+            ease: Factor on the dwell and the clearance that a transition asks for, and divisor of
+                its grace; training raises it to 1.
         """
         edge = self._edge[machine.state, stance_code(foot_contact)]
         spent = machine.iterations + 1
         clearance = ease * self.gait.clearance
         lifted = np.all((foot_height >= clearance) | ~self._swing[edge], axis=-1)
         dwell = self._dwell[edge] * commanded_dwell
-        in_time = (spent >= ease * dwell) & (machine.age >= self._grace[edge])
+        in_time = (spent >= ease * dwell) & (ease * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state, np.where(fired, 0, spent), machine.age + 1)
@@ -123,8 +123,12 @@ class RewardMachine:
             machine=after,
             fired=fired,
             served_dwell=np.where(fired, dwell, 0.0),
-            multiplier=np.where(state == self._sink, 0.0, multiplier),
+            multiplier=np.where(self.in_sink(state), 0.0, multiplier),
         )
+
+    def in_sink(self, state: IntArray) -> BoolArray:
+        """Tells which states (...) are the gait's sink, where nothing is earned any more."""
+        return state == self._sink
 
     def one_hot(self, state: IntArray) -> Array:
         """Encodes states (...) as observed, (..., n_states)."""

@@ -27,6 +27,8 @@ STUDENT_TITLES: dict[StudentKind, str] = {
     "statewise_symbolic": "Symbolic per RM state",
 }
 
+Shape = tuple[int, int]
+
 Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
 
 
@@ -113,9 +115,10 @@ class SymbolicConfig:
         population: Formulas in a generation (operon).
         coefficient_iterations: Steps of least squares on a new formula's coefficients (operon).
         shapes: Lengths of the sum that a formula starts from and of the whole formula, of which
-            equal ones leave nothing to the engine; and whether its gates tell early from late in a
-            state (operon). Levels take the first. The student is of the simplest shape that alone
-            falls no more often than the best and earns nearly as much.
+            equal ones leave nothing to the engine (operon). Levels take the first. The student is
+            of the simplest shape that alone falls no more often than the best and earns nearly as
+            much.
+        statewise_shapes: The same, where a joint has a formula for each state of the machine.
         max_samples: Samples that the search sees, drawn evenly (operon).
     """
 
@@ -126,13 +129,8 @@ class SymbolicConfig:
     generations: int = 100
     population: int = 200
     coefficient_iterations: int = 3
-    shapes: tuple[tuple[int, int, bool], ...] = (
-        (90, 90, True),
-        (64, 64, True),
-        (90, 90, False),
-        (64, 64, False),
-        (74, 90, False),
-    )
+    shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
+    statewise_shapes: tuple[Shape, ...] = ((120, 120), (64, 64), (90, 90), (150, 150))
     max_samples: int = 3000
 
 

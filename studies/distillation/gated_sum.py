@@ -30,11 +30,8 @@ Joints move together, and without a penalty their weights grow against one anoth
 formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
 
-LATE = 4 * ITERATIONS_SCALE
-"""The iterations, as observed after four control steps in a state: neither early nor late."""
-
-LATENESS_SLOPE = 5.0
-"""Slope of the gate there: from early to late it takes about four control steps."""
+LATE = 2
+"""Control steps in a state that are neither early nor late: the feet have just landed."""
 
 
 def fit_gated_sums(
@@ -101,10 +98,13 @@ def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 
 
 def lateness_gate(names: tuple[str, ...]) -> Expression:
-    """Returns a function that goes from -1 early in a state of the machine to 1 late in it."""
-    iterations = _variable(names.index("RM Iters"))
-    offset = Expression("constant", value=-LATENESS_SLOPE * LATE)
-    return Expression("tanh", (Expression("add", (scaled(iterations, LATENESS_SLOPE), offset)),))
+    """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
+
+    It is tanh(n - 2), of the n control steps spent there.
+    """
+    steps = scaled(_variable(names.index("RM Iters")), 1.0 / ITERATIONS_SCALE)
+    offset = Expression("constant", value=-float(LATE))
+    return Expression("tanh", (Expression("add", (steps, offset)),))
 
 
 def scaled(expression: Expression, factor: float) -> Expression:

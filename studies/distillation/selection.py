@@ -1,6 +1,7 @@
 """Which of several students earns most alone: what R² does not tell."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import pandas as pd
 from joblib import Parallel, delayed
@@ -18,8 +19,8 @@ from studies.evaluation.team import Team
 ENOUGH = 0.99
 """Share of the best student's reward that a simpler one must earn to be preferred."""
 
-SELECTION_SEED = 500
-"""Seed of the rollouts that select, none of those that evaluate."""
+SELECTION_SEEDS = (500, 501)
+"""Seeds of the rollouts that select, none of those that evaluate."""
 
 
 def rank_alone(
@@ -39,16 +40,22 @@ def rank_alone(
         n_jobs: Candidates that are rolled out at once.
 
     Returns:
-        A row a candidate, the best first, with its means over 26 robots.
+        A row a candidate, the best first, with its means over 52 robots.
     """
-    config = RolloutConfig(n_steps=n_steps, seed=SELECTION_SEED).at_distilled_speeds(gait)
+    config = RolloutConfig(n_steps=n_steps).at_distilled_speeds(gait)
+    runs = [(label, seed) for label in candidates for seed in SELECTION_SEEDS]
     logs = Parallel(n_jobs=n_jobs)(
-        delayed(roll_out)(gait, Team(expert, student, 0), WORLDS["training"], config)
-        for student in candidates.values()
+        delayed(roll_out)(
+            gait,
+            Team(expert, candidates[label], 0),
+            WORLDS["training"],
+            replace(config, seed=seed),
+        )
+        for label, seed in runs
     )
     scores = [
         score_rollouts(log, robot.MASS).assign(candidate=label)
-        for label, log in zip(candidates, logs, strict=True)
+        for (label, _), log in zip(runs, logs, strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")

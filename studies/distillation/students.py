@@ -25,6 +25,7 @@ from studies.distillation.config import (
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
+    Shape,
     StudentKind,
 )
 from studies.distillation.gated_sum import lateness_gate, machine_gates
@@ -184,38 +185,34 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    gates = _gates(config, names, machine_gates(names))
-    formulas = _fit_formulas(config, observations, actions, gates)
+    late, states = lateness_gate(names), machine_gates(names)
+    gates = (*states, late, *(Expression("mul", (state, late)) for state in states))
+    shape = config.symbolic.shapes[0]
+    formulas = _fit_formulas(config, observations, actions, shape, gates)
     return SymbolicPolicy(config.gait, names, formulas)
 
 
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    gates = _gates(config, names, ())
+    gates, shape = (lateness_gate(names),), config.symbolic.statewise_shapes[0]
     formulas = [
-        _fit_formulas(config, observations[mine], actions[mine], gates)
+        _fit_formulas(config, observations[mine], actions[mine], shape, gates)
         for mine in samples_by_state(observations, names)
     ]
     return StatewiseSymbolicPolicy(config.gait, names, formulas)
 
 
 def _fit_formulas(
-    config: DistillationConfig, observations: Array, actions: Array, gates: Sequence[Expression]
+    config: DistillationConfig,
+    observations: Array,
+    actions: Array,
+    shape: Shape,
+    gates: Sequence[Expression],
 ) -> list[Expression]:
     return fit_formulas(
-        observations, actions, config.seed, config.symbolic, gates, n_jobs=config.n_jobs
+        observations, actions, config.seed, config.symbolic, shape, gates, n_jobs=config.n_jobs
     )
-
-
-def _gates(
-    config: DistillationConfig, names: tuple[str, ...], states: tuple[Expression, ...]
-) -> tuple[Expression, ...]:
-    *_, tells_late = config.symbolic.shapes[0]
-    if not tells_late:
-        return states
-    late = lateness_gate(names)
-    return (*states, late, *(Expression("mul", (state, late)) for state in states))
 
 
 def _fit_joints(

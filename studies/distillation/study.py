@@ -21,7 +21,7 @@ from models.policies.symbolic import FormulaPolicy
 from models.task.alternation import ratio_title
 from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
-from studies.distillation.config import STUDENT_TITLES, DistillationConfig, StudentKind
+from studies.distillation.config import STUDENT_TITLES, DistillationConfig, Shape, StudentKind
 from studies.distillation.formulas import write_formulas
 from studies.distillation.library import collector, samples_folder, student_path
 from studies.distillation.selection import rank_alone, simplest_of_the_best
@@ -191,8 +191,10 @@ def _choose_final(
     if kind not in ("symbolic", "statewise_symbolic") or config.symbolic.engine == "pysr":
         return config, fit(config)
     shapes = {
-        _shape_title(shape): replace(config, symbolic=replace(config.symbolic, shapes=(shape,)))
-        for shape in sorted(config.symbolic.shapes, key=_complexity)
+        _shape_title(*shape): replace(
+            config, symbolic=replace(config.symbolic, shapes=(shape,), statewise_shapes=(shape,))
+        )
+        for shape in sorted(_shapes(kind, config), key=_complexity)
     }
     candidates = {label: fit(settings) for label, settings in shapes.items()}
     ranked = rank_alone(
@@ -203,16 +205,18 @@ def _choose_final(
     return shapes[chosen], candidates[chosen]
 
 
-def _complexity(shape: tuple[int, int, bool]) -> tuple[int, bool, int]:
+def _shapes(kind: StudentKind, config: DistillationConfig) -> tuple[Shape, ...]:
+    return config.symbolic.shapes if kind == "symbolic" else config.symbolic.statewise_shapes
+
+
+def _complexity(shape: Shape) -> tuple[int, int]:
     # Of equal length, a longer sum leaves less to the engine, whose terms are harder to read.
-    sum_length, length, tells_late = shape
-    return length, tells_late, -sum_length
+    sum_length, length = shape
+    return length, -sum_length
 
 
-def _shape_title(shape: tuple[int, int, bool]) -> str:
-    sum_length, length, tells_late = shape
-    gates = ", early and late" if tells_late else ""
-    return f"sum of {sum_length}, {length} in all{gates}"
+def _shape_title(sum_length: int, length: int) -> str:
+    return f"sum of {sum_length}, {length} in all"
 
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:

@@ -11,7 +11,7 @@ from models.a1.robot import Array
 from models.errors import InputError
 from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.symbolic import Tape
-from studies.distillation.config import SymbolicConfig
+from studies.distillation.config import Shape, SymbolicConfig
 from studies.distillation.gated_sum import fit_gated_sums, scaled
 
 OPERON_SCALING_NODES = 4
@@ -28,6 +28,7 @@ def fit_formulas(
     targets: Array,
     seed: int,
     settings: SymbolicConfig,
+    shape: Shape,
     gates: Sequence[Expression],
     n_jobs: int = 1,
 ) -> list[Expression]:
@@ -37,7 +38,8 @@ def fit_formulas(
         observations: Samples (m, n).
         targets: The expert's actions (m, k).
         seed: Seed of the search.
-        settings: Engine and budget; of its shapes the first.
+        settings: Engine and budget.
+        shape: Lengths of the sum that a formula starts from and of the whole formula (operon).
         gates: What tells where in the gait the robot is; see `fit_gated_sums`.
         n_jobs: Formulas that are searched at once.
 
@@ -56,7 +58,7 @@ def fit_formulas(
         )
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
-    sum_length, length, _ = settings.shapes[0]
+    sum_length, length = shape
     sums = fit_gated_sums(observations, targets, gates, sum_length)
     if sum_length == length:
         return sums

@@ -12,9 +12,9 @@ from models.task.termination import TerminationLimits
 class CurriculumConfig:
     """How the reward machine's demands grow during training.
 
-    Both the dwell and the clearance that a transition asks for are scaled by an ease, which rises
-    after every update in which the robots kept enough of the commanded rhythm. At a low ease they
-    may step faster than commanded; the rising dwell slows them down.
+    An ease scales the dwell and the clearance that a transition asks for, and divides its grace. It
+    rises after every update in which the robots kept enough of the commanded rhythm. At a low ease
+    they may step faster than commanded; the rising dwell slows them down.
 
     Attributes:
         initial_ease: Ease at the start; 1 is the paper's way, no curriculum.

@@ -30,7 +30,8 @@ class TrainingStep(NamedTuple):
     Attributes:
         observations: Observation groups (n, ...).
         rewards: Scaled rewards (n,).
-        dones: Whether the episode ended (n,).
+        dones: Whether the episode ended (n,), also in the machine's sink: what follows earns
+            nothing.
         time_outs: Whether it ended only by its length (n,).
         task: What the simulator reports.
     """
@@ -81,13 +82,14 @@ class TrainingEnvironment:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""
         simulator = self.simulator
         step = simulator.step(actions.numpy().astype(float))
-        ended = step.terminated | step.truncated
+        worthless = step.terminated | simulator.machine.in_sink(simulator.state.machine.state)
+        ended = worthless | step.truncated
         simulator.reset(np.flatnonzero(ended))
         return TrainingStep(
             observations=self.observe(),
             rewards=_tensor(step.reward * self._reward_scale),
             dones=torch.from_numpy(ended),
-            time_outs=torch.from_numpy(step.truncated & ~step.terminated),
+            time_outs=torch.from_numpy(step.truncated & ~worthless),
             task=step,
         )
 

@@ -73,7 +73,15 @@ def test_half_bound_sinks_on_the_wrong_foot_after_the_grace():
     steps = run(machine, [ALL] * 25, dwell=6)
     assert [int(step.machine.state) == sink for step in steps] == [False] * 20 + [True] * 5
     assert steps[20].multiplier == 0
+    assert [bool(machine.in_sink(step.machine.state)) for step in steps[19:21]] == [False, True]
     assert steps[24].multiplier == 0
+
+
+def test_ease_lengthens_the_grace():
+    gait = load_gait("half_bound")
+    steps = run(RewardMachine(gait), [ALL] * 45, dwell=6, ease=0.5)
+    sink = gait.states.index("missed")
+    assert [int(step.machine.state) == sink for step in steps] == [False] * 40 + [True] * 5
 
 
 @st.composite

@@ -130,6 +130,18 @@ def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
     assert run.environment.simulator.ease == 1.0
 
 
+def test_an_episode_ends_where_nothing_can_be_earned(tmp_path):
+    environment = TrainingRun(replace(TINY, gait="half_bound"), tmp_path).environment
+    simulator = environment.simulator
+    simulator.reset()
+    simulator.state.machine.state[:3] = simulator.task.gait.states.index("missed")
+    step = environment.step(torch.zeros(TINY.n_robots, 12))
+    assert step.dones.tolist() == [True] * 3 + [False] * 5
+    assert not step.time_outs.any()
+    assert not step.task.terminated.any()
+    assert set(simulator.state.steps[:3]) == {0}
+
+
 def test_an_experts_record_gives_back_its_settings(tmp_path):
     TrainingRun(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
