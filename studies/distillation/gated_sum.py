@@ -30,8 +30,8 @@ Joints move together, and without a penalty their weights grow against one anoth
 formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
 
-LATE = 2
-"""Control steps in a state that are neither early nor late: the feet have just landed."""
+LATE = 4
+"""Control steps in a state of the machine that are neither early nor late."""
 
 
 def fit_gated_sums(
@@ -100,10 +100,11 @@ def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 def lateness_gate(names: tuple[str, ...]) -> Expression:
     """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
 
-    It is tanh(n - 2), of the n control steps spent there.
+    It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one, tanh(n - 2),
+    imitates better and falls more: formulas of 90 nodes for a bound fell in 18 of 52 rollouts.
     """
-    steps = scaled(_variable(names.index("RM Iters")), 1.0 / ITERATIONS_SCALE)
-    offset = Expression("constant", value=-float(LATE))
+    steps = scaled(_variable(names.index("RM Iters")), 0.5 / ITERATIONS_SCALE)
+    offset = Expression("constant", value=-0.5 * LATE)
     return Expression("tanh", (Expression("add", (steps, offset)),))
 
 

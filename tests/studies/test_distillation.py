@@ -335,7 +335,7 @@ def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
     names = ObservationLayout(trot.n_states).names
     gate = lateness_gate(names)
     iterations = np.zeros((4, len(names)))
-    iterations[:, names.index("RM Iters")] = (0.0, 0.2, 0.4, 50.0)
+    iterations[:, names.index("RM Iters")] = (0.0, 0.4, 0.8, 50.0)
     value = Tape([gate], len(names))(iterations)[:, 0]
     assert value == pytest.approx([-0.964, 0.0, 0.964, 1.0], abs=1e-3)
 
