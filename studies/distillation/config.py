@@ -130,7 +130,7 @@ class SymbolicConfig:
     population: int = 200
     coefficient_iterations: int = 3
     shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
-    statewise_shapes: tuple[Shape, ...] = ((120, 120), (64, 64), (90, 90), (150, 150))
+    statewise_shapes: tuple[Shape, ...] = ((120, 120), (64, 64), (90, 90))
     max_samples: int = 3000
 
 

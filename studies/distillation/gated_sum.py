@@ -1,9 +1,9 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
 A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations. The gates g,
-h, … tell where in the gait the robot is: states of the reward machine, and whether it is early or
-late in a state. All are bounded; a product with the iterations themselves would grow without bound
-where the robot is late.
+h, … tell where in the gait the robot is: states of the reward machine, whether it is early or late
+in a state, and which feet are in the air. All are bounded; a product with the iterations themselves
+would grow without bound where the robot is late.
 """
 
 import warnings
@@ -32,6 +32,9 @@ formulas of a trot then fell in 3 of 52 rollouts instead of none.
 
 LATE = 4
 """Control steps in a state of the machine that are neither early nor late."""
+
+LIFTED = 0.02
+"""Height of a foot that is neither on the ground nor in the air (m)."""
 
 
 def fit_gated_sums(
@@ -103,14 +106,23 @@ def lateness_gate(names: tuple[str, ...]) -> Expression:
     It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one, tanh(n - 2),
     imitates better and falls more: formulas of 90 nodes for a bound fell in 18 of 52 rollouts.
     """
-    steps = scaled(_variable(names.index("RM Iters")), 0.5 / ITERATIONS_SCALE)
-    offset = Expression("constant", value=-0.5 * LATE)
-    return Expression("tanh", (Expression("add", (steps, offset)),))
+    return _turning(_variable(names.index("RM Iters")), LATE * ITERATIONS_SCALE, 5.0)
+
+
+def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns for each foot a function that goes from -1 on the ground to 1 in the air."""
+    feet = [index for index, name in enumerate(names) if name.startswith("Foot Height")]
+    return tuple(_turning(_variable(foot), LIFTED, 100.0) for foot in feet)
 
 
 def scaled(expression: Expression, factor: float) -> Expression:
     """Multiplies a formula by a number."""
     return Expression("mul", (Expression("constant", value=factor), expression))
+
+
+def _turning(expression: Expression, where: float, slope: float) -> Expression:
+    offset = Expression("constant", value=-slope * where)
+    return Expression("tanh", (Expression("add", (scaled(expression, slope), offset)),))
 
 
 def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:

@@ -28,7 +28,7 @@ from studies.distillation.config import (
     Shape,
     StudentKind,
 )
-from studies.distillation.gated_sum import lateness_gate, machine_gates
+from studies.distillation.gated_sum import foot_gates, lateness_gate, machine_gates
 from studies.distillation.symbolic_regression import fit_formulas
 
 RIDGE = 1.0
@@ -186,7 +186,8 @@ def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
     late, states = lateness_gate(names), machine_gates(names)
-    gates = (*states, late, *(Expression("mul", (state, late)) for state in states))
+    products = (Expression("mul", (state, late)) for state in states)
+    gates = (*states, late, *products, *foot_gates(names))
     shape = config.symbolic.shapes[0]
     formulas = _fit_formulas(config, observations, actions, shape, gates)
     return SymbolicPolicy(config.gait, names, formulas)
@@ -195,7 +196,7 @@ def _fit_symbolic(
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    gates, shape = (lateness_gate(names),), config.symbolic.statewise_shapes[0]
+    gates, shape = (lateness_gate(names), *foot_gates(names)), config.symbolic.statewise_shapes[0]
     formulas = [
         _fit_formulas(config, observations[mine], actions[mine], shape, gates)
         for mine in samples_by_state(observations, names)

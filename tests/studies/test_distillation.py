@@ -31,7 +31,7 @@ from studies.distillation.config import (
     SymbolicConfig,
 )
 from studies.distillation.formulas import latex_formula, readable_formula
-from studies.distillation.gated_sum import fit_gated_sums, lateness_gate
+from studies.distillation.gated_sum import fit_gated_sums, foot_gates, lateness_gate
 from studies.distillation.library import load_students
 from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
@@ -345,6 +345,16 @@ def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
     [formula] = fit_gated_sums(x, y[:, None], gates=(gate,), max_length=20)
     error = Tape([formula], len(names))(x)[:, 0] - y
     assert error.var() < 1e-4 * y.var()
+
+
+def test_feet_are_on_the_ground_or_in_the_air(trot):
+    names = ObservationLayout(trot.n_states).names
+    heights = np.zeros((3, len(names)))
+    heights[:, names.index("Foot Height RL")] = (0.0, 0.02, 0.08)
+    gates = Tape(foot_gates(names), len(names))(heights)
+    assert gates.shape == (3, 4)
+    assert gates[:, 2] == pytest.approx([-0.964, 0.0, 1.0], abs=1e-3)
+    assert gates[:, 0] == pytest.approx([-0.964] * 3, abs=1e-3)
 
 
 def test_gated_sum_keeps_its_bound(generator):
