@@ -33,11 +33,13 @@ class Dataset:
         observations: Observations (m, n).
         actions: The expert's actions there (m, 12).
         episodes: Number of the episode that each sample is from (m,), counted from 1.
+        minutes: What collecting them took, the fits of the students that acted included.
     """
 
     observations: Array
     actions: Array
     episodes: NDArray[np.int64]
+    minutes: float = 0.0
 
     @property
     def held_out(self) -> NDArray[np.bool_]:
@@ -54,6 +56,7 @@ class Dataset:
             np.concatenate([self.observations, other.observations]),
             np.concatenate([self.actions, other.actions]),
             np.concatenate([self.episodes, other.episodes]),
+            self.minutes + other.minutes,
         )
 
     def save(self, path: Path) -> None:
@@ -63,13 +66,13 @@ class Dataset:
             "actions": self.actions,
             "episodes": self.episodes,
         }
-        save_arrays(path, arrays, {})
+        save_arrays(path, arrays, {"minutes": self.minutes})
 
     @staticmethod
     def load(path: Path) -> "Dataset":
         """Reads what `save` wrote."""
-        arrays, _ = load_arrays(path)
-        return Dataset(arrays["observations"], arrays["actions"], arrays["episodes"])
+        arrays, header = load_arrays(path)
+        return Dataset(**arrays, minutes=header.get("minutes", 0.0))
 
 
 def collect(

@@ -69,12 +69,12 @@ def distill(
     for kind in config.students:
         record_path = folder / kind / "record.json"
         if not record_path.exists():
-            started = time.monotonic()
             dataset = _collect_levels(
                 collector(kind), config, expert, samples_folder(folder, kind), report
             )
+            started = time.monotonic()
             row = _fit_final(kind, config, expert, dataset, folder, report)
-            row["minutes"] = (time.monotonic() - started) / 60
+            row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
             write_atomically(record_path, json.dumps(row, indent=2))
         row = json.loads(record_path.read_text())
         report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
@@ -105,6 +105,7 @@ def _collect_levels(
         if path.exists():
             samples = Dataset.load(path)
         else:
+            started = time.monotonic()
             if dataset is not None:
                 seen = dataset.subset(~dataset.held_out)
                 report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples")
@@ -130,6 +131,7 @@ def _collect_levels(
                 station=config.station,
                 generator=np.random.default_rng([config.seed, level]),
             )
+            samples = replace(samples, minutes=(time.monotonic() - started) / 60)
             samples.save(path)
         dataset = samples if dataset is None else dataset.union(samples)
     assert dataset is not None
