@@ -90,7 +90,9 @@ def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
 
     Without levels of the student alone, alternation goes on to lower ratios instead.
     """
-    levels_alone = config.alone_levels * config.episodes_per_level
+    size = config.episodes_per_level
+    config = replace(config, symbolic=replace(config.symbolic, alone_episodes=size))
+    levels_alone = config.alone_levels * size
     whole = replace(config, episodes=config.episodes + levels_alone, alone_levels=0)
     return {
         "expert_only": replace(whole, curriculum="expert_only"),

@@ -46,7 +46,7 @@ QUICK = DistillationConfig(
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
     ebm=EbmConfig(outer_bags=1, interactions=30),
-    symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500),
+    symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500, alone_episodes=4),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
 

@@ -27,6 +27,8 @@ STUDENT_TITLES: dict[StudentKind, str] = {
     "statewise_symbolic": "Symbolic per RM state",
 }
 
+FORMULAS: tuple[StudentKind, ...] = ("symbolic", "statewise_symbolic")
+
 Shape = tuple[int, int]
 
 Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
@@ -120,6 +122,8 @@ class SymbolicConfig:
             much.
         statewise_shapes: The same, where a joint has a formula for each state of the machine.
         max_samples: Samples that the search sees, drawn evenly (operon).
+        alone_episodes: Episodes of a level in which formulas act alone. They are fitted in seconds,
+            and fell a third as often as with four.
     """
 
     engine: Literal["operon", "pysr"] = "operon"
@@ -130,8 +134,9 @@ class SymbolicConfig:
     population: int = 200
     coefficient_iterations: int = 3
     shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
-    statewise_shapes: tuple[Shape, ...] = ((120, 120), (64, 64), (90, 90))
+    statewise_shapes: tuple[Shape, ...] = ((64, 64), (90, 90), (120, 120))
     max_samples: int = 3000
+    alone_episodes: int = 13
 
 
 @dataclass(frozen=True)
@@ -187,12 +192,14 @@ class DistillationConfig:
         """All levels."""
         return self.curriculum_levels + self.alone_levels
 
-    def level_episodes(self, level: int) -> range:
+    def level_episodes(self, level: int, kind: StudentKind) -> range:
         """Returns the numbers of a level's episodes, counted from 1."""
         size = self.episodes_per_level
         if level <= self.curriculum_levels:
             first = (level - 1) * size + 1
             return range(first, min(first + size, self.episodes + 1))
+        if kind in FORMULAS:
+            size = self.symbolic.alone_episodes
         first = self.episodes + (level - self.curriculum_levels - 1) * size + 1
         return range(first, first + size)
 

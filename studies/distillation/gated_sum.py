@@ -103,8 +103,8 @@ def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 def lateness_gate(names: tuple[str, ...]) -> Expression:
     """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
 
-    It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one, tanh(n - 2),
-    imitates better and falls more: formulas of 90 nodes for a bound fell in 18 of 52 rollouts.
+    It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one,
+    tanh(n - 2), imitates better and walks no better.
     """
     return _turning(_variable(names.index("RM Iters")), LATE * ITERATIONS_SCALE, 5.0)
 

@@ -21,7 +21,13 @@ from models.policies.symbolic import FormulaPolicy
 from models.task.alternation import ratio_title
 from models.task.gait import load_gait
 from studies.distillation.collection import Dataset, collect
-from studies.distillation.config import STUDENT_TITLES, DistillationConfig, Shape, StudentKind
+from studies.distillation.config import (
+    FORMULAS,
+    STUDENT_TITLES,
+    DistillationConfig,
+    Shape,
+    StudentKind,
+)
 from studies.distillation.formulas import write_formulas
 from studies.distillation.library import collector, samples_folder, student_path
 from studies.distillation.selection import rank_alone, simplest_of_the_best
@@ -116,7 +122,7 @@ def _collect_levels(
                     seen.observations,
                     seen.actions,
                 )
-            mine = np.array(config.level_episodes(level))
+            mine = np.array(config.level_episodes(level, kind))
             period = config.period(level)
             ratio = ratio_title(period)
             report(f"{STUDENT_TITLES[kind]}: level {level} of {config.n_levels}, ratio {ratio}")
@@ -190,7 +196,7 @@ def _choose_final(
             kind, settings, expert.observation_names, seen.observations, seen.actions
         )
 
-    if kind not in ("symbolic", "statewise_symbolic") or config.symbolic.engine == "pysr":
+    if kind not in FORMULAS or config.symbolic.engine == "pysr":
         return config, fit(config)
     shapes = {
         _shape_title(*shape): replace(

@@ -14,7 +14,11 @@ ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.
 
 def test_every_curriculum_has_as_many_episodes():
     budgets = equal_budgets(DistillationConfig())
-    last = {config.level_episodes(config.n_levels)[-1] for config in budgets.values()}
+    last = {
+        config.level_episodes(config.n_levels, kind)[-1]
+        for config in budgets.values()
+        for kind in ("linear", "symbolic")
+    }
     assert list(budgets) == list(CURRICULA) == list(TICKS)
     assert last == {62}
 

@@ -52,6 +52,7 @@ TINY = DistillationConfig(
         max_samples=100,
         shapes=((30, 30), (30, 60)),
         statewise_shapes=((30, 30),),
+        alone_episodes=4,
     ),
     n_jobs=1,
 )
@@ -190,8 +191,13 @@ def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
 
 def test_levels_hold_every_episode_once():
     config = DistillationConfig(episodes=10, episodes_per_level=4, alone_levels=2)
-    levels = [list(config.level_episodes(level)) for level in range(1, config.n_levels + 1)]
+    levels = [
+        list(config.level_episodes(level, "linear")) for level in range(1, config.n_levels + 1)
+    ]
     assert levels == [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10], [11, 12, 13, 14], [15, 16, 17, 18]]
+    config = replace(config, symbolic=SymbolicConfig(alone_episodes=6))
+    alone = [list(config.level_episodes(level, "symbolic")) for level in (3, 4, 5)]
+    assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
 
 
 def test_bands_come_with_the_last_fit_alone(finished):
