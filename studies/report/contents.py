@@ -18,11 +18,12 @@ DEVIATIONS = (
     "simulator's contact model nor its time step.",
     "Experts are trained with 256 robots for 15 to 27 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
-    "Boosted trees are more and deeper than scikit-learn's defaults, and see half of the samples "
-    "each; explainable boosting takes larger and fewer steps than interpret's defaults, with fewer "
-    "bins and bags. While samples are collected both are smaller.",
-    "Formulas start from a sparse sum found by least squares, gated by the reward machine, which "
-    "Operon may then correct; of several shapes the simplest is taken that walks alone about as "
+    "Boosted trees are more and deeper than scikit-learn's defaults, and see a quarter of the "
+    "samples each; explainable boosting takes larger and fewer steps than interpret's defaults, "
+    "with fewer bins and bags. While samples are collected trees are boosted by histograms and "
+    "additive models are smaller.",
+    "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
+    "which feet are in the air, which Operon may then correct; of several shapes the simplest is taken that walks alone about as "
     "well as the best. The paper evolves them with PySR alone. Both have at most 90 nodes, but "
     "Operon counts a weighted observation as one.",
     "After the paper's episodes come levels in which the student acts alone.",
