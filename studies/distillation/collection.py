@@ -72,7 +72,7 @@ class Dataset:
     def load(path: Path) -> "Dataset":
         """Reads what `save` wrote."""
         arrays, header = load_arrays(path)
-        return Dataset(**arrays, minutes=header.get("minutes", 0.0))
+        return Dataset(**arrays, minutes=header["minutes"])
 
 
 def collect(
