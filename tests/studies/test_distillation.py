@@ -101,7 +101,8 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
 @pytest.mark.slow
 def test_a_run_killed_at_any_line_and_resumed_ends_the_same(tmp_path):
     small = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "60", "--n-jobs", "1"]
-    small += ["--gbm.n-trees", "5", "--symbolic.shapes", "30", "30"]
+    small += ["--gbm.n-trees", "5", "--histogram-gbm.n-trees", "5"]
+    small += ["--symbolic.shapes", "30", "30"]
     small += ["--students", "linear", "gbm", "symbolic"]
     glassgait = [str(Path(sys.executable).with_name("glassgait")), "distill", *small]
     whole, killed = tmp_path / "whole", tmp_path / "killed"
