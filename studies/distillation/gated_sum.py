@@ -1,13 +1,12 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
-A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations. The gates g,
-h, … tell where in the gait the robot is: states of the reward machine, whether it is early or late
-in a state, and which feet are in the air. All are bounded; a product with the iterations themselves
-would grow without bound where the robot is late.
+A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
+g, h, … tell where in the gait the robot is.
 """
 
 import warnings
 from collections.abc import Sequence
+from itertools import takewhile
 
 import numpy as np
 from sklearn.linear_model import orthogonal_mp_gram
@@ -15,7 +14,6 @@ from sklearn.linear_model import orthogonal_mp_gram
 from models.a1.robot import Array
 from models.policies.expression import Expression
 from models.policies.symbolic import Tape
-from models.task.observation import ITERATIONS_SCALE, machine_state_entries
 
 SPREAD = 1e-12
 """A term of a smaller standard deviation says nothing."""
@@ -29,12 +27,6 @@ PENALTY = 0.003
 Joints move together, and without a penalty their weights grow against one another: of equal R²,
 formulas of a trot then fell in 3 of 52 rollouts instead of none.
 """
-
-LATE = 4
-"""Control steps in a state of the machine that are neither early nor late."""
-
-LIFTED = 0.02
-"""Height of a foot that is neither on the ground nor in the air (m)."""
 
 
 def fit_gated_sums(
@@ -53,10 +45,8 @@ def fit_gated_sums(
         The k formulas.
     """
     n = observations.shape[1]
-    opened = Tape(gates, n)(observations)
-    candidates = np.concatenate(
-        [observations, *(observations * gate[:, None] for gate in opened.T)], axis=1
-    )
+    opened = Tape(gates, n)(observations).T
+    candidates = np.hstack([observations, *(observations * gate[:, None] for gate in opened)])
     mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
     usable = np.flatnonzero(spread > SPREAD)
     standard = (candidates[:, usable] - mean[usable]) / spread[usable]
@@ -65,54 +55,34 @@ def fit_gated_sums(
     known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
     usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
     gram += PENALTY * len(targets) * np.eye(len(usable))
-    intercepts = targets.mean(axis=0)
-    products = standard.T @ (targets - intercepts)
+    target_means = targets.mean(axis=0)
+    products = standard.T @ (targets - target_means)
 
     formulas = []
-    for intercept, product in zip(intercepts, products.T, strict=True):
-        formula = Expression("constant", value=float(intercept))
-        for found in _pursue(gram, product, max_length // 2):
-            weights = np.zeros(len(mean))
-            weights[usable] = found / spread[usable]
-            larger = _gated_expression(gates, weights.reshape(-1, n), intercept - weights @ mean)
-            if larger.length > max_length:
-                break
-            formula = larger
-        formulas.append(formula)
+    for target_mean, product in zip(target_means, products.T, strict=True):
+        found = _pursue(gram, product, max_length // 2)
+        path = np.zeros((len(found), candidates.shape[1]))
+        path[:, usable] = found / spread[usable]
+        sums = (
+            _gated_expression(gates, weights.reshape(-1, n), target_mean - weights @ mean)
+            for weights in path
+        )
+        *_, longest = takewhile(lambda formula: formula.length <= max_length, sums)
+        formulas.append(longest)
     return formulas
 
 
 def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
-    """Returns the weights after each term (terms, candidates)."""
+    """Returns the weights before the first term and after each (terms + 1, candidates)."""
+    none = np.zeros((1, len(gram)))
     count = min(len(gram), max_terms)
     if count == 0:
-        return np.zeros((0, len(gram)))
+        return none
     with warnings.catch_warnings():
         # Where fewer terms fit exactly, fewer are found.
         warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
         path = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count, return_path=True)
-    return np.asarray(path).reshape(len(gram), -1).T
-
-
-def machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
-    """Returns the states of the machine but the last, which is where all others are 0."""
-    states = machine_state_entries(names)
-    return tuple(_variable(index) for index in range(states.start, states.stop - 1))
-
-
-def lateness_gate(names: tuple[str, ...]) -> Expression:
-    """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
-
-    It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one,
-    tanh(n - 2), imitates better and walks no better.
-    """
-    return _turning(_variable(names.index("RM Iters")), LATE * ITERATIONS_SCALE, 5.0)
-
-
-def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
-    """Returns for each foot a function that goes from -1 on the ground to 1 in the air."""
-    feet = [index for index, name in enumerate(names) if name.startswith("Foot Height")]
-    return tuple(_turning(_variable(foot), LIFTED, 100.0) for foot in feet)
+    return np.concatenate([none, np.asarray(path).reshape(len(gram), -1).T])
 
 
 def scaled(expression: Expression, factor: float) -> Expression:
@@ -120,15 +90,10 @@ def scaled(expression: Expression, factor: float) -> Expression:
     return Expression("mul", (Expression("constant", value=factor), expression))
 
 
-def _turning(expression: Expression, where: float, slope: float) -> Expression:
-    offset = Expression("constant", value=-slope * where)
-    return Expression("tanh", (Expression("add", (scaled(expression, slope), offset)),))
-
-
 def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
     total = Expression("constant", value=float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
-        terms = [scaled(_variable(i), float(row[i])) for i in np.flatnonzero(row)]
+        terms = [scaled(variable(i), float(row[i])) for i in np.flatnonzero(row)]
         if not terms:
             continue
         part = terms[0]
@@ -140,5 +105,5 @@ def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: fl
     return total
 
 
-def _variable(index: int) -> Expression:
+def variable(index: int) -> Expression:
     return Expression("variable", variable=int(index))

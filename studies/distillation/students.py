@@ -13,7 +13,6 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
-from models.policies.expression import Expression
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy
@@ -25,10 +24,9 @@ from studies.distillation.config import (
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
-    Shape,
     StudentKind,
 )
-from studies.distillation.gated_sum import foot_gates, lateness_gate, machine_gates
+from studies.distillation.gates import statewise_symbolic_gates, symbolic_gates
 from studies.distillation.symbolic_regression import fit_formulas
 
 RIDGE = 1.0
@@ -185,35 +183,32 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 def _fit_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> SymbolicPolicy:
-    late, states = lateness_gate(names), machine_gates(names)
-    products = (Expression("mul", (state, late)) for state in states)
-    gates = (*states, late, *products, *foot_gates(names))
-    shape = config.symbolic.shapes[0]
-    formulas = _fit_formulas(config, observations, actions, shape, gates)
+    gates = symbolic_gates(names)
+    shape = config.symbolic.shapes_of("symbolic")[0]
+    formulas = fit_formulas(
+        observations, actions, config.seed, config.symbolic, shape, gates, config.n_jobs
+    )
     return SymbolicPolicy(config.gait, names, formulas)
 
 
 def _fit_statewise_symbolic(
     config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
 ) -> StatewiseSymbolicPolicy:
-    gates, shape = (lateness_gate(names), *foot_gates(names)), config.symbolic.statewise_shapes[0]
+    gates = statewise_symbolic_gates(names)
+    shape = config.symbolic.shapes_of("statewise_symbolic")[0]
     formulas = [
-        _fit_formulas(config, observations[mine], actions[mine], shape, gates)
+        fit_formulas(
+            observations[mine],
+            actions[mine],
+            config.seed,
+            config.symbolic,
+            shape,
+            gates,
+            config.n_jobs,
+        )
         for mine in samples_by_state(observations, names)
     ]
     return StatewiseSymbolicPolicy(config.gait, names, formulas)
-
-
-def _fit_formulas(
-    config: DistillationConfig,
-    observations: Array,
-    actions: Array,
-    shape: Shape,
-    gates: Sequence[Expression],
-) -> list[Expression]:
-    return fit_formulas(
-        observations, actions, config.seed, config.symbolic, shape, gates, n_jobs=config.n_jobs
-    )
 
 
 def _fit_joints(

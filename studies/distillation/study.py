@@ -199,10 +199,8 @@ def _choose_final(
     if kind not in FORMULAS or config.symbolic.engine == "pysr":
         return config, fit(config)
     shapes = {
-        _shape_title(*shape): replace(
-            config, symbolic=replace(config.symbolic, shapes=(shape,), statewise_shapes=(shape,))
-        )
-        for shape in sorted(_shapes(kind, config), key=_complexity)
+        _shape_title(*shape): replace(config, symbolic=config.symbolic.of_shape(shape))
+        for shape in sorted(config.symbolic.shapes_of(kind), key=_complexity)
     }
     candidates = {label: fit(settings) for label, settings in shapes.items()}
     ranked = rank_alone(
@@ -211,10 +209,6 @@ def _choose_final(
     write_table(ranked, folder / f"{kind}_candidates")
     chosen = simplest_of_the_best(ranked, list(shapes))
     return shapes[chosen], candidates[chosen]
-
-
-def _shapes(kind: StudentKind, config: DistillationConfig) -> tuple[Shape, ...]:
-    return config.symbolic.shapes if kind == "symbolic" else config.symbolic.statewise_shapes
 
 
 def _complexity(shape: Shape) -> tuple[int, int]:

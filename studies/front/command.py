@@ -35,7 +35,8 @@ class Front:
     Attributes:
         gait: Name of a gait.
         samples: Folder of the levels that a student collected, whose samples the formulas are
-            fitted to; runs/distillation/<gait>/symbolic by default.
+            fitted to; runs/distillation/<gait>/statewise_symbolic by
+            default.
         lengths: Greatest lengths of a joint's formula (nodes).
         rollouts: How robots are rolled out.
         expert: Policy file of the expert; the shipped one by default.
@@ -57,25 +58,25 @@ class Front:
         """Runs the study."""
         gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
         data = load_levels(
-            self.samples or samples_folder(distillation_folder(gait.name), "symbolic")
+            self.samples or samples_folder(distillation_folder(gait.name), "statewise_symbolic")
         )
         folder = self.output or Path("runs/front") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         students, rows = {}, []
-        for family, shape in FAMILIES.items():
-            say(f"fitting: {shape.title}")
+        for name, family in FAMILIES.items():
+            say(f"fitting: {family.title}")
             for length in self.lengths:
-                name = f"{family} {length}"
-                path = folder / "formulas" / f"{family}_{length}.safetensors"
+                label = f"{name} {length}"
+                path = folder / "formulas" / f"{name}_{length}.safetensors"
                 if not (self.resume and path.exists()):
                     seen = data.subset(~data.held_out)
-                    shape.fit(gait.name, expert.observation_names, seen, length).save(path)
+                    family.fit(gait.name, expert.observation_names, seen, length).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
-                students[name] = student
+                students[label] = student
                 r2 = float(r2_scores(student, data.subset(data.held_out)).mean())
                 nodes = mean_nodes(student)
-                rows.append({"policy": name, "family": family, "nodes": nodes, "r2": r2})
+                rows.append({"policy": label, "family": name, "nodes": nodes, "r2": r2})
         jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
         scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
         front = front_table(pd.DataFrame(rows), scores)

@@ -10,7 +10,8 @@ from studies.front.formulas import FAMILIES
 _STYLES = {
     "linear": {"color": "#999999", "marker": "v"},
     "gated": {"color": "#009E73", "marker": "D"},
-    "statewise": {"color": "#CC79A7", "marker": "P"},
+    "statewise_linear": {"color": "#56B4E9", "marker": "^"},
+    "statewise_gated": {"color": "#CC79A7", "marker": "P"},
 }
 
 

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.policies.expression import Expression
+from models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy, SymbolicPolicy
 from studies.distillation.collection import Dataset, samples_by_state
-from studies.distillation.gated_sum import fit_gated_sums, machine_gates
-
-Fit = Callable[[str, tuple[str, ...], Dataset, int], Policy]
+from studies.distillation.gated_sum import fit_gated_sums
+from studies.distillation.gates import statewise_symbolic_gates, symbolic_gates
 
 LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90)
 """Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
@@ -20,32 +19,34 @@ class Family:
 
     Attributes:
         title: What tables call it.
-        fit: Fits a policy of the family to samples, given gait, names and greatest length.
+        gates: Returns what tells where in the gait the robot is, given the observations' names.
+        statewise: Whether a joint has a formula for each state of the machine.
     """
 
     title: str
-    fit: Fit
+    gates: Callable[[tuple[str, ...]], tuple[Expression, ...]]
+    statewise: bool = False
+
+    def fit(self, gait: str, names: tuple[str, ...], data: Dataset, length: int) -> FormulaPolicy:
+        """Fits formulas of at most `length` nodes to samples."""
+        gates = self.gates(names)
+        if not self.statewise:
+            formulas = fit_gated_sums(data.observations, data.actions, gates, length)
+            return SymbolicPolicy(gait, names, formulas)
+        by_state = [
+            fit_gated_sums(data.observations[mine], data.actions[mine], gates, length)
+            for mine in samples_by_state(data.observations, names)
+        ]
+        return StatewiseSymbolicPolicy(gait, names, by_state)
 
 
-def _fit_linear(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    return SymbolicPolicy(gait, names, fit_gated_sums(data.observations, data.actions, (), length))
-
-
-def _fit_gated(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    formulas = fit_gated_sums(data.observations, data.actions, machine_gates(names), length)
-    return SymbolicPolicy(gait, names, formulas)
-
-
-def _fit_statewise(gait: str, names: tuple[str, ...], data: Dataset, length: int) -> Policy:
-    formulas = [
-        fit_gated_sums(data.observations[mine], data.actions[mine], (), length)
-        for mine in samples_by_state(data.observations, names)
-    ]
-    return StatewiseSymbolicPolicy(gait, names, formulas)
+def _no_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    return ()
 
 
 FAMILIES = {
-    "linear": Family("weighted sum", _fit_linear),
-    "gated": Family("gated sum", _fit_gated),
-    "statewise": Family("weighted sum per RM state", _fit_statewise),
+    "linear": Family("weighted sum", _no_gates),
+    "gated": Family("gated sum", symbolic_gates),
+    "statewise_linear": Family("weighted sum per RM state", _no_gates, statewise=True),
+    "statewise_gated": Family("gated sum per RM state", statewise_symbolic_gates, statewise=True),
 }

@@ -16,7 +16,8 @@ from models.policies.library import load_expert
 from models.policies.policy import Policy
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.library import distillation_folder, load_students, samples_folder
+from studies.distillation.config import StudentKind
+from studies.distillation.library import distillation_folder, load_students
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
 from studies.figures import save_figure
@@ -45,7 +46,7 @@ class Importance:
     """
 
     gait: str = "trot"
-    policies: tuple[str, ...] = (
+    policies: tuple[StudentKind, ...] = (
         "gbm",
         "ebm",
         "statewise_linear",
@@ -69,12 +70,7 @@ class Importance:
         joint, seed = joint_index(self.joint), self.rollouts.seed
         source = self.students or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))
-        samples = {
-            kind: held_out_samples(
-                samples_folder(source, kind), self.n_samples, np.random.default_rng(seed)
-            )
-            for kind in students
-        }
+        samples = {kind: held_out_samples(source, kind, self.n_samples, seed) for kind in students}
         folder = self.output or Path("runs/importance") / gait.name
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
         importances, _ = measure_importances(
@@ -103,7 +99,7 @@ class Importance:
         print_table(f"{gait.name}: rank correlation of importance and loss", correlations)
         console.print(f"written to {folder}")
 
-    def _chosen(self, students: Mapping[str, Policy]) -> dict[str, Policy]:
+    def _chosen(self, students: Mapping[StudentKind, Policy]) -> dict[StudentKind, Policy]:
         missing = [kind for kind in self.policies if kind not in students]
         if missing:
             raise InputError(

@@ -15,7 +15,8 @@ from models.policies.boosting import BoostedTreesPolicy
 from models.policies.policy import Policy
 from studies.console import say
 from studies.distillation.collection import Dataset, load_levels
-from studies.distillation.config import STUDENT_TITLES
+from studies.distillation.config import STUDENT_TITLES, StudentKind
+from studies.distillation.library import samples_folder
 from studies.evaluation.scores import interval
 from studies.figures import save_figure
 from studies.importance.additive_figures import pair_figure, shape_figure, term_figure
@@ -34,16 +35,18 @@ N_PAIRS = 2
 """Functions of two observations that are drawn for a joint."""
 
 
-def held_out_samples(folder: Path, n_samples: int, generator: np.random.Generator) -> Dataset:
+def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:
     """Draws samples from the episodes that a student was not fitted to.
 
     Args:
-        folder: Where the samples that the student was fitted to are.
+        folder: Folder of the distillation.
+        kind: Kind of student.
         n_samples: Number of samples, at most.
-        generator: Source of randomness.
+        seed: Seed of the drawing.
     """
-    data = load_levels(folder)
+    data = load_levels(samples_folder(folder, kind))
     held_out = np.flatnonzero(data.held_out)
+    generator = np.random.default_rng(seed)
     chosen = generator.choice(held_out, min(n_samples, len(held_out)), replace=False)
     return data.subset(np.isin(np.arange(len(data.episodes)), chosen))
 

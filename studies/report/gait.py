@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
@@ -15,8 +14,8 @@ from models.policies.policy import Policy
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait, load_gait
 from studies.console import say
-from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.library import load_students, samples_folder
+from studies.distillation.config import STUDENT_TITLES, StudentKind
+from studies.distillation.library import load_students
 from studies.distillation.study import distill
 from studies.distillation.tables import write_r2_table
 from studies.evaluation.alternation import alternation_jobs
@@ -79,13 +78,8 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
     standalone = write_alternation(scores, title, folder)
 
     seed = config.rollouts.seed
-    samples = {
-        kind: held_out_samples(
-            samples_folder(source, kind), config.n_samples, np.random.default_rng(seed)
-        )
-        for kind in students
-    }
-    explained = {kind: students[kind] for kind in ("gbm", "ebm")}
+    explained: dict[StudentKind, Policy] = {kind: students[kind] for kind in ("gbm", "ebm")}
+    samples = {kind: held_out_samples(source, kind, config.n_samples, seed) for kind in explained}
     _, tops = measure_importances(
         name, explained, samples, folder, seed=seed, repeats=config.repeats
     )

@@ -31,7 +31,8 @@ from studies.distillation.config import (
     SymbolicConfig,
 )
 from studies.distillation.formulas import latex_formula, readable_formula
-from studies.distillation.gated_sum import fit_gated_sums, foot_gates, lateness_gate
+from studies.distillation.gated_sum import fit_gated_sums
+from studies.distillation.gates import foot_gates, lateness_gate
 from studies.distillation.library import load_students
 from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student

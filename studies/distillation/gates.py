@@ -1,0 +1,54 @@
+"""Gates: functions of the observations that tell a formula where in the gait the robot is.
+
+They are the states of the reward machine, whether it is early or late in a state, and which feet
+are in the air. All are bounded; a product with the iterations themselves would grow without bound
+where the robot is late.
+"""
+
+from models.policies.expression import Expression
+from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from studies.distillation.gated_sum import scaled, variable
+
+LATE = 4
+"""Control steps in a state of the machine that are neither early nor late."""
+
+LIFTED = 0.02
+"""Height of a foot that is neither on the ground nor in the air (m)."""
+
+
+def symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve every state of the machine."""
+    states, late = _machine_gates(names), lateness_gate(names)
+    products = (Expression("mul", (state, late)) for state in states)
+    return (*states, late, *products, *foot_gates(names))
+
+
+def statewise_symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve one state of the machine."""
+    return (lateness_gate(names), *foot_gates(names))
+
+
+def _machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns the states of the machine but the last, which is where all others are 0."""
+    states = machine_state_entries(names)
+    return tuple(variable(index) for index in range(states.start, states.stop - 1))
+
+
+def lateness_gate(names: tuple[str, ...]) -> Expression:
+    """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
+
+    It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one,
+    tanh(n - 2), imitates better and walks no better.
+    """
+    return _turning(variable(names.index("RM Iters")), LATE * ITERATIONS_SCALE, 5.0)
+
+
+def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+    """Returns for each foot a function that goes from -1 on the ground to 1 in the air."""
+    feet = [index for index, name in enumerate(names) if name.startswith("Foot Height")]
+    return tuple(_turning(variable(foot), LIFTED, 100.0) for foot in feet)
+
+
+def _turning(expression: Expression, where: float, slope: float) -> Expression:
+    offset = Expression("constant", value=-slope * where)
+    return Expression("tanh", (Expression("add", (scaled(expression, slope), offset)),))
