@@ -42,11 +42,11 @@ QUICK = DistillationConfig(
         "statewise_symbolic",
     ),
     episodes=12,
-    alone_levels=1,
+    alone_levels=2,
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
     ebm=EbmConfig(outer_bags=1, interactions=30),
-    symbolic=SymbolicConfig(population=100, generations=30, max_samples=1500, alone_episodes=4),
+    symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),)),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
 

@@ -196,19 +196,20 @@ def _choose_final(
             kind, settings, expert.observation_names, seen.observations, seen.actions
         )
 
-    if kind not in FORMULAS or config.symbolic.engine == "pysr":
+    shapes = sorted(config.symbolic.shapes_of(kind), key=_complexity)
+    if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(shapes) == 1:
         return config, fit(config)
-    shapes = {
+    choices = {
         _shape_title(*shape): replace(config, symbolic=config.symbolic.of_shape(shape))
-        for shape in sorted(config.symbolic.shapes_of(kind), key=_complexity)
+        for shape in shapes
     }
-    candidates = {label: fit(settings) for label, settings in shapes.items()}
+    candidates = {label: fit(settings) for label, settings in choices.items()}
     ranked = rank_alone(
         candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
     )
     write_table(ranked, folder / f"{kind}_candidates")
-    chosen = simplest_of_the_best(ranked, list(shapes))
-    return shapes[chosen], candidates[chosen]
+    chosen = simplest_of_the_best(ranked, list(choices))
+    return choices[chosen], candidates[chosen]
 
 
 def _complexity(shape: Shape) -> tuple[int, int]:
