@@ -41,12 +41,12 @@ def write_report(
     kind, student = shown
     formulas = []
     if isinstance(student, StatewiseSymbolicPolicy):
-        for state, own in zip(gait.states, student.expressions, strict=True):
+        for i, (state, own) in enumerate(zip(gait.states, student.expressions, strict=True)):
             formulas += [
                 (
                     f"{joint} in {state}",
                     formula.length,
-                    readable_formula(formula, expert.observation_names),
+                    readable_formula(formula, expert.observation_names, i),
                 )
                 for joint, formula in zip(robot.JOINTS, own, strict=True)
             ]

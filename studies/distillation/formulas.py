@@ -12,7 +12,8 @@ from models.a1 import robot
 from models.files import write_atomically
 from models.policies.expression import Expression
 from models.policies.symbolic import FormulaPolicy
-from models.task.observation import unit_of
+from models.task.observation import machine_state_entries, unit_of
+from studies.distillation.gates import named_gates
 
 DIGITS = 3
 
@@ -32,6 +33,7 @@ _LATEX = {
     "Command Yaw": r"\omega_z^{*}",
     "RM Iters": "n",
     "Command RM Iters": "n^{*}",
+    "Late": r"\ell",
 }
 
 _LATEX_PREFIXES = {
@@ -41,39 +43,47 @@ _LATEX_PREFIXES = {
     "RM State": "s_{%s}",
     "Base Lin Vel": r"\hat v_{%s}",
     "Foot Height": r"\hat h_{\mathrm{%s}}",
+    "Lifted": r"u_{\mathrm{%s}}",
+}
+
+_GATE_MEANINGS = {
+    "Late": "−1 as a state of the machine begins, 0 after four control steps, 1 late in it",
+    "Lifted": "−1 on the ground, 0 at 2 cm, 1 in the air",
 }
 
 
-def readable_formula(formula: Expression, names: tuple[str, ...]) -> str:
+def readable_formula(formula: Expression, names: tuple[str, ...], state: int | None = None) -> str:
     """Writes a formula as text: its weighted observations from the heaviest down, then the rest.
 
     Args:
         formula: The formula.
         names: Names of the observations.
+        state: State of the machine that the formula serves, where it serves one alone.
     """
-    return " ".join(_pieces(_rounded(formula, names), _TEXT))
+    return " ".join(_pieces(_named(formula, names, state), _TEXT))
 
 
-def latex_formula(formula: Expression, names: tuple[str, ...]) -> str:
+def latex_formula(formula: Expression, names: tuple[str, ...], state: int | None = None) -> str:
     """Writes a formula as the right side of LaTeX's `align*`, a few terms a line.
 
     Args:
         formula: The formula.
         names: Names of the observations.
+        state: State of the machine that the formula serves, where it serves one alone.
     """
-    symbols = {sympy.Symbol(name): latex_symbol(name) for name in names}
+    symbols = {sympy.Symbol(name): latex_symbol(name) for name in (*names, *named_gates(names))}
 
     def write(term: sympy.Expr) -> str:
         return sympy.latex(term, symbol_names=symbols, mul_symbol="dot")
 
     style = _Style(write, "-", r" \cdot ", (r"\bigl(", r"\bigr)"))
-    pieces = _pieces(_rounded(formula, names), style)
+    pieces = _pieces(_named(formula, names, state), style)
     lines = [pieces[i : i + TERMS_PER_LINE] for i in range(0, len(pieces), TERMS_PER_LINE)]
     return " \\\\\n  &".join(" ".join(line) for line in lines)
 
 
 def latex_symbol(name: str) -> str:
-    """Returns the symbol that an observation has in LaTeX."""
+    """Returns the symbol that an observation or a gate has in LaTeX."""
     if name in _LATEX:
         return _LATEX[name]
     prefix = next(prefix for prefix in _LATEX_PREFIXES if name.startswith(prefix))
@@ -95,19 +105,35 @@ def _markdown(policy: FormulaPolicy) -> str:
         f"Each action is a formula; a joint's target is its default plus {robot.ACTION_SCALE} rad "
         "times the action. Constants are rounded to three digits here.",
         "",
+        "Gates tell where in the gait the robot is:",
+        "",
+        "| gate | in LaTeX | formula | value |",
+        "|---|---|---|---|",
+        *_gate_rows(names),
+        "",
     ]
-    for title, formulas in _sections(policy):
+    for title, state, formulas in _sections(policy):
         lines += [f"## {title}", ""] if title else []
         for joint, formula in zip(robot.JOINTS, formulas, strict=True):
-            lines += ["```text", *_wrapped(joint, formula, names), "```", ""]
+            lines += ["```text", *_wrapped(joint, formula, names, state), "```", ""]
     lines += ["## Observations", "", "| name | in LaTeX | unit |", "|---|---|---|"]
     lines += [f"| {name} | ${latex_symbol(name)}$ | {unit_of(name)} |" for name in names]
     return "\n".join(lines) + "\n"
 
 
-def _wrapped(joint: str, formula: Expression, names: tuple[str, ...]) -> list[str]:
+def _gate_rows(names: tuple[str, ...]) -> list[str]:
+    return [
+        f"| {title} | ${latex_symbol(title)}$ | {_write_text(_rounded(gate, names))} "
+        f"| {_GATE_MEANINGS[title.split()[0]]} |"
+        for title, gate in named_gates(names).items()
+    ]
+
+
+def _wrapped(
+    joint: str, formula: Expression, names: tuple[str, ...], state: int | None
+) -> list[str]:
     """Breaks a formula into lines between its terms."""
-    glued = [piece.replace(" ", GLUE) for piece in _pieces(_rounded(formula, names), _TEXT)]
+    glued = [piece.replace(" ", GLUE) for piece in _pieces(_named(formula, names, state), _TEXT)]
     text = f"{joint}{GLUE}={GLUE}" + " ".join(glued)
     lines = textwrap.wrap(
         text, LINE_LENGTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
@@ -117,22 +143,25 @@ def _wrapped(joint: str, formula: Expression, names: tuple[str, ...]) -> list[st
 
 def _latex(policy: FormulaPolicy) -> str:
     text = "% Needs amsmath. Observations and their units: see the Markdown page beside this one.\n"
-    for title, formulas in _sections(policy):
+    for title, state, formulas in _sections(policy):
         text += f"\\paragraph{{{title}}}\n" if title else ""
         for joint, formula in zip(robot.JOINTS, formulas, strict=True):
             name = joint.replace("_", r"\,")
-            right = latex_formula(formula, policy.observation_names)
+            right = latex_formula(formula, policy.observation_names, state)
             text += (
                 f"\\begin{{align*}}\n  a_{{\\mathrm{{{name}}}}} ={{}}&{right}\n\\end{{align*}}\n"
             )
     return text
 
 
-def _sections(policy: FormulaPolicy) -> list[tuple[str, Sequence[Expression]]]:
+def _sections(
+    policy: FormulaPolicy,
+) -> list[tuple[str, int | None, Sequence[Expression]]]:
+    """Returns title, state of the machine and formulas of each part of a page."""
     every = policy.formulas_by_state
-    return [
-        (f"RM state {i}" if len(every) > 1 else "", formulas) for i, formulas in enumerate(every)
-    ]
+    if len(every) == 1:
+        return [("", None, every[0])]
+    return [(f"RM state {state}", state, formulas) for state, formulas in enumerate(every)]
 
 
 @dataclass(frozen=True)
@@ -194,6 +223,18 @@ def _order(term: sympy.Expr) -> tuple[bool, bool, float]:
     """Orders weighted observations by weight, then products with sums, then the constant."""
     coefficient, rest = term.as_coeff_Mul()
     return rest == 1, rest.has(sympy.Add), -abs(float(coefficient))
+
+
+def _named(formula: Expression, names: tuple[str, ...], state: int | None) -> sympy.Expr:
+    """Names the gates of a formula, and puts in what is known in a state of the machine."""
+    gates = {
+        _rounded(gate, names): sympy.Symbol(title) for title, gate in named_gates(names).items()
+    }
+    known = {}
+    if state is not None:
+        one_hot = names[machine_state_entries(names)]
+        known = {sympy.Symbol(name): sympy.Integer(i == state) for i, name in enumerate(one_hot)}
+    return _rounded(formula, names).xreplace(gates).xreplace(known)
 
 
 def _rounded(formula: Expression, names: tuple[str, ...]) -> sympy.Expr:

@@ -5,6 +5,7 @@ are in the air. All are bounded; a product with the iterations themselves would 
 where the robot is late.
 """
 
+from models.a1 import robot
 from models.policies.expression import Expression
 from models.task.observation import ITERATIONS_SCALE, machine_state_entries
 from studies.distillation.gated_sum import scaled, variable
@@ -26,6 +27,14 @@ def symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 def statewise_symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve one state of the machine."""
     return (lateness_gate(names), *foot_gates(names))
+
+
+def named_gates(names: tuple[str, ...]) -> dict[str, Expression]:
+    """Returns the gates that formulas are written with: lateness, and whether each foot is up."""
+    lifted = {
+        f"Lifted {leg}": gate for leg, gate in zip(robot.LEGS, foot_gates(names), strict=True)
+    }
+    return {"Late": lateness_gate(names), **lifted}
 
 
 def _machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:

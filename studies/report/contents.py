@@ -25,7 +25,8 @@ DEVIATIONS = (
     "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
     "which feet are in the air, which Operon may then correct; of several shapes the simplest is "
     "taken that walks alone about as well as the best. The paper evolves them with PySR alone. "
-    "Both have at most 90 nodes, but Operon counts a weighted observation as one.",
+    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 120, but "
+    "Operon counts a weighted observation as one.",
     "After the paper's episodes come levels in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
     "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",

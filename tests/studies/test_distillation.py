@@ -251,6 +251,25 @@ def test_formulas_read_as_people_write_them():
     )
 
 
+def test_formulas_name_their_gates_and_put_in_the_state_they_serve():
+    names = load_expert("trot").observation_names
+    at = {name: f"x{i}" for i, name in enumerate(names)}
+    text = (
+        f"(tanh((5.0 * {at['RM Iters']} + -2.0)) * (0.5 * {at['RM State 1']} + 2.0 * "
+        f"{at['Command X']})) + (tanh((100.0 * {at['Foot Height RL']} + -2.0)) * "
+        f"(3.0 * {at['RM State 0']}))"
+    )
+    formula = parse_expression(text, variable_names(len(names)))
+    assert readable_formula(formula, names) == (
+        "3.0 · Lifted RL · RM State 0 + Late · (2.0 · Command X + 0.5 · RM State 1)"
+    )
+    assert readable_formula(formula, names, state=0) == "3.0 · Lifted RL + 2.0 · Command X · Late"
+    assert readable_formula(formula, names, state=1) == "Late · (2.0 · Command X + 0.5)"
+    assert latex_formula(formula, names, state=0) == (
+        r"3.0 \cdot u_{\mathrm{RL}} + 2.0 \cdot v_x^{*} \cdot \ell"
+    )
+
+
 def test_open_loop_is_the_mean_of_each_moment(generator):
     names = load_expert("trot").observation_names
     observations = np.zeros((300, len(names)))
