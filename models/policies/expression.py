@@ -142,6 +142,16 @@ def constant(value: float) -> Expression:
     return Expression("constant", value=value)
 
 
+def variable(index: int) -> Expression:
+    """Makes a variable."""
+    return Expression("variable", variable=int(index))
+
+
+def scaled(formula: Expression, factor: float) -> Expression:
+    """Multiplies a formula by a number, even by 1, so that a weighted variable stays one."""
+    return Expression("mul", (constant(factor), formula))
+
+
 ZERO, ONE = constant(0.0), constant(1.0)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from models.a1.robot import Array
 from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.gates import named_gates
 from models.policies.policy import Contributions, Policy
 from models.task.observation import machine_state_entries
 
@@ -243,14 +244,15 @@ def _contributions(
 ) -> Contributions:
     terms = formula.terms()
     values = Tape(terms, len(names))(observation)
-    return Contributions(tuple(_title(term, names) for term in terms), values)
+    gates = {gate: title for title, gate in named_gates(names).items()}
+    return Contributions(tuple(_title(term, names, gates) for term in terms), values)
 
 
-def _title(term: Expression, names: tuple[str, ...]) -> str:
+def _title(term: Expression, names: tuple[str, ...], gates: Mapping[Expression, str]) -> str:
     # Weight and observation first: what they are gated by may be long.
     rank = {"constant": 0, "variable": 1}
     factors = sorted(_factors(term), key=lambda factor: rank.get(factor.operator, 2))
-    texts = [factor.to_text(names, TERM_DIGITS) for factor in factors]
+    texts = [gates.get(factor, factor.to_text(names, TERM_DIGITS)) for factor in factors]
     return " * ".join(texts).replace("+ -", "- ")
 
 

@@ -11,9 +11,9 @@ from sympy.printing.str import StrPrinter
 from models.a1 import robot
 from models.files import write_atomically
 from models.policies.expression import Expression
+from models.policies.gates import GATE_MEANINGS, named_gates
 from models.policies.symbolic import FormulaPolicy
 from models.task.observation import machine_state_entries, unit_of
-from studies.distillation.gates import named_gates
 
 DIGITS = 3
 
@@ -44,11 +44,6 @@ _LATEX_PREFIXES = {
     "Base Lin Vel": r"\hat v_{%s}",
     "Foot Height": r"\hat h_{\mathrm{%s}}",
     "Lifted": r"u_{\mathrm{%s}}",
-}
-
-_GATE_MEANINGS = {
-    "Late": "−1 as a state of the machine begins, 0 after four control steps, 1 late in it",
-    "Lifted": "−1 on the ground, 0 at 2 cm, 1 in the air",
 }
 
 
@@ -124,7 +119,7 @@ def _markdown(policy: FormulaPolicy) -> str:
 def _gate_rows(names: tuple[str, ...]) -> list[str]:
     return [
         f"| {title} | ${latex_symbol(title)}$ | {_write_text(_rounded(gate, names))} "
-        f"| {_GATE_MEANINGS[title.split()[0]]} |"
+        f"| {GATE_MEANINGS[title.split()[0]]} |"
         for title, gate in named_gates(names).items()
     ]
 

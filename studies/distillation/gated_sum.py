@@ -12,7 +12,7 @@ import numpy as np
 from sklearn.linear_model import orthogonal_mp_gram
 
 from models.a1.robot import Array
-from models.policies.expression import Expression
+from models.policies.expression import Expression, constant, scaled, variable
 from models.policies.symbolic import Tape
 
 SPREAD = 1e-12
@@ -85,13 +85,8 @@ def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
     return np.concatenate([none, np.asarray(path).reshape(len(gram), -1).T])
 
 
-def scaled(expression: Expression, factor: float) -> Expression:
-    """Multiplies a formula by a number."""
-    return Expression("mul", (Expression("constant", value=factor), expression))
-
-
 def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
-    total = Expression("constant", value=float(intercept))
+    total = constant(float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
         terms = [scaled(variable(i), float(row[i])) for i in np.flatnonzero(row)]
         if not terms:
@@ -103,7 +98,3 @@ def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: fl
             part = Expression("mul", (gate, part))
         total = Expression("add", (total, part))
     return total
-
-
-def variable(index: int) -> Expression:
-    return Expression("variable", variable=int(index))

@@ -13,6 +13,7 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
+from models.policies.gates import statewise_symbolic_gates, symbolic_gates
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy
@@ -26,7 +27,6 @@ from studies.distillation.config import (
     HistogramGbmConfig,
     StudentKind,
 )
-from studies.distillation.gates import statewise_symbolic_gates, symbolic_gates
 from studies.distillation.symbolic_regression import fit_formulas
 
 RIDGE = 1.0

@@ -9,10 +9,10 @@ from pyoperon.sklearn import SymbolicRegressor
 
 from models.a1.robot import Array
 from models.errors import InputError
-from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.expression import Expression, parse_expression, scaled, variable_names
 from models.policies.symbolic import Tape
 from studies.distillation.config import Shape, SymbolicConfig
-from studies.distillation.gated_sum import fit_gated_sums, scaled
+from studies.distillation.gated_sum import fit_gated_sums
 
 OPERON_SCALING_NODES = 4
 """Nodes of the scale and the offset that Operon puts around the formula it found."""
@@ -100,9 +100,9 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
         case Expression("variable", variable=index):
             return scaled(expression, 1.0 / scale[index])
         case Expression(
-            "mul", (Expression("constant", value=factor), Expression("variable") as variable)
+            "mul", (Expression("constant", value=factor), Expression("variable") as weighted)
         ):
-            return scaled(variable, factor / scale[variable.variable])
+            return scaled(weighted, factor / scale[weighted.variable])
         case _:
             operands = tuple(_rescaled(operand, scale) for operand in expression.operands)
             return Expression(expression.operator, operands, expression.value, expression.variable)

@@ -10,6 +10,7 @@ import numpy as np
 
 from diagrams.rollout import Rollout
 from models.a1 import robot
+from models.policies.gates import GATE_MEANINGS
 from models.policies.policy import Contributions, Policy
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
@@ -103,10 +104,17 @@ def render_page(
         policy=POLICY_TITLES.get(policy_name, policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
         n_shown=N_SHOWN,
+        gates=_gates(explained),
         data=_embedded(data),
         replay=_embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
+
+
+def _gates(explained: Sequence[ExplainedJoint]) -> dict[str, str]:
+    """Returns the gates that some term has, and what they mean."""
+    terms = " ".join(term for own in explained for term in own.contributions.terms)
+    return {gate: meaning for gate, meaning in GATE_MEANINGS.items() if gate in terms}
 
 
 def _joint_data(explained: ExplainedJoint) -> dict[str, Any]:

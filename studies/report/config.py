@@ -48,7 +48,7 @@ QUICK = ReportConfig(
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
         ebm=EbmConfig(outer_bags=2, interactions=20, level_interactions=10, max_rounds=400),
-        symbolic=SymbolicConfig(population=100, generations=15, max_samples=1500, alone_episodes=2),
+        symbolic=SymbolicConfig(shapes=((90, 90),)),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
     n_samples=400,

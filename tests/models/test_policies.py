@@ -178,6 +178,13 @@ def test_terms_begin_with_the_weighted_observation():
     )
 
 
+def test_terms_name_their_gates():
+    late = f"tanh((5.0 * x{NAMES.index('RM Iters')} + -2.0))"
+    formula = parse_expression(f"{late} * (0.25 * x0)", variable_names(len(NAMES)))
+    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
+    assert policy.explain(np.zeros(len(NAMES)), 0).terms == (f"0.25 * {NAMES[0]} * Late",)
+
+
 def test_trees_and_networks_do_not_split_into_contributions():
     with pytest.raises(InputError, match=r"kind 'neural' do not split"):
         neural().explain(samples(1)[0][0], 0)

@@ -18,6 +18,7 @@ from sklearn.metrics import r2_score
 from diagrams.station import StationConfig
 from models.errors import InputError
 from models.policies.expression import Expression, parse_expression, variable_names
+from models.policies.gates import foot_gates, lateness_gate
 from models.policies.library import load_expert, load_policy
 from models.policies.symbolic import Tape
 from models.task.gait import load_gait
@@ -32,7 +33,6 @@ from studies.distillation.config import (
 )
 from studies.distillation.formulas import latex_formula, readable_formula
 from studies.distillation.gated_sum import fit_gated_sums
-from studies.distillation.gates import foot_gates, lateness_gate
 from studies.distillation.library import load_students
 from studies.distillation.selection import simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student

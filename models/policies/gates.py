@@ -6,15 +6,20 @@ where the robot is late.
 """
 
 from models.a1 import robot
-from models.policies.expression import Expression
+from models.policies.expression import Expression, constant, scaled, variable
 from models.task.observation import ITERATIONS_SCALE, machine_state_entries
-from studies.distillation.gated_sum import scaled, variable
 
 LATE = 4
 """Control steps in a state of the machine that are neither early nor late."""
 
 LIFTED = 0.02
 """Height of a foot that is neither on the ground nor in the air (m)."""
+
+GATE_MEANINGS = {
+    "Late": "−1 as a state of the machine begins, 0 after four control steps, 1 late in it",
+    "Lifted": "−1 on the ground, 0 at 2 cm, 1 in the air",
+}
+"""What the values of a gate mean, by the start of its name."""
 
 
 def symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
@@ -59,5 +64,5 @@ def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 
 
 def _turning(expression: Expression, where: float, slope: float) -> Expression:
-    offset = Expression("constant", value=-slope * where)
-    return Expression("tanh", (Expression("add", (scaled(expression, slope), offset)),))
+    inner = Expression("add", (scaled(expression, slope), constant(-slope * where)))
+    return Expression("tanh", (inner,))
