@@ -36,10 +36,14 @@ def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig)
     generator = np.random.default_rng(config.seed)
     simulator = BatchSimulator(task, BatchPhysics(world.station), n_robots=n, generator=generator)
     log: dict[str, list[Array]] = {name: [] for name in RolloutLog.__annotations__}
+    failed = np.zeros((n, 1), dtype=bool)
     for step in range(config.n_steps):
         command = simulator.state.command.velocity.copy()
         observation = simulator.observe(estimator)
-        outcome = simulator.step(team.act(step, observation))
+        # A fallen robot counts no more; a policy that fell may well diverge on the ground.
+        action = np.where(failed, 0.0, team.act(step, observation))
+        outcome = simulator.step(action)
+        failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
         log["power"].append(_power(simulator.state.plant, simulator.state.action))
         log["command"].append(command)
@@ -47,7 +51,10 @@ def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig)
         log["plain_reward"].append(outcome.plain_reward)
         log["served_dwell"].append(outcome.served_dwell)
         log["failures"].append(outcome.failures)
-    return RolloutLog(**{name: np.array(values) for name, values in log.items()})
+        if failed.all():
+            break
+    whole = RolloutLog(**{name: np.array(values) for name, values in log.items()})
+    return _padded(whole, config.n_steps)
 
 
 def _n_robots(world: World, config: RolloutConfig) -> int:

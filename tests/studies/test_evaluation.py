@@ -8,7 +8,9 @@ from scipy import stats
 import studies.evaluation.jobs
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
+from models.a1 import robot
 from models.policies.library import load_expert
+from models.policies.linear import LinearPolicy
 from models.task.gait import load_gait
 from studies.distillation.students import untrained_student
 from studies.evaluation.alternation import alternation_jobs
@@ -98,6 +100,23 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
     save_figure(reward_figure(scores, "trot"), tmp_path / "reward")
     assert (tmp_path / "reward.pdf").stat().st_size > 5000
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_policy_that_diverges_ends_the_rollout(expert):
+    n = len(expert.observation_names)
+    weights = np.zeros((robot.N_JOINTS, n))
+    # Each action is three times the action before: beyond every float within the rollout.
+    previous = expert.observation_names.index("Prev Action FL Hip")
+    weights[:, previous : previous + robot.N_JOINTS] = 3.0 * np.eye(robot.N_JOINTS)
+    student = LinearPolicy("trot", expert.observation_names, weights, np.ones(robot.N_JOINTS))
+    config = RolloutConfig(n_robots=3, n_steps=800)
+    values = roll_out(load_gait("trot"), Team(expert, student, 0), WORLDS["training"], config)
+    scores = score_rollouts(values)
+    assert scores["fell"].all()
+    assert values.reward.shape == (800, 3)
+    assert scores["steps"].max() < 100
+    np.testing.assert_array_equal(values.reward[200:], np.repeat(values.reward[199:200], 600, 0))
 
 
 def test_shares_compare_robot_with_robot(generator):
