@@ -1,9 +1,13 @@
 """Figures of importances, and of what is lost without observations."""
 
+import textwrap
+
 import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from models.a1 import robot
 from models.a1.robot import Array
@@ -46,7 +50,7 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
             panel.errorbar(
                 mine["lost"], at, xerr=mine["lost_ci"], fmt="none", ecolor="0.3", elinewidth=0.5
             )
-        panel.set_title(STUDENT_TITLES.get(student, student))
+        panel.set_title(textwrap.fill(STUDENT_TITLES.get(student, student), 14))
         panel.set_xlabel("share of reward lost")
         panel.set_yticks(range(len(groups)), groups, fontsize=6)
     panels[0][0].invert_yaxis()
@@ -56,24 +60,49 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
 
 
 def truth_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> Figure:
-    """Draws what each method foretells against the loss that followed, a panel a method."""
+    """Draws which observations each method ranks high against the loss that followed.
+
+    Of a method that can be believed all points lie on the diagonal.
+    """
     joined = importances.merge(lost.query("mode == 'shuffled'"), on=["policy", "without"])
     pairs = list(dict.fromkeys(zip(joined["policy"], joined["method"], strict=True)))
-    columns = min(3, len(pairs))
-    rows = -(-len(pairs) // columns)
+    rows = -(-len(pairs) // 2)
     figure, panels = plt.subplots(
-        rows, columns, figsize=(2 * COLUMN_WIDTH, 1.7 * rows + 0.3), squeeze=False
+        rows, 2, figsize=(2 * COLUMN_WIDTH, 2.2 * rows + 0.3), squeeze=False, sharex=True
     )
     for panel in panels.flat[len(pairs) :]:
         panel.set_visible(False)
     for panel, (policy, method) in zip(panels.flat, pairs, strict=False):
         own = joined.query("policy == @policy and method == @method")
-        shares = own["importance"] / own["importance"].sum()
-        panel.scatter(shares, own["lost"], s=10, color="#0072B2")
-        for x, y, name in zip(shares, own["lost"], own["without"], strict=True):
-            panel.annotate(name, (x, y), fontsize=4, xytext=(2, 1), textcoords="offset points")
-        panel.set_title(f"{STUDENT_TITLES.get(policy, policy)}: {METHOD_TITLES[method]}")
-        panel.set_xlabel("share of importance")
-        panel.set_ylabel("share of reward lost")
+        _draw_ranks(panel, own)
+        name = f"{STUDENT_TITLES.get(policy, policy)}: {METHOD_TITLES[method]}"
+        correlation = own["importance"].corr(own["lost"], method="spearman")
+        panel.set_title(f"{name}, ρ = {correlation:.2f}")
+    for panel in panels[:, 0]:
+        panel.set_ylabel("rank by reward lost")
+    for panel in panels[-1]:
+        panel.set_xlabel("rank by importance (most to the right)")
     figure.suptitle(title, fontsize=8)
     return figure
+
+
+def _draw_ranks(panel: Axes, own: pd.DataFrame) -> None:
+    count = len(own)
+    panel.plot([1, count], [1, count], color="0.7", linewidth=0.8)
+    for x, y, name in zip(
+        own["importance"].rank(), own["lost"].rank(), own["without"], strict=True
+    ):
+        panel.scatter(x, y, s=10, color="#0072B2")
+        left = x > count / 2
+        panel.annotate(
+            name,
+            (x, y),
+            fontsize=5,
+            xytext=(-3 if left else 3, 0),
+            textcoords="offset points",
+            ha="right" if left else "left",
+            va="center",
+        )
+    panel.set(xlim=(0, count + 1), ylim=(0, count + 1))
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    panel.yaxis.set_major_locator(MaxNLocator(integer=True))
