@@ -6,6 +6,7 @@ from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
+    HistogramGbmConfig,
     StudentKind,
     SymbolicConfig,
 )
@@ -47,6 +48,7 @@ QUICK = ReportConfig(
         alone_levels=1,
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
+        histogram_gbm=HistogramGbmConfig(n_trees=80),
         ebm=EbmConfig(outer_bags=2, interactions=20, level_interactions=10, max_rounds=400),
         symbolic=SymbolicConfig(shapes=((90, 90),)),
     ),

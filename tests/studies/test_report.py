@@ -4,7 +4,13 @@ import pandas as pd
 import pytest
 
 from studies.cli import main
-from studies.distillation.config import DistillationConfig, EbmConfig, GbmConfig, SymbolicConfig
+from studies.distillation.config import (
+    DistillationConfig,
+    EbmConfig,
+    GbmConfig,
+    HistogramGbmConfig,
+    SymbolicConfig,
+)
 from studies.evaluation.config import RolloutConfig
 from studies.report import command
 from studies.report.config import PAPER_STUDENTS, ReportConfig
@@ -15,11 +21,12 @@ TINY = ReportConfig(
     distillation=DistillationConfig(
         students=PAPER_STUDENTS,
         episodes=5,
-        episodes_per_level=4,
+        alone_levels=1,
         episode_steps=60,
         gbm=GbmConfig(n_trees=5, depth=2),
+        histogram_gbm=HistogramGbmConfig(n_trees=5),
         ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=20),
-        symbolic=SymbolicConfig(population=20, generations=1, max_samples=200),
+        symbolic=SymbolicConfig(shapes=((90, 90),), alone_episodes=4),
         n_jobs=1,
     ),
     rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
