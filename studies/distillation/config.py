@@ -141,7 +141,7 @@ class SymbolicConfig:
     shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
     statewise_shapes: tuple[Shape, ...] = ((64, 64), (90, 90), (120, 120))
     max_samples: int = 3000
-    alone_episodes: int = 26
+    alone_episodes: int = 13
 
     def shapes_of(self, kind: StudentKind) -> tuple[Shape, ...]:
         """Returns the shapes of one kind of formulas."""
