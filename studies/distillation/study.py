@@ -112,7 +112,8 @@ def _collect_levels(
             samples = Dataset.load(path)
         else:
             started = time.monotonic()
-            if dataset is not None:
+            period = config.period(level)
+            if dataset is not None and period != 1:
                 seen = dataset.subset(~dataset.held_out)
                 report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples")
                 student = fit_student(
@@ -123,7 +124,6 @@ def _collect_levels(
                     seen.actions,
                 )
             mine = np.array(config.level_episodes(level, kind))
-            period = config.period(level)
             ratio = ratio_title(period)
             report(f"{STUDENT_TITLES[kind]}: level {level} of {config.n_levels}, ratio {ratio}")
             samples = collect(
