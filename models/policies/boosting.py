@@ -48,14 +48,14 @@ class BoostedTreesPolicy(Policy):
         self.importances = importances
         n_joints, n_trees, n_inner = features.shape
         self.depth = (n_inner + 1).bit_length() - 1
-        tree = np.arange(n_joints * n_trees)
-        self._first_inner = tree * n_inner
-        self._first_leaf = tree * (n_inner + 1)
-        # A tree's leaves are numbered on from its inner nodes.
-        self._inner_to_leaf = self._first_leaf - self._first_inner - n_inner
-        self._flat_features = features.ravel().astype(np.intp)
-        self._flat_thresholds = thresholds.ravel()
-        self._flat_leaves = leaves.ravel()
+        self._trees = np.arange(n_joints * n_trees)
+        # Level by level, all trees beside one another: where node i of a level goes to is node
+        # 2 i or 2 i + 1 of the next, and what the first levels ask for stays in the cache.
+        levels = [slice(2**level - 1, 2 ** (level + 1) - 1) for level in range(self.depth)]
+        small = np.min_scalar_type(len(observation_names))
+        self._features = [features[..., nodes].ravel().astype(small) for nodes in levels]
+        self._thresholds = [thresholds[..., nodes].ravel() for nodes in levels]
+        self._leaves = leaves.ravel()
 
     @classmethod
     def compile(
@@ -88,17 +88,18 @@ class BoostedTreesPolicy(Policy):
         )
 
     def __call__(self, observation: Array) -> Array:
-        if observation.ndim == 1:
-            return self._act(observation)
         rows = observation.reshape(-1, observation.shape[-1])
-        node = np.zeros((len(rows), len(self._first_inner)), dtype=np.intp)
-        row = np.arange(len(rows))[:, None]
-        for _ in range(self.depth):
-            at = self._first_inner + node
-            right = rows[row, self._flat_features[at]] > self._flat_thresholds[at]
-            node = 2 * node + 1 + right
-        leaf = self._first_leaf + node - (2**self.depth - 1)
-        contributions = self._flat_leaves[leaf].reshape(len(rows), *self.leaves.shape[:2])
+        first_entry = rows.shape[1] * np.arange(len(rows))[:, None]
+        at = np.tile(self._trees, (len(rows), 1))
+        # `take` and sums in place take half as long as general indexing.
+        for features, thresholds in zip(self._features, self._thresholds, strict=True):
+            asked = features.take(at)
+            if len(rows) > 1:
+                asked = asked + first_entry
+            right = rows.take(asked) > thresholds.take(at)
+            at *= 2
+            at += right
+        contributions = self._leaves.take(at).reshape(len(rows), *self.leaves.shape[:2])
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
 
@@ -110,20 +111,6 @@ class BoostedTreesPolicy(Policy):
         for _ in range(self.depth):
             node = 2 * node + 1 + (observations[row, features[node]] > thresholds[node])
         return self.leaves[joint, tree, node - (2**self.depth - 1)]
-
-    def _act(self, observation: Array) -> Array:
-        # One observation: `take` and sums in place are half as slow as general indexing.
-        at = self._first_inner.copy()
-        for _ in range(self.depth):
-            asked = observation.take(self._flat_features.take(at))
-            right = asked > self._flat_thresholds.take(at)
-            at *= 2
-            at -= self._first_inner
-            at += 1
-            at += right
-        at += self._inner_to_leaf
-        contributions = self._flat_leaves.take(at).reshape(self.leaves.shape[:2])
-        return contributions.sum(axis=-1) + self.intercepts
 
 
 class _CompleteTree(NamedTuple):
