@@ -24,14 +24,15 @@ GATE_MEANINGS = {
 
 def symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve every state of the machine."""
-    states, late = _machine_gates(names), lateness_gate(names)
+    states = _machine_gates(names)
+    late, *lifted = statewise_symbolic_gates(names)
     products = (Expression("mul", (state, late)) for state in states)
-    return (*states, late, *products, *foot_gates(names))
+    return (*states, late, *products, *lifted)
 
 
 def statewise_symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
     """Returns the gates of formulas that serve one state of the machine."""
-    return (lateness_gate(names), *foot_gates(names))
+    return tuple(named_gates(names).values())
 
 
 def named_gates(names: tuple[str, ...]) -> dict[str, Expression]:

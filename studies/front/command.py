@@ -35,8 +35,7 @@ class Front:
     Attributes:
         gait: Name of a gait.
         samples: Folder of the levels that a student collected, whose samples the formulas are
-            fitted to; runs/distillation/<gait>/statewise_symbolic by
-            default.
+            fitted to; runs/distillation/<gait>/statewise_symbolic by default.
         lengths: Greatest lengths of a joint's formula (nodes).
         rollouts: How robots are rolled out.
         expert: Policy file of the expert; the shipped one by default.
