@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import sympy
@@ -222,14 +223,19 @@ def _order(term: sympy.Expr) -> tuple[bool, bool, float]:
 
 def _named(formula: Expression, names: tuple[str, ...], state: int | None) -> sympy.Expr:
     """Names the gates of a formula, and puts in what is known in a state of the machine."""
-    gates = {
-        _rounded(gate, names): sympy.Symbol(title) for title, gate in named_gates(names).items()
-    }
     known = {}
     if state is not None:
         one_hot = names[machine_state_entries(names)]
         known = {sympy.Symbol(name): sympy.Integer(i == state) for i, name in enumerate(one_hot)}
-    return _rounded(formula, names).xreplace(gates).xreplace(known)
+    return _rounded(formula, names).xreplace(_gate_symbols(names)).xreplace(known)
+
+
+@cache
+def _gate_symbols(names: tuple[str, ...]) -> dict[sympy.Expr, sympy.Symbol]:
+    """Returns the symbol of each gate, by the gate as pages write it."""
+    return {
+        _rounded(gate, names): sympy.Symbol(title) for title, gate in named_gates(names).items()
+    }
 
 
 def _rounded(formula: Expression, names: tuple[str, ...]) -> sympy.Expr:

@@ -80,8 +80,9 @@ def truth_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> F
         panel.set_title(f"{name}, ρ = {correlation:.2f}")
     for panel in panels[:, 0]:
         panel.set_ylabel("rank by reward lost")
-    for panel in panels[-1]:
+    for panel in panels.flat[max(0, len(pairs) - 2) : len(pairs)]:
         panel.set_xlabel("rank by importance (most to the right)")
+        panel.tick_params(labelbottom=True)
     figure.suptitle(title, fontsize=8)
     return figure
 
