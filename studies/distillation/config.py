@@ -91,12 +91,12 @@ class EbmConfig:
         interaction_smoothing_rounds: The same, for functions of two.
     """
 
-    outer_bags: int = 4
-    interactions: int = 120
-    level_interactions: int = 30
+    outer_bags: int = 8
+    interactions: int = 200
+    level_interactions: int = 60
     max_bins: int = 256
     max_interaction_bins: int = 24
-    max_rounds: int = 500
+    max_rounds: int = 100
     learning_rate: float = 0.2
     smoothing_rounds: int = 20
     interaction_smoothing_rounds: int = 5
