@@ -45,7 +45,7 @@ QUICK = DistillationConfig(
     alone_levels=2,
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
-    ebm=EbmConfig(outer_bags=1, interactions=30),
+    ebm=EbmConfig(outer_bags=1, interactions=60),
     symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),)),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""

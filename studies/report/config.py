@@ -49,7 +49,7 @@ QUICK = ReportConfig(
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
         histogram_gbm=HistogramGbmConfig(n_trees=80),
-        ebm=EbmConfig(outer_bags=2, interactions=20, level_interactions=10, max_rounds=400),
+        ebm=EbmConfig(outer_bags=2, interactions=40, level_interactions=20),
         symbolic=SymbolicConfig(shapes=((90, 90),)),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),

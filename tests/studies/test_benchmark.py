@@ -1,16 +1,21 @@
 """The benchmark times what it says it times."""
 
+import itertools
+import json
+
 import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
 import studies.benchmark.distillation
+from models.files import write_atomically
 from models.policies.library import load_expert
 from studies.benchmark.distillation import (
-    NAIVE_MODELS,
+    NaiveModel,
     compiled_against_library,
     expert_samples,
     naive_minutes,
+    study_against_naive_loop,
 )
 from studies.benchmark.inference import single_row_microseconds
 from studies.benchmark.throughput import training_and_physics
@@ -54,11 +59,33 @@ def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
     assert (table[["compiled (µs)", "predict × 12 (µs)"]] > 0).all(axis=None)
 
 
-def test_naive_loop_is_extrapolated_from_two_fits(monkeypatch):
-    clock = iter([0.0, 1.0, 10.0, 13.0])
+@pytest.fixture
+def linear_models(monkeypatch: pytest.MonkeyPatch) -> dict[str, NaiveModel]:
+    """Models of two parts, of which 800 samples take a second and 3200 three."""
+    clock = itertools.cycle([0.0, 1.0, 10.0, 13.0])
     monkeypatch.setattr(studies.benchmark.distillation.time, "perf_counter", lambda: next(clock))
-    monkeypatch.setitem(NAIVE_MODELS, "gbm", LinearRegression)
-    samples = Dataset(np.zeros((3000, 4)), np.zeros((3000, 12)), np.ones(3000, dtype=np.int64))
-    config = DistillationConfig(episodes=2, episode_steps=1000)
-    # A second for 800 samples and three for 2400 make 3 s for 2 episodes of 800 and 1600 in all.
-    assert naive_minutes(samples, "gbm", config) == pytest.approx(12 * 3 / 60)
+    models = {kind: NaiveModel(LinearRegression, 2, (800, 3200)) for kind in ("gbm", "ebm")}
+    monkeypatch.setattr(studies.benchmark.distillation, "NAIVE_MODELS", models)
+    return models
+
+
+SAMPLES = Dataset(np.zeros((4000, 4)), np.zeros((4000, 12)), np.ones(4000, dtype=np.int64))
+TWO_EPISODES = DistillationConfig(episodes=2, episode_steps=1000)
+
+
+def test_naive_loop_is_extrapolated_from_two_fits(linear_models):
+    linear, least = naive_minutes(SAMPLES, linear_models["gbm"], TWO_EPISODES)
+    # Two parts at 800 samples take 2 s, at 1600 samples 2 s and a third of the 4 s to 3200.
+    assert linear == pytest.approx(12 * (2 + 2 + 4 / 3) / 60)
+    assert least == pytest.approx(12 * (2 + 2) / 60)
+
+
+def test_study_and_naive_loop_are_summed(linear_models, tmp_path):
+    for kind, minutes in {"gbm": 0.2, "ebm": 0.3, "symbolic": 0.5}.items():
+        write_atomically(tmp_path / kind / "record.json", json.dumps({"minutes": minutes}))
+    table = study_against_naive_loop(SAMPLES, TWO_EPISODES, tmp_path)
+    assert table["student"].tolist() == ["gbm", "ebm", "all 3"]
+    assert table["study (min)"].tolist() == [0.2, 0.3, 1.0]
+    naive = 12 * (2 + 2 + 4 / 3) / 60
+    assert table["ratio"].tolist() == pytest.approx([naive / 0.2, naive / 0.3, 2 * naive], abs=0.05)
+    assert study_against_naive_loop(SAMPLES, TWO_EPISODES, tmp_path / "none").empty
