@@ -86,12 +86,17 @@ class Curricula:
 
 
 def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
-    """Returns the settings of each curriculum, all of as many episodes.
+    """Returns the settings of each curriculum, all of as many episodes of equal length.
 
     Without levels of the student alone, alternation goes on to lower ratios instead.
     """
     size = config.episodes_per_level
-    config = replace(config, symbolic=replace(config.symbolic, alone_episodes=size))
+    config = replace(
+        config,
+        alone_episodes=size,
+        alone_steps=config.episode_steps,
+        symbolic=replace(config.symbolic, alone_episodes=size),
+    )
     levels_alone = config.alone_levels * size
     whole = replace(config, episodes=config.episodes + levels_alone, alone_levels=0)
     return {

@@ -63,12 +63,14 @@ class HistogramGbmConfig:
 
     Attributes:
         n_trees: Number of trees.
+        level_trees: The same while samples are collected.
         depth: Greatest depth of a tree.
         leaves: Greatest number of leaves of a tree.
         learning_rate: Share of a tree's correction that is kept.
     """
 
     n_trees: int = 300
+    level_trees: int = 150
     depth: int = 6
     leaves: int = 31
     learning_rate: float = 0.1
@@ -91,7 +93,7 @@ class EbmConfig:
         interaction_smoothing_rounds: The same, for functions of two.
     """
 
-    outer_bags: int = 8
+    outer_bags: int = 4
     interactions: int = 200
     level_interactions: int = 60
     max_bins: int = 256
@@ -107,8 +109,7 @@ class SymbolicConfig:
     """Settings of symbolic regression.
 
     Formulas are fitted in seconds, so they can afford more samples of their own than other
-    students, and need them: with four robots a level alone, some of a bound fell in 10 of 52
-    rollouts.
+    students, and need them: with 4,000 a level alone, some of a bound fell in 10 of 52 rollouts.
 
     Attributes:
         engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.
@@ -141,7 +142,7 @@ class SymbolicConfig:
     shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
     statewise_shapes: tuple[Shape, ...] = ((64, 64), (90, 90), (120, 120))
     max_samples: int = 3000
-    alone_episodes: int = 13
+    alone_episodes: int = 52
 
     def shapes_of(self, kind: StudentKind) -> tuple[Shape, ...]:
         """Returns the shapes of one kind of formulas."""
@@ -165,7 +166,10 @@ class DistillationConfig:
         alone_levels: Levels after those of the curriculum in which the student acts alone. The
             paper has none, so that its students meet alone what no sample has shown them. A walk of
             boosted trees fell in 5 of 26 rollouts after two such levels and in none after eight.
-        episode_steps: Control steps of an episode.
+        alone_episodes: Episodes of such a level, but of formulas.
+        alone_steps: Control steps of such an episode. Students that fall alone fall within a second
+            of the start, and of as many samples short episodes hold more starts.
+        episode_steps: Control steps of the other episodes.
         curriculum: Who acts while samples are collected: `alternation`, the paper's, where level k
             has the expert act at every k-th step; or, after a first level of the expert's, the
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
@@ -185,6 +189,8 @@ class DistillationConfig:
     episodes: int = 30
     episodes_per_level: int = 4
     alone_levels: int = 8
+    alone_episodes: int = 16
+    alone_steps: int = 250
     episode_steps: int = 1000
     curriculum: Curriculum = "alternation"
     speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
@@ -207,14 +213,17 @@ class DistillationConfig:
 
     def level_episodes(self, level: int, kind: StudentKind) -> range:
         """Returns the numbers of a level's episodes, counted from 1."""
-        size = self.episodes_per_level
         if level <= self.curriculum_levels:
+            size = self.episodes_per_level
             first = (level - 1) * size + 1
             return range(first, min(first + size, self.episodes + 1))
-        if kind in FORMULAS:
-            size = self.symbolic.alone_episodes
+        size = self.symbolic.alone_episodes if kind in FORMULAS else self.alone_episodes
         first = self.episodes + (level - self.curriculum_levels - 1) * size + 1
         return range(first, first + size)
+
+    def level_steps(self, level: int) -> int:
+        """Returns the control steps of a level's episodes."""
+        return self.episode_steps if level <= self.curriculum_levels else self.alone_steps
 
     def period(self, level: int) -> int:
         """Returns the control steps from one action of the expert to the next; 0 is never."""
@@ -228,9 +237,12 @@ class DistillationConfig:
 
     def for_levels(self) -> "DistillationConfig":
         """Returns the settings of the students that collect samples: small models, quickly made."""
+        n_trees = min(self.histogram_gbm.level_trees, self.histogram_gbm.n_trees)
+        interactions = min(self.ebm.level_interactions, self.ebm.interactions)
         return replace(
             self,
-            ebm=replace(self.ebm, outer_bags=1, interactions=self.ebm.level_interactions),
+            histogram_gbm=replace(self.histogram_gbm, n_trees=n_trees),
+            ebm=replace(self.ebm, outer_bags=1, interactions=interactions),
         )
 
     def for_shuffled_split(self) -> "DistillationConfig":

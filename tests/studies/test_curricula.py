@@ -21,6 +21,9 @@ def test_every_curriculum_has_as_many_episodes():
     }
     assert list(budgets) == list(CURRICULA) == list(TICKS)
     assert last == {62}
+    for config in budgets.values():
+        steps = {config.level_steps(level) for level in range(1, config.n_levels + 1)}
+        assert steps == {config.episode_steps}
 
 
 def test_every_curriculum_begins_with_the_expert_and_goes_its_own_way():

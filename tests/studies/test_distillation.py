@@ -44,6 +44,8 @@ TINY = DistillationConfig(
     episodes=5,
     alone_levels=1,
     episode_steps=60,
+    alone_episodes=4,
+    alone_steps=60,
     gbm=GbmConfig(n_trees=5),
     histogram_gbm=HistogramGbmConfig(n_trees=5),
     ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=10),
@@ -192,7 +194,10 @@ def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
 
 
 def test_levels_hold_every_episode_once():
-    config = DistillationConfig(episodes=10, episodes_per_level=4, alone_levels=2)
+    config = DistillationConfig(
+        episodes=10, episodes_per_level=4, alone_levels=2, alone_episodes=4, alone_steps=90
+    )
+    assert [config.level_steps(level) for level in (1, 3, 4, 5)] == [1000, 1000, 90, 90]
     levels = [
         list(config.level_episodes(level, "linear")) for level in range(1, config.n_levels + 1)
     ]
@@ -209,6 +214,9 @@ def test_bands_come_with_the_last_fit_alone(finished):
     assert len(policy.pairs) == 2 * 12
     assert TINY.for_levels().ebm.outer_bags == TINY.for_shuffled_split().ebm.outer_bags == 1
     assert TINY.for_levels().ebm.interactions == 1
+    assert TINY.for_levels().histogram_gbm.n_trees <= TINY.histogram_gbm.n_trees
+    full = DistillationConfig()
+    assert full.for_levels().histogram_gbm.n_trees < full.histogram_gbm.n_trees
 
 
 def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):

@@ -290,6 +290,8 @@ def distilled(tmp_path_factory):
         students=("statewise_linear", "histogram_gbm"),
         episodes=5,
         episode_steps=60,
+        alone_episodes=4,
+        alone_steps=60,
         histogram_gbm=HistogramGbmConfig(n_trees=5),
         n_jobs=1,
     )

@@ -23,6 +23,8 @@ TINY = ReportConfig(
         episodes=5,
         alone_levels=1,
         episode_steps=60,
+        alone_episodes=4,
+        alone_steps=60,
         gbm=GbmConfig(n_trees=5, depth=2),
         histogram_gbm=HistogramGbmConfig(n_trees=5),
         ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=20),
