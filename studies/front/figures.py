@@ -1,5 +1,7 @@
 """The figure of the front: reward and falls against size."""
 
+from math import ceil, log2
+
 import pandas as pd
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
@@ -28,7 +30,7 @@ def front_figure(front: pd.DataFrame, title: str) -> Figure:
     axes[0].set(ylabel="share of the\nexpert's reward", ylim=(0, None), title=title)
     axes[1].set(ylabel="falls (%)", ylim=(-5, 105))
     axes[2].set(ylabel="R²", ylim=(0, 1), xlabel="nodes of a joint's formula", xscale="log")
-    ticks = [2, 4, 8, 16, 32, 64, 128]
+    ticks = [2**power for power in range(1, 1 + ceil(log2(front["nodes"].max())))]
     axes[2].set_xticks(ticks, [str(tick) for tick in ticks])
     axes[2].minorticks_off()
     axes[0].legend(loc="lower right")
