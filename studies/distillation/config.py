@@ -142,7 +142,7 @@ class SymbolicConfig:
     shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
     statewise_shapes: tuple[Shape, ...] = ((64, 64), (90, 90), (120, 120))
     max_samples: int = 3000
-    alone_episodes: int = 52
+    alone_episodes: int = 13
 
     def shapes_of(self, kind: StudentKind) -> tuple[Shape, ...]:
         """Returns the shapes of one kind of formulas."""
@@ -166,10 +166,11 @@ class DistillationConfig:
         alone_levels: Levels after those of the curriculum in which the student acts alone. The
             paper has none, so that its students meet alone what no sample has shown them. A walk of
             boosted trees fell in 5 of 26 rollouts after two such levels and in none after eight.
-        alone_episodes: Episodes of such a level, but of formulas.
-        alone_steps: Control steps of such an episode. Students that fall alone fall within a second
-            of the start, and of as many samples short episodes hold more starts.
-        episode_steps: Control steps of the other episodes.
+        alone_episodes: Episodes of such a level. Formulas have their own.
+        alone_steps: Control steps of such an episode. An additive model of a bound fell within a
+            second of the start, and of as many samples short episodes hold more starts.
+        episode_steps: Control steps of the other episodes, and of those in which formulas act
+            alone: they fall and start again often enough.
         curriculum: Who acts while samples are collected: `alternation`, the paper's, where level k
             has the expert act at every k-th step; or, after a first level of the expert's, the
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
@@ -221,9 +222,10 @@ class DistillationConfig:
         first = self.episodes + (level - self.curriculum_levels - 1) * size + 1
         return range(first, first + size)
 
-    def level_steps(self, level: int) -> int:
+    def level_steps(self, level: int, kind: StudentKind) -> int:
         """Returns the control steps of a level's episodes."""
-        return self.episode_steps if level <= self.curriculum_levels else self.alone_steps
+        short = level > self.curriculum_levels and kind not in FORMULAS
+        return self.alone_steps if short else self.episode_steps
 
     def period(self, level: int) -> int:
         """Returns the control steps from one action of the expert to the next; 0 is never."""

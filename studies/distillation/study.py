@@ -133,7 +133,7 @@ def _collect_levels(
                 period=period,
                 episodes=mine,
                 speeds=speeds[(mine - 1) % len(speeds)],
-                n_steps=config.level_steps(level),
+                n_steps=config.level_steps(level, kind),
                 station=config.station,
                 generator=np.random.default_rng([config.seed, level]),
             )

@@ -22,7 +22,8 @@ def test_every_curriculum_has_as_many_episodes():
     assert list(budgets) == list(CURRICULA) == list(TICKS)
     assert last == {62}
     for config in budgets.values():
-        steps = {config.level_steps(level) for level in range(1, config.n_levels + 1)}
+        levels = range(1, config.n_levels + 1)
+        steps = {config.level_steps(level, "linear") for level in levels}
         assert steps == {config.episode_steps}
 
 

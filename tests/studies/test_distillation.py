@@ -197,7 +197,8 @@ def test_levels_hold_every_episode_once():
     config = DistillationConfig(
         episodes=10, episodes_per_level=4, alone_levels=2, alone_episodes=4, alone_steps=90
     )
-    assert [config.level_steps(level) for level in (1, 3, 4, 5)] == [1000, 1000, 90, 90]
+    assert [config.level_steps(level, "linear") for level in (1, 3, 4, 5)] == [1000, 1000, 90, 90]
+    assert {config.level_steps(level, "symbolic") for level in (1, 3, 4, 5)} == {1000}
     levels = [
         list(config.level_episodes(level, "linear")) for level in range(1, config.n_levels + 1)
     ]
