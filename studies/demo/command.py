@@ -43,9 +43,11 @@ QUICK = DistillationConfig(
     ),
     episodes=12,
     alone_levels=2,
+    alone_episodes=4,
+    alone_steps=500,
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
-    ebm=EbmConfig(outer_bags=1, interactions=60),
+    ebm=EbmConfig(outer_bags=1, interactions=30, max_rounds=500),
     symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),)),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""

@@ -46,6 +46,8 @@ QUICK = ReportConfig(
         episodes=8,
         episodes_per_level=2,
         alone_levels=1,
+        alone_episodes=4,
+        alone_steps=500,
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
         histogram_gbm=HistogramGbmConfig(n_trees=80),
