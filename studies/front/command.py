@@ -27,10 +27,16 @@ from studies.front.formulas import FAMILIES, LENGTHS
 from studies.records import to_plain
 from studies.tables import print_table, write_metrics, write_table
 
+SHARES = (0.0, 0.9, 0.97)
+"""Shares of the expert's reward for which the smallest formulas are named."""
+
+MIN_RHYTHM = 0.9
+"""Share of the rhythm below which a robot does not walk."""
+
 
 @dataclass(frozen=True)
 class Front:
-    """Fit formulas of growing size, let each walk alone, and name the smallest that never falls.
+    """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
 
     Attributes:
         gait: Name of a gait.
@@ -81,9 +87,12 @@ class Front:
         front = front_table(pd.DataFrame(rows), scores)
         write_table(front, folder / "front")
         write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
-        save_figure(front_figure(front, gait.name), folder / "front")
+        save_figure(front_figure(front, gait.name.capitalize()), folder / "front")
         print_table(f"{gait.name}: formulas alone", front)
-        console.print(f"{smallest_that_walks(front)}; written to {folder}")
+        smallest = smallest_that_walk(front)
+        write_table(smallest, folder / "smallest")
+        print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
+        console.print(f"written to {folder}")
 
 
 def mean_nodes(policy: FormulaPolicy) -> float:
@@ -100,14 +109,23 @@ def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     return front.sort_values("nodes", ignore_index=True)
 
 
-def smallest_that_walks(front: pd.DataFrame) -> str:
-    """Names the smallest formulas with which no robot fell."""
-    upright = front[front["falls"] == 0]
-    if upright.empty:
-        return "with every size some robot falls"
-    best = upright.sort_values("nodes").iloc[0]
-    title = FAMILIES[best["family"]].title
-    return (
-        f"smallest without a fall in {best['robots']} robots: {title} of {best['nodes']:.1f} nodes "
-        f"a joint, {best['share']:.2f} of the expert's reward"
-    )
+def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
+    """Names the smallest formulas with which every robot walks, for growing shares of the reward.
+
+    A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
+    Where no size does, there is no row.
+    """
+    walks = front[(front["falls"] == 0) & (front["rhythm"] >= MIN_RHYTHM)].sort_values("nodes")
+    rows = []
+    for share in SHARES:
+        enough = walks[walks["share"] >= share]
+        if len(enough):
+            best = enough.iloc[0]
+            rows.append(
+                {
+                    "share asked for": share,
+                    "formulas": FAMILIES[best["family"]].title,
+                    **best[["nodes", "r2", "share", "share_ci", "rhythm", "robots"]],
+                }
+            )
+    return pd.DataFrame(rows)

@@ -19,7 +19,7 @@ _STYLES = {
 
 def front_figure(front: pd.DataFrame, title: str) -> Figure:
     """Draws share of the expert's reward, falls and R² against the nodes of a joint's formula."""
-    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_WIDTH, 4.2), sharex=True)
+    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
     for family, style in _STYLES.items():
         mine = front[front["family"] == family].sort_values("nodes")
         line = {"label": FAMILIES[family].title, "markersize": 3.5, "linewidth": 1.0, **style}
@@ -27,12 +27,13 @@ def front_figure(front: pd.DataFrame, title: str) -> Figure:
         axes[1].plot(mine["nodes"], 100 * mine["fall_rate"], **line)
         axes[2].plot(mine["nodes"], mine["r2"], **line)
     axes[0].axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    axes[0].set(ylabel="share of the\nexpert's reward", ylim=(0, None), title=title)
+    axes[0].set(ylabel="share of the\nexpert's reward", ylim=(0, None))
     axes[1].set(ylabel="falls (%)", ylim=(-5, 105))
     axes[2].set(ylabel="R²", ylim=(0, 1), xlabel="nodes of a joint's formula", xscale="log")
     ticks = [2**power for power in range(1, 1 + ceil(log2(front["nodes"].max())))]
     axes[2].set_xticks(ticks, [str(tick) for tick in ticks])
     axes[2].minorticks_off()
-    axes[0].legend(loc="lower right")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
     figure.align_ylabels()
     return figure

@@ -8,7 +8,7 @@ from models.policies.library import load_expert
 from models.task.observation import machine_state_entries
 from studies.cli import main
 from studies.distillation.collection import Dataset
-from studies.front.command import front_table, mean_nodes, smallest_that_walks
+from studies.front.command import front_table, mean_nodes, smallest_that_walk
 from studies.front.formulas import FAMILIES
 
 NAMES = load_expert("trot").observation_names
@@ -32,19 +32,30 @@ def test_lengths_bound_the_formulas(family, samples):
     assert all(size <= n * states for size, n in zip(sizes, (2, 8, 24), strict=True))
 
 
-def test_the_smallest_without_a_fall_is_named():
+def test_the_smallest_that_walk_are_named():
     fits = pd.DataFrame(
-        {"policy": ["a", "b"], "family": ["gated", "linear"], "nodes": [30.0, 12.0], "r2": 0.9}
+        {
+            "policy": ["a", "b", "c"],
+            "family": ["gated", "linear", "linear"],
+            "nodes": [30.0, 12.0, 1.0],
+            "r2": 0.9,
+        }
     )
-    scores = pd.DataFrame({"policy": ["expert", "a", "a", "b", "b"], "reward": [10, 9, 9, 8, 4]})
+    scores = pd.DataFrame(
+        {"policy": ["expert", "a", "a", "b", "b", "c"], "reward": [10, 9, 9, 8, 4, 1]}
+    )
     for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
         scores[name] = 1.0
-    scores["fell"] = [False, False, False, False, True]
+    scores["fell"] = [False, False, False, False, True, False]
+    scores.loc[5, "rhythm"] = 0.0
     front = front_table(fits, scores)
-    assert front["policy"].tolist() == ["b", "a"]
-    assert front["share"].tolist() == pytest.approx([0.6, 0.9])
-    assert "gated sum of 30.0 nodes a joint, 0.90" in smallest_that_walks(front)
-    assert "some robot falls" in smallest_that_walks(front[front["falls"] > 0])
+    assert front["policy"].tolist() == ["c", "b", "a"]
+    assert front["share"].tolist() == pytest.approx([0.1, 0.6, 0.9])
+    smallest = smallest_that_walk(front)
+    assert smallest["share asked for"].tolist() == [0.0, 0.9]
+    assert smallest["formulas"].tolist() == ["gated sum", "gated sum"]
+    assert smallest["nodes"].tolist() == [30.0, 30.0]
+    assert smallest_that_walk(front[front["falls"] > 0]).empty
 
 
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
@@ -55,6 +66,7 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
     assert {path.name for path in output.glob("front.*")} == {
         "front.csv", "front.md", "front.png", "front.pdf",
     }  # fmt: skip
+    assert (output / "smallest.csv").exists()
     assert len(list((output / "formulas").iterdir())) == 8
     assert "written to" in capsys.readouterr().out
 
