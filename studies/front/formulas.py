@@ -9,7 +9,7 @@ from models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy, Sym
 from studies.distillation.collection import Dataset, samples_by_state
 from studies.distillation.gated_sum import fit_gated_sums
 
-LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90)
+LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
 """Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
 
 
