@@ -135,7 +135,7 @@ def naive_minutes(
     slope, offset = np.polyfit(model.samples, times, 1)
     episodes = np.arange(1, config.episodes + 1)
     sizes = (1.0 - 1.0 / HELD_OUT_EVERY) * config.episode_steps * episodes
-    linear = np.sum(np.maximum(offset, 0.0) + slope * sizes)
+    linear = np.sum(offset + slope * sizes)
     least = len(episodes) * min(times)
     return float(robot.N_JOINTS * linear / 60), float(robot.N_JOINTS * least / 60)
 
