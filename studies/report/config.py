@@ -46,7 +46,7 @@ QUICK = ReportConfig(
         episodes=8,
         episodes_per_level=2,
         alone_levels=1,
-        alone_episodes=4,
+        alone_episodes=2,
         alone_steps=500,
         episode_steps=500,
         gbm=GbmConfig(n_trees=80, depth=4),
