@@ -91,7 +91,10 @@ class Front:
         print_table(f"{gait.name}: formulas alone", front)
         smallest = smallest_that_walk(front)
         write_table(smallest, folder / "smallest")
-        print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
+        if len(smallest):
+            print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
+        else:
+            console.print(f"{gait.name}: with none of these sizes does every robot walk")
         console.print(f"written to {folder}")
 
 
@@ -116,16 +119,12 @@ def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
     Where no size does, there is no row.
     """
     walks = front[(front["falls"] == 0) & (front["rhythm"] >= MIN_RHYTHM)].sort_values("nodes")
+    scores = ["nodes", "r2", "share", "share_ci", "rhythm", "robots"]
     rows = []
     for share in SHARES:
         enough = walks[walks["share"] >= share]
         if len(enough):
             best = enough.iloc[0]
-            rows.append(
-                {
-                    "share asked for": share,
-                    "formulas": FAMILIES[best["family"]].title,
-                    **best[["nodes", "r2", "share", "share_ci", "rhythm", "robots"]],
-                }
-            )
-    return pd.DataFrame(rows)
+            title = FAMILIES[best["family"]].title
+            rows.append({"share asked for": share, "formulas": title, **best[scores]})
+    return pd.DataFrame(rows, columns=["share asked for", "formulas", *scores])
