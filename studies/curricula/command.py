@@ -52,7 +52,9 @@ class Curricula:
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DistillationConfig(
             students=("linear", "statewise_linear", "histogram_gbm", "symbolic"),
-            symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),)),
+            symbolic=SymbolicConfig(
+                shapes=((90, 90),), statewise_shapes=((90, 90),), start_weights=(1,)
+            ),
         )
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)

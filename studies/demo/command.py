@@ -48,7 +48,7 @@ QUICK = DistillationConfig(
     episode_steps=500,
     histogram_gbm=HistogramGbmConfig(n_trees=100),
     ebm=EbmConfig(outer_bags=1, interactions=30, max_rounds=500),
-    symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),)),
+    symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),), start_weights=(1,)),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
 

@@ -21,6 +21,9 @@ from models.task.gait import Gait
 from models.task.observation import machine_state_entries
 from models.task.randomization import NOMINAL
 
+START_STEPS = 5
+"""Control steps that an episode's start takes: the robot stands and has hardly acted before."""
+
 HELD_OUT_EVERY = 5
 """Every fifth episode is held out: with four speeds in turn, each speed is held out alike."""
 
@@ -45,6 +48,13 @@ class Dataset:
     def held_out(self) -> NDArray[np.bool_]:
         """Whether each sample belongs to a held-out episode (m,)."""
         return self.episodes % HELD_OUT_EVERY == 0
+
+    @property
+    def starts(self) -> NDArray[np.bool_]:
+        """Whether each sample is of the first `START_STEPS` control steps of its episode (m,)."""
+        first = np.flatnonzero(np.diff(self.episodes, prepend=0))
+        lengths = np.diff(first, append=len(self.episodes))
+        return np.arange(len(self.episodes)) - np.repeat(first, lengths) < START_STEPS
 
     def subset(self, mask: NDArray[np.bool_]) -> "Dataset":
         """Returns the samples where the mask (m,) is true."""

@@ -4,11 +4,13 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import yaml
+from numpy.typing import NDArray
 from sklearn.model_selection import train_test_split
 
 from models.a1 import robot
@@ -116,13 +118,7 @@ def _collect_levels(
             if dataset is not None and period != 1:
                 seen = dataset.subset(~dataset.held_out)
                 report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples")
-                student = fit_student(
-                    kind,
-                    config.for_levels(),
-                    expert.observation_names,
-                    seen.observations,
-                    seen.actions,
-                )
+                student = _fit(kind, config.for_levels(), expert, seen)
             mine = np.array(config.level_episodes(level, kind))
             ratio = ratio_title(period)
             report(f"{STUDENT_TITLES[kind]}: level {level} of {config.n_levels}, ratio {ratio}")
@@ -152,7 +148,6 @@ def _fit_final(
     folder: Path,
     report: Report,
 ) -> dict:
-    names = expert.observation_names
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
     final, student = _choose_final(kind, config, expert, seen, folder)
@@ -164,13 +159,7 @@ def _fit_final(
     # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
     index = np.arange(len(dataset.episodes))
     train, test = train_test_split(index, test_size=SHUFFLED_TEST_SHARE, random_state=config.seed)
-    shuffled = fit_student(
-        kind,
-        final.for_shuffled_split(),
-        names,
-        dataset.observations[train],
-        dataset.actions[train],
-    )
+    shuffled = _fit(kind, final.for_shuffled_split(), expert, dataset, train)
     mask = np.isin(index, test)
     return {
         "student": kind,
@@ -189,21 +178,17 @@ def _choose_final(
     seen: Dataset,
     folder: Path,
 ) -> tuple[DistillationConfig, Policy]:
-    """Fits the student; of formulas one of each shape, of which the simplest good one is taken."""
-
-    def fit(settings: DistillationConfig) -> Policy:
-        return fit_student(
-            kind, settings, expert.observation_names, seen.observations, seen.actions
-        )
-
+    """Fits the student; of formulas one of each shape and start weight, to choose from."""
     shapes = sorted(config.symbolic.shapes_of(kind), key=_complexity)
-    if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(shapes) == 1:
-        return config, fit(config)
+    # Of one shape none is simpler, and every robot has to start.
+    weights = sorted(config.symbolic.start_weights, reverse=True)
     choices = {
-        _shape_title(*shape): replace(config, symbolic=config.symbolic.of_shape(shape))
-        for shape in shapes
+        _title(shape, weight): replace(config, symbolic=config.symbolic.only(shape, weight))
+        for shape, weight in product(shapes, weights)
     }
-    candidates = {label: fit(settings) for label, settings in choices.items()}
+    if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(choices) == 1:
+        return config, _fit(kind, config, expert, seen)
+    candidates = {title: _fit(kind, settings, expert, seen) for title, settings in choices.items()}
     ranked = rank_alone(
         candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
     )
@@ -212,14 +197,32 @@ def _choose_final(
     return choices[chosen], candidates[chosen]
 
 
+def _fit(
+    kind: StudentKind,
+    config: DistillationConfig,
+    expert: NeuralPolicy,
+    dataset: Dataset,
+    index: NDArray[np.int64] | None = None,
+) -> Policy:
+    """Fits a student to all samples, or to those of an index; formulas may count starts often."""
+    chosen = np.arange(len(dataset.actions)) if index is None else index
+    if kind in FORMULAS:
+        counts = np.where(dataset.starts, config.symbolic.start_weights[0], 1)
+        chosen = np.repeat(chosen, counts[chosen])
+    observations, actions = dataset.observations[chosen], dataset.actions[chosen]
+    return fit_student(kind, config, expert.observation_names, observations, actions)
+
+
 def _complexity(shape: Shape) -> tuple[int, int]:
     # Of equal length, a longer sum leaves less to the engine, whose terms are harder to read.
     sum_length, length = shape
     return length, -sum_length
 
 
-def _shape_title(sum_length: int, length: int) -> str:
-    return f"sum of {sum_length}, {length} in all"
+def _title(shape: Shape, start_weight: int) -> str:
+    sum_length, length = shape
+    title = f"sum of {sum_length}, {length} in all"
+    return title if start_weight == 1 else f"{title}, starts count {start_weight}"
 
 
 def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:

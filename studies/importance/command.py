@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 import yaml
 
@@ -79,7 +78,7 @@ class Importance:
         for kind, student in students.items():
             observations = samples[kind].observations
             draw_student(gait.name, kind, student, joint, observations, folder, seed)
-        means = np.mean([own.observations.mean(axis=0) for own in samples.values()], axis=0)
+        means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
         say("rolling out without each group of observations")
         jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
         lost = losses(run_jobs(jobs, folder / "rollouts", resume=self.resume))

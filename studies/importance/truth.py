@@ -79,18 +79,19 @@ def ablation_jobs(
     gait: Gait,
     expert: NeuralPolicy,
     students: Mapping[str, Policy],
-    means: Array,
+    means: Mapping[str, Array],
     config: RolloutConfig,
 ) -> list[RolloutJob]:
     """Lists the rollouts of every student alone, whole and without each group of observations.
 
-    Forward speeds are those of distillation unless the settings name others.
+    Forward speeds are those of distillation unless the settings name others. The rollouts of a
+    student do not depend on the others, so that a student more leaves those that are done alone.
 
     Args:
         gait: The gait.
         expert: The expert, for its estimator.
         students: The students, by kind.
-        means: Means of the observations (n,).
+        means: Means of each student's observations (n,), by kind.
         config: How robots are rolled out.
     """
     jobs = []
@@ -106,7 +107,7 @@ def ablation_jobs(
                     0,
                     columns=tuple(columns.tolist()),
                     mode=mode,
-                    means=tuple(means[columns].tolist()),
+                    means=tuple(means[kind][columns].tolist()),
                 )
         for (group, mode), team in teams.items():
             labels = {"policy": kind, "without": group, "mode": mode}

@@ -52,7 +52,7 @@ QUICK = ReportConfig(
         gbm=GbmConfig(n_trees=80, depth=4),
         histogram_gbm=HistogramGbmConfig(n_trees=80),
         ebm=EbmConfig(outer_bags=2, interactions=40, level_interactions=20),
-        symbolic=SymbolicConfig(shapes=((90, 90),)),
+        symbolic=SymbolicConfig(shapes=((90, 90),), start_weights=(1,)),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
     n_samples=400,

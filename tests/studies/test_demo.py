@@ -11,7 +11,7 @@ TINY = DistillationConfig(
     episodes=5,
     alone_levels=0,
     episode_steps=60,
-    symbolic=SymbolicConfig(shapes=((20, 20),)),
+    symbolic=SymbolicConfig(shapes=((20, 20),), start_weights=(1,)),
     n_jobs=1,
 )
 

@@ -23,7 +23,7 @@ from models.policies.library import load_expert, load_policy
 from models.policies.symbolic import Tape
 from models.task.gait import load_gait
 from models.task.observation import ObservationLayout
-from studies.distillation.collection import Dataset, collect
+from studies.distillation.collection import Dataset, collect, load_levels
 from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
@@ -55,6 +55,7 @@ TINY = DistillationConfig(
         max_samples=100,
         shapes=((30, 30), (30, 60)),
         statewise_shapes=((30, 30),),
+        start_weights=(1, 3),
         alone_episodes=4,
     ),
     n_jobs=1,
@@ -208,6 +209,32 @@ def test_levels_hold_every_episode_once():
     assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
 
 
+def test_starts_are_the_first_steps_of_every_episode():
+    episodes = np.repeat([3, 4, 6], [7, 3, 9])
+    starts = Dataset(np.zeros((19, 2)), np.zeros((19, 12)), episodes).starts
+    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14]
+
+
+def test_starts_that_count_more_are_imitated_better(expert, tmp_path):
+    scores = []
+    for weight in (1, 50):
+        symbolic = TINY.symbolic.only((30, 30), weight)
+        config = replace(
+            TINY,
+            students=("symbolic",),
+            # The expert acts alone, so that the samples are the same.
+            curriculum="expert_only",
+            alone_levels=0,
+            symbolic=symbolic,
+        )
+        folder = tmp_path / str(weight)
+        distill(config, expert, folder, lambda line: None)
+        data = load_levels(folder / "symbolic")
+        starts = data.subset(data.starts & ~data.held_out)
+        scores.append(r2_scores(load_policy(folder / "symbolic.safetensors"), starts).mean())
+    assert scores[1] > scores[0]
+
+
 def test_bands_come_with_the_last_fit_alone(finished):
     folder, _ = finished
     policy = load_policy(folder / "ebm.safetensors")
@@ -224,11 +251,12 @@ def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
     folder, _ = finished
     ranked = pd.read_csv(folder / "symbolic_candidates.csv")
     shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
-    assert set(ranked["candidate"]) == set(shapes)
+    choices = [title for shape in shapes for title in (f"{shape}, starts count 3", shape)]
+    assert set(ranked["candidate"]) == set(choices)
     assert ranked["reward"].is_monotonic_decreasing
     policy = load_policy(folder / "symbolic.safetensors")
     longest = max(formula.length for formula in policy.expressions)
-    assert (longest <= 30) == (simplest_of_the_best(ranked, shapes) == shapes[0])
+    assert (longest <= 30) == simplest_of_the_best(ranked, choices).startswith(shapes[0])
 
 
 @pytest.mark.parametrize(

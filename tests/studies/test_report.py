@@ -28,7 +28,7 @@ TINY = ReportConfig(
         gbm=GbmConfig(n_trees=5, depth=2),
         histogram_gbm=HistogramGbmConfig(n_trees=5),
         ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=20),
-        symbolic=SymbolicConfig(shapes=((90, 90),), alone_episodes=4),
+        symbolic=SymbolicConfig(shapes=((90, 90),), start_weights=(1,), alone_episodes=4),
         n_jobs=1,
     ),
     rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
