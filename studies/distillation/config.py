@@ -110,8 +110,8 @@ class SymbolicConfig:
 
     Formulas are fitted in seconds, so they can afford more samples of their own than other
     students, and need them: with 4,000 a level alone, some of a bound fell in 10 of 52 rollouts.
-    And they can afford a choice: of every shape and start weight, the student is the simplest that
-    alone falls no more often than the best and earns nearly as much.
+    And they can afford a choice: of every shape and start weight, those that alone fall least, of
+    these the simplest, if that costs little reward.
 
     Attributes:
         engine: `operon` works everywhere; `pysr` is the paper's and needs Julia.

@@ -1,7 +1,8 @@
 """Which of several students earns most alone: what R² does not tell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import pandas as pd
 from joblib import Parallel, delayed
@@ -16,8 +17,11 @@ from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts, summarize
 from studies.evaluation.team import Team
 
-ENOUGH = 0.99
-"""Share of the best student's reward that a simpler one must earn to be preferred."""
+WORTH_A_FALL = 0.97
+"""Share of the best student's reward that one must earn to be preferred because it falls less."""
+
+WORTH_A_TERM = 0.99
+"""The same, to be preferred because it is simpler."""
 
 SELECTION_SEEDS = (500, 501)
 """Seeds of the rollouts that select, none of those that evaluate."""
@@ -61,14 +65,20 @@ def rank_alone(
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")
 
 
-def simplest_of_the_best(ranked: pd.DataFrame, simplest_first: Sequence[str]) -> str:
-    """Returns the simplest candidate that falls no more often than the best and earns enough.
+def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) -> str:
+    """Chooses a student: falls count before simplicity, and simplicity before a little reward.
+
+    Of equally complex ones it is the one that earns most.
 
     Args:
         ranked: What `rank_alone` returned.
-        simplest_first: Every candidate, the simplest first.
+        complexity: How complex each candidate is, of any type that has an order.
     """
-    best = ranked.iloc[0]
-    earns = ranked["reward"] >= best["reward"] - (1.0 - ENOUGH) * abs(best["reward"])
-    good = set(ranked.loc[earns & (ranked["falls"] <= best["falls"]), "candidate"])
-    return next(candidate for candidate in simplest_first if candidate in good)
+    able = _within(ranked, WORTH_A_FALL)
+    steady = _within(able[able["falls"] == able["falls"].min()], WORTH_A_TERM)
+    return min(steady["candidate"], key=lambda candidate: complexity[candidate])
+
+
+def _within(ranked: pd.DataFrame, share: float) -> pd.DataFrame:
+    best = ranked["reward"].max()
+    return ranked[ranked["reward"] >= best - (1.0 - share) * abs(best)]

@@ -179,22 +179,22 @@ def _choose_final(
     folder: Path,
 ) -> tuple[DistillationConfig, Policy]:
     """Fits the student; of formulas one of each shape and start weight, to choose from."""
-    shapes = sorted(config.symbolic.shapes_of(kind), key=_complexity)
-    # Of one shape none is simpler, and every robot has to start.
-    weights = sorted(config.symbolic.start_weights, reverse=True)
-    choices = {
-        _title(shape, weight): replace(config, symbolic=config.symbolic.only(shape, weight))
-        for shape, weight in product(shapes, weights)
+    pairs = product(config.symbolic.shapes_of(kind), config.symbolic.start_weights)
+    choices = {_title(*pair): pair for pair in pairs}
+    settings = {
+        title: replace(config, symbolic=config.symbolic.only(*pair))
+        for title, pair in choices.items()
     }
     if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(choices) == 1:
         return config, _fit(kind, config, expert, seen)
-    candidates = {title: _fit(kind, settings, expert, seen) for title, settings in choices.items()}
+    candidates = {title: _fit(kind, own, expert, seen) for title, own in settings.items()}
     ranked = rank_alone(
         candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
     )
     write_table(ranked, folder / f"{kind}_candidates")
-    chosen = simplest_of_the_best(ranked, list(choices))
-    return choices[chosen], candidates[chosen]
+    complexities = {title: _complexity(shape) for title, (shape, _) in choices.items()}
+    chosen = simplest_of_the_best(ranked, complexities)
+    return settings[chosen], candidates[chosen]
 
 
 def _fit(

@@ -23,8 +23,9 @@ DEVIATIONS = (
     "with fewer bins and bags. While samples are collected trees are boosted by histograms and "
     "additive models are smaller.",
     "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
-    "which feet are in the air, which Operon may then correct; of several shapes the simplest is "
-    "taken that walks alone about as well as the best. The paper evolves them with PySR alone. "
+    "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
+    "of an episode's start counting once or often, the simplest is taken that walks alone about as "
+    "well as the best. The paper evolves them with PySR alone. "
     "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 120, but "
     "Operon counts a weighted observation as one.",
     "After the paper's episodes come levels in which the student acts alone.",

@@ -251,24 +251,39 @@ def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
     folder, _ = finished
     ranked = pd.read_csv(folder / "symbolic_candidates.csv")
     shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
-    choices = [title for shape in shapes for title in (f"{shape}, starts count 3", shape)]
-    assert set(ranked["candidate"]) == set(choices)
+    complexity = {title: shape for shape in shapes for title in (shape, f"{shape}, starts count 3")}
+    assert set(ranked["candidate"]) == set(complexity)
     assert ranked["reward"].is_monotonic_decreasing
     policy = load_policy(folder / "symbolic.safetensors")
     longest = max(formula.length for formula in policy.expressions)
-    assert (longest <= 30) == simplest_of_the_best(ranked, choices).startswith(shapes[0])
+    chosen = simplest_of_the_best(ranked, complexity)
+    assert (longest <= 30) == (complexity[chosen] == shapes[0])
 
 
 @pytest.mark.parametrize(
-    ("small", "chosen"),
-    [((995.0, 0), "small"), ((985.0, 0), "large"), ((999.0, 1), "large"), ((1001.0, 0), "small")],
+    ("small", "large", "chosen"),
+    [
+        ((995.0, 0), (1000.0, 0), "small"),
+        ((985.0, 0), (1000.0, 0), "large"),
+        ((999.0, 1), (1000.0, 0), "large"),
+        ((1001.0, 0), (1000.0, 0), "small"),
+        # Falls count before reward, unless a student falls less because it hardly walks.
+        ((1000.0, 2), (975.0, 0), "large"),
+        ((1000.0, 2), (100.0, 0), "small"),
+        ((-1000.0, 2), (-1001.0, 3), "small"),
+    ],
 )
-def test_simplicity_costs_no_fall_and_little_reward(small, chosen):
-    candidates = {"small": small, "large": (1000.0, 0)}
-    rows = [(name, reward, falls) for name, (reward, falls) in candidates.items()]
+def test_falls_count_before_simplicity_and_reward(small, large, chosen):
+    rows = [("small", *small), ("large", *large)]
     ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
     ranked = ranked.sort_values("reward", ascending=False)
-    assert simplest_of_the_best(ranked, ["small", "large"]) == chosen
+    assert simplest_of_the_best(ranked, {"small": 1, "large": 2}) == chosen
+
+
+def test_of_equally_simple_students_the_one_that_earns_most_is_taken():
+    rows = [("first", 1000.0, 0), ("second", 999.0, 0)]
+    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
+    assert simplest_of_the_best(ranked, {"first": 1, "second": 1}) == "first"
 
 
 def test_formulas_read_as_people_write_them():
