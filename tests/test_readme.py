@@ -28,5 +28,9 @@ def test_the_gait_of_ones_own_is_accepted():
 
 def test_every_picture_and_page_is_there():
     root = Path(__file__).parents[1]
-    for path in re.findall(r'src="([^"]+)"|\]\(((?!http)[^)]+)\)', TEXT):
-        assert (root / "".join(path)).exists()
+    for found in re.findall(r'src="([^"]+)"|\]\(((?!http)[^)]+)\)', TEXT):
+        path, _, heading = "".join(found).partition("#")
+        assert (root / path).exists()
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", (root / path).read_text(), flags=re.MULTILINE)
+            assert heading in {title.lower().replace(" ", "-") for title in titles}
