@@ -130,7 +130,7 @@ class SymbolicConfig:
             larger.
         start_weights: How often a sample of an episode's start counts. They are few and unlike all
             others: of R² 0.99 in all, formulas of a trot had 0.65 there. But where formulas are
-            short, what the starts gain the gait loses. Levels take the first.
+            short, what the starts gain the gait loses. Levels, and PySR, take the first.
         max_samples: Samples that the search sees, drawn evenly (operon).
         alone_episodes: Episodes of a level in which formulas act alone.
     """

@@ -181,12 +181,12 @@ def _choose_final(
     """Fits the student; of formulas one of each shape and start weight, to choose from."""
     pairs = product(config.symbolic.shapes_of(kind), config.symbolic.start_weights)
     choices = {_title(*pair): pair for pair in pairs}
+    if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(choices) == 1:
+        return config, _fit(kind, config, expert, seen)
     settings = {
         title: replace(config, symbolic=config.symbolic.only(*pair))
         for title, pair in choices.items()
     }
-    if kind not in FORMULAS or config.symbolic.engine == "pysr" or len(choices) == 1:
-        return config, _fit(kind, config, expert, seen)
     candidates = {title: _fit(kind, own, expert, seen) for title, own in settings.items()}
     ranked = rank_alone(
         candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
