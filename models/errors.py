@@ -1,5 +1,7 @@
 """The error that a person's input raises, to be told in one sentence."""
 
+from collections.abc import Sequence
+
 
 class InputError(Exception):
     """A file, key or argument that a person gave cannot be used; the message says how to mend it.
@@ -7,3 +9,35 @@ class InputError(Exception):
     Command lines print the message alone and exit with code 2. It is no ValueError: tyro would
     frame the sentence with its own.
     """
+
+
+def refuse_below_one(where: str, config: object, names: Sequence[str]) -> None:
+    """Refuses counts of which there must be one at least.
+
+    Args:
+        where: What the error calls the configuration.
+        config: The configuration.
+        names: Its counts.
+
+    Raises:
+        InputError: if a count is below 1.
+    """
+    for name in names:
+        if getattr(config, name) < 1:
+            raise InputError(f"{where}: {name} is {getattr(config, name)}; it must be 1 or more")
+
+
+def refuse_empty(where: str, config: object, names: Sequence[str]) -> None:
+    """Refuses sequences that hold nothing.
+
+    Args:
+        where: What the error calls the configuration.
+        config: The configuration.
+        names: Its sequences.
+
+    Raises:
+        InputError: if a sequence is empty.
+    """
+    for name in names:
+        if not getattr(config, name):
+            raise InputError(f"{where}: {name} is empty; name one or more")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from diagrams.station import StationConfig
+from models.errors import InputError, refuse_below_one, refuse_empty
 
 StudentKind = Literal[
     "open_loop",
@@ -148,6 +149,19 @@ class SymbolicConfig:
     max_samples: int = 3000
     alone_episodes: int = 13
 
+    def __post_init__(self) -> None:
+        where = "distillation: symbolic"
+        refuse_empty(where, self, ("shapes", "statewise_shapes", "start_weights"))
+        refuse_below_one(where, self, ("alone_episodes",))
+        if min(self.start_weights) < 1:
+            raise InputError(f"{where}: start_weights are {self.start_weights}; name 1 or more")
+        for sum_length, length in (*self.shapes, *self.statewise_shapes):
+            if not 1 <= sum_length <= length:
+                raise InputError(
+                    f"{where}: the shape {sum_length} {length} asks for a sum longer than its "
+                    "formula, or for none; name the sum's length first"
+                )
+
     def shapes_of(self, kind: StudentKind) -> tuple[Shape, ...]:
         """Returns the shapes of one kind of formulas."""
         return self.shapes if kind == "symbolic" else self.statewise_shapes
@@ -207,6 +221,12 @@ class DistillationConfig:
     ebm: EbmConfig = field(default_factory=EbmConfig)
     symbolic: SymbolicConfig = field(default_factory=SymbolicConfig)
     n_jobs: int = 2
+
+    def __post_init__(self) -> None:
+        where = "distillation"
+        refuse_empty(where, self, ("students", "speeds"))
+        counts = ("episodes", "episodes_per_level", "alone_episodes", "alone_steps")
+        refuse_below_one(where, self, (*counts, "episode_steps"))
 
     @property
     def curriculum_levels(self) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from diagrams.station import StationConfig
-from models.errors import InputError
+from models.errors import refuse_below_one
 from models.task import EPISODE_STEPS
 from models.task.gait import Gait
 
@@ -94,9 +94,7 @@ class RolloutConfig:
     speed_range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("n_robots", "n_steps", "n_seeds"):
-            if getattr(self, name) < 1:
-                raise InputError(f"rollouts: {name} is {getattr(self, name)}; it must be 1 or more")
+        refuse_below_one("rollouts", self, ("n_robots", "n_steps", "n_seeds"))
 
     def at_distilled_speeds(self, gait: Gait) -> "RolloutConfig":
         """Returns the settings with a gait's speeds of distillation, unless speeds are set."""

@@ -23,6 +23,11 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "divides 0.02" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )
+    assert "students is empty" in refused(["distill", "--students"])
+    assert "episodes is 0" in refused(["distill", "--episodes", "0"])
+    assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
+    assert "start_weights are (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
+    assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
     students = ["--students", str(tmp_path)]
