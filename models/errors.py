@@ -12,19 +12,20 @@ class InputError(Exception):
 
 
 def refuse_below_one(where: str, config: object, names: Sequence[str]) -> None:
-    """Refuses counts of which there must be one at least.
+    """Refuses counts, or sequences of them, that are below 1.
 
     Args:
         where: What the error calls the configuration.
         config: The configuration.
-        names: Its counts.
+        names: Its counts and sequences.
 
     Raises:
         InputError: if a count is below 1.
     """
     for name in names:
-        if getattr(config, name) < 1:
-            raise InputError(f"{where}: {name} is {getattr(config, name)}; it must be 1 or more")
+        value = getattr(config, name)
+        if min(value if isinstance(value, Sequence) else [value]) < 1:
+            raise InputError(f"{where}: {name} is {value}; it must be 1 or more")
 
 
 def refuse_empty(where: str, config: object, names: Sequence[str]) -> None:

@@ -152,9 +152,7 @@ class SymbolicConfig:
     def __post_init__(self) -> None:
         where = "distillation: symbolic"
         refuse_empty(where, self, ("shapes", "statewise_shapes", "start_weights"))
-        refuse_below_one(where, self, ("alone_episodes",))
-        if min(self.start_weights) < 1:
-            raise InputError(f"{where}: start_weights are {self.start_weights}; name 1 or more")
+        refuse_below_one(where, self, ("start_weights", "alone_episodes"))
         for sum_length, length in (*self.shapes, *self.statewise_shapes):
             if not 1 <= sum_length <= length:
                 raise InputError(

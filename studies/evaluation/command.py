@@ -8,7 +8,7 @@ import pandas as pd
 import tyro
 import yaml
 
-from models.errors import InputError
+from models.errors import InputError, refuse_empty
 from models.files import write_atomically
 from models.policies.library import load_expert, shipped_experts, shipped_students
 from models.task.gait import Gait, load_gait
@@ -54,6 +54,9 @@ class Evaluate:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        refuse_empty("evaluate", self, ("worlds",))
 
     def run(self) -> None:
         """Runs the study."""

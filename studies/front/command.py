@@ -9,6 +9,7 @@ import pandas as pd
 import tyro
 import yaml
 
+from models.errors import refuse_below_one, refuse_empty
 from models.files import write_atomically
 from models.policies.library import load_expert, load_policy
 from models.policies.symbolic import FormulaPolicy
@@ -58,6 +59,10 @@ class Front:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        refuse_empty("front", self, ("lengths",))
+        refuse_below_one("front", self, ("lengths",))
 
     def run(self) -> None:
         """Runs the study."""

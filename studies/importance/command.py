@@ -9,7 +9,7 @@ import tyro
 import yaml
 
 from models.a1.robot import joint_index
-from models.errors import InputError
+from models.errors import InputError, refuse_below_one, refuse_empty
 from models.files import write_atomically
 from models.policies.library import load_expert
 from models.policies.policy import Policy
@@ -62,6 +62,10 @@ class Importance:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        refuse_empty("importance", self, ("policies",))
+        refuse_below_one("importance", self, ("n_samples", "repeats"))
 
     def run(self) -> None:
         """Runs the study."""
