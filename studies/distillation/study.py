@@ -72,6 +72,7 @@ def distill(
     Raises:
         InputError: if the folder holds a run and `resume` is not given, or one of other settings.
     """
+    config = config.for_gait(load_gait(config.gait))
     _open_folder(config, folder, resume)
     rows = []
     for kind in config.students:

@@ -88,8 +88,8 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         Item(
             "Figure 2",
             "Reward and falls against the alternation ratio",
-            "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; shares "
-            "compare each robot with the expert's under the same commands and noise.",
+            "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
+            "shares compare each robot with the expert's under the same commands and noise.",
             tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
             figures=_each(results, "reward", "reward against ratio"),
         ),

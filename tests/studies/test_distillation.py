@@ -209,6 +209,15 @@ def test_levels_hold_every_episode_once():
     assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
 
 
+def test_machines_of_more_states_ask_for_more_episodes_alone():
+    sizes = {
+        gait: len(DistillationConfig().for_gait(load_gait(gait)).level_episodes(16, "ebm"))
+        for gait in ("trot", "walk", "half_bound")
+    }
+    assert sizes == {"trot": 16, "walk": 48, "half_bound": 48}
+    assert DistillationConfig(alone_episodes=5).for_gait(load_gait("walk")).alone_episodes == 5
+
+
 def test_starts_are_the_first_steps_of_every_episode():
     episodes = np.repeat([3, 4, 6], [7, 3, 9])
     starts = Dataset(np.zeros((19, 2)), np.zeros((19, 12)), episodes).starts
