@@ -30,6 +30,9 @@ STUDENT_LINES = {
     "statewise_symbolic": ("#CC79A7", "P"),
 }
 
+LEAST_SHARE = 0.9
+"""Share of the expert's reward from which students are told apart."""
+
 
 def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     """Average episodic reward and falls against the alternation ratio (paper, Figure 2).
@@ -54,12 +57,15 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
         style = {"color": color, "marker": marker, "markersize": 3.5, "linewidth": 1.0}
         bars = {"label": POLICY_TITLES[policy], "capsize": 1.5, **style}
         reward.errorbar(at, mine["reward"], mine["reward_ci"], **bars)
-        share.errorbar(at, mine["share"], mine["share_ci"], **bars)
+        in_sight = mine["share"] >= LEAST_SHARE
+        share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
         falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
     reward.axhline(expert["reward"], color="black", linewidth=0.8, linestyle=":")
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     reward.set(ylabel="episodic reward", ylim=(0, None))
-    share.set(ylabel="share of the\nexpert's reward", ylim=(0.9, 1.01), yticks=(0.9, 0.95, 1.0))
+    share.set(
+        ylabel="share of the\nexpert's reward", ylim=(LEAST_SHARE, 1.01), yticks=(0.9, 0.95, 1.0)
+    )
     falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
     falls.set_xticks(np.arange(len(ratios)), ratios)
     handles, labels = reward.get_legend_handles_labels()
