@@ -242,7 +242,7 @@ class DistillationConfig:
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
         """Returns the settings with a gait's episodes alone, unless they are set."""
-        usual = 16 if gait.n_states == 2 else 48
+        usual = 16 if gait.n_states <= 2 else 48
         return replace(self, alone_episodes=self.alone_episodes or usual)
 
     def level_episodes(self, level: int, kind: StudentKind) -> range:
