@@ -229,6 +229,8 @@ class DistillationConfig:
         counts = ("episodes", "episodes_per_level", "alone_steps", "episode_steps")
         set_by_hand = ("alone_episodes",) if self.alone_episodes is not None else ()
         refuse_below_one(where, self, (*counts, *set_by_hand))
+        if self.alone_levels < 0:
+            raise InputError(f"{where}: alone_levels is {self.alone_levels}; it must be 0 or more")
 
     @property
     def curriculum_levels(self) -> int:

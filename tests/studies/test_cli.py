@@ -25,6 +25,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     )
     assert "students is empty" in refused(["distill", "--students"])
     assert "episodes is 0" in refused(["distill", "--episodes", "0"])
+    assert "alone_levels is -1" in refused(["distill", "--alone-levels", "-1"])
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
