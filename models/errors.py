@@ -1,4 +1,4 @@
-"""The error that a person's input raises, to be told in one sentence."""
+"""The error that a person's input raises, told in one sentence, and checks that raise it."""
 
 from collections.abc import Sequence
 
@@ -24,7 +24,8 @@ def refuse_below_one(where: str, config: object, names: Sequence[str]) -> None:
     """
     for name in names:
         value = getattr(config, name)
-        if min(value if isinstance(value, Sequence) else [value]) < 1:
+        counts = value if isinstance(value, Sequence) else [value]
+        if any(count < 1 for count in counts):
             raise InputError(f"{where}: {name} is {value}; it must be 1 or more")
 
 

@@ -37,8 +37,8 @@ LEAST_SHARE = 0.9
 def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     """Average episodic reward and falls against the alternation ratio (paper, Figure 2).
 
-    Between them stands the share of the expert's reward from 0.9 on, whose intervals are much
-    shorter: it compares robots under the same commands and noise.
+    Between them stands the share of the expert's reward from `LEAST_SHARE` on, whose intervals are
+    much shorter: it compares robots under the same commands and noise.
     """
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
@@ -63,9 +63,8 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     reward.axhline(expert["reward"], color="black", linewidth=0.8, linestyle=":")
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     reward.set(ylabel="episodic reward", ylim=(0, None))
-    share.set(
-        ylabel="share of the\nexpert's reward", ylim=(LEAST_SHARE, 1.01), yticks=(0.9, 0.95, 1.0)
-    )
+    share.set(ylabel="share of the\nexpert's reward", ylim=(LEAST_SHARE, 1.01))
+    share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
     falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
     falls.set_xticks(np.arange(len(ratios)), ratios)
     handles, labels = reward.get_legend_handles_labels()
