@@ -1,6 +1,12 @@
 """The error that a person's input raises, told in one sentence, and checks that raise it."""
 
+import reprlib
 from collections.abc import Sequence
+from typing import Any
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = 80
 
 
 class InputError(Exception):
@@ -9,6 +15,15 @@ class InputError(Exception):
     Command lines print the message alone and exit with code 2. It is no ValueError: tyro would
     frame the sentence with its own.
     """
+
+
+def shown(value: Any) -> str:
+    """Writes a value that a person gave into an error's sentence, cut where it is long."""
+    try:
+        return _SHORT.repr(value)
+    except ValueError:
+        # Python refuses to write whole numbers of thousands of digits.
+        return f"a {type(value).__name__} too long to write"
 
 
 def refuse_below_one(where: str, config: object, names: Sequence[str]) -> None:
