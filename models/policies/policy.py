@@ -1,11 +1,14 @@
 """What every policy is, and the file format that all of them share."""
 
+import hashlib
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
@@ -95,6 +98,14 @@ class Policy(ABC):
             "values": values,
         }
         save_arrays(path, arrays, header)
+
+    def digest(self) -> str:
+        """Tells policies apart that would not act alike."""
+        arrays, values = self.to_arrays()
+        whole = hashlib.sha256(json.dumps([self.kind, self.gait, values]).encode())
+        for name in sorted(arrays):
+            whole.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
+        return whole.hexdigest()[:16]
 
     def check(self, *, gait: str, observation_names: tuple[str, ...]) -> None:
         """Refuses to serve another gait or another observation layout.

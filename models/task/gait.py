@@ -1,5 +1,6 @@
 """Gaits as data: the YAML files that name a reward machine and the commands it is meant for."""
 
+import hashlib
 from collections import deque
 from dataclasses import dataclass
 from itertools import combinations
@@ -81,6 +82,10 @@ class Gait:
     def n_states(self) -> int:
         """Number of the machine's states."""
         return len(self.states)
+
+    def digest(self) -> str:
+        """Tells gaits apart that differ in anything, their name included."""
+        return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
 
 def gait_names() -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from studies.benchmark.throughput import gymnasium_processes, training_and_physi
 from studies.console import console, say
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig
 from studies.distillation.library import distillation_folder, student_path
+from studies.run_folder import CONFIG_NAME, read_settings
 from studies.tables import print_table, write_metrics, write_table
 from studies.training.config import TrainingConfig
 
@@ -78,6 +79,9 @@ class Benchmark:
 
     def _throughput(self) -> pd.DataFrame:
         config = TrainingConfig(gait=self.gait)
+        if self.training is not None:
+            settings = read_settings(self.training, "train")
+            config = TrainingConfig.from_plain(settings, str(self.training / CONFIG_NAME))
         say("timing training and bare physics in turn")
         pairs = pd.DataFrame(
             training_and_physics(config, self.training, self.updates, self.repeats)

@@ -1,6 +1,5 @@
 """Compiled students against their libraries, and the study against the naive loop."""
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
 from models.a1 import robot
+from models.files import read_record
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.neural import NeuralPolicy
@@ -87,7 +87,7 @@ def compiled_against_library(
     kinds: tuple[StudentKind, ...] = ("gbm", "histogram_gbm", "ebm")
     for kind in kinds:
         models = fit_library_models(kind, config, samples.observations, samples.actions)
-        compiled = compilers[kind].compile(config.gait, names, models)
+        compiled = compilers[kind].compile(load_gait(config.gait).name, names, models)
         row = samples.observations[:1]
 
         def library(observation: np.ndarray, models: Any = models) -> None:
@@ -148,7 +148,7 @@ def study_against_naive_loop(
     The last row is of the whole study, whose other students the naive loop has not.
     """
     minutes = {
-        path.parent.name: json.loads(path.read_text())["minutes"]
+        path.parent.name: read_record(path)["minutes"]
         for path in sorted(folder.glob("*/record.json"))
     }
     rows = []

@@ -42,7 +42,8 @@ def training_and_physics(
     """
     with TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
-        run = TrainingRun(config, folder, resume=checkpoint is not None)
+        gait = load_gait(config.gait)
+        run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
     physics = _BarePhysics(config.stations())
     recorded = _record_steps(run)
     run.update()

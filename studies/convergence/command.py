@@ -6,9 +6,7 @@ from typing import Annotated
 
 import pandas as pd
 import tyro
-import yaml
 
-from models.files import write_atomically
 from models.policies.library import load_expert
 from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
@@ -17,10 +15,10 @@ from studies.convergence.drop import drop_robot
 from studies.convergence.figures import convergence_figure
 from studies.convergence.variants import VARIANTS
 from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
+from studies.evaluation.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
 from studies.evaluation.team import Team
 from studies.figures import save_figure
-from studies.records import to_plain
+from studies.run_folder import open_run
 from studies.tables import print_table, write_metrics, write_table
 
 
@@ -31,7 +29,7 @@ class Convergence:
     Attributes:
         gait: Gait of the expert.
         rollouts: How robots are rolled out.
-        resume: Keep the rollouts that are done, where policies and settings are the same.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
 
@@ -46,20 +44,6 @@ class Convergence:
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
-        say("dropping the robot")
-        drops = pd.DataFrame(
-            [
-                {
-                    "variant": variant.world.title,
-                    "family": variant.family,
-                    "resolution": variant.resolution,
-                    **asdict(drop_robot(variant.world)),
-                }
-                for variant in VARIANTS
-            ]
-        )
-        say("rolling out")
         team = Team(load_expert(gait.name))
         jobs = [
             job
@@ -74,13 +58,32 @@ class Convergence:
                 )
             )
         ]
-        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
-        results = drops.merge(_means(scores), on="variant")
-        write_table(results, folder / "convergence")
-        write_metrics(results.to_dict(orient="records"), folder / "metrics.json")
-        save_figure(convergence_figure(results), folder / "convergence")
+        with open_run(
+            folder, study="convergence", settings=self, inputs=inputs_of(jobs), resume=self.resume
+        ):
+            results = _measure(jobs, folder)
+            write_table(results, folder / "convergence")
+            write_metrics(results.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(convergence_figure(results), folder / "convergence")
         print_table(f"{gait.name}: contact solvers and time steps", results)
         console.print(f"written to {folder}")
+
+
+def _measure(jobs: list[RolloutJob], folder: Path) -> pd.DataFrame:
+    say("dropping the robot")
+    drops = pd.DataFrame(
+        [
+            {
+                "variant": variant.world.title,
+                "family": variant.family,
+                "resolution": variant.resolution,
+                **asdict(drop_robot(variant.world)),
+            }
+            for variant in VARIANTS
+        ]
+    )
+    say("rolling out")
+    return drops.merge(_means(run_jobs(jobs, folder / "rollouts")), on="variant")
 
 
 def _means(scores: pd.DataFrame) -> pd.DataFrame:

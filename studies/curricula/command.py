@@ -7,9 +7,7 @@ from typing import Annotated
 
 import pandas as pd
 import tyro
-import yaml
 
-from models.files import write_atomically
 from models.policies.library import load_expert
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
@@ -24,7 +22,7 @@ from studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
 from studies.evaluation.scores import summarize_against
 from studies.evaluation.team import Team
 from studies.figures import save_figure
-from studies.records import to_plain
+from studies.run_folder import open_run
 from studies.tables import print_table, write_metrics, write_table
 
 CURRICULA = {
@@ -45,7 +43,7 @@ class Curricula:
             does not count. Formulas take one shape, without a choice.
         rollouts: How students are rolled out.
         expert: Policy file of the expert; the shipped one by default.
-        resume: Keep what is done.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
 
@@ -67,22 +65,23 @@ class Curricula:
         gait = load_gait(self.distillation.gait)
         expert = load_expert(gait.name, self.expert)
         folder = self.output or Path("runs/curricula") / gait.name
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
-        fits: list[pd.DataFrame] = []
-        students: dict[str, dict[str, Policy]] = {}
-        for name, config in equal_budgets(self.distillation).items():
-            say(CURRICULA[name])
-            own = folder / name
-            r2 = distill(config, expert, own, say, resume=self.resume)
-            fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
-            students[name] = load_students(own, expert)
-        jobs = standalone_jobs(gait, expert, students, self.rollouts)
-        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
-        table = curricula_table(pd.concat(fits, ignore_index=True), scores)
-        write_table(scores, folder / "robots")
-        write_table(table, folder / "curricula")
-        write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
-        save_figure(curricula_figure(table, gait.name.capitalize()), folder / "curricula")
+        inputs = {"gait": gait.digest(), "expert": expert.digest()}
+        with open_run(folder, study="curricula", settings=self, inputs=inputs, resume=self.resume):
+            fits: list[pd.DataFrame] = []
+            students: dict[str, dict[str, Policy]] = {}
+            for name, config in equal_budgets(self.distillation).items():
+                say(CURRICULA[name])
+                own = folder / name
+                r2 = distill(config, gait, expert, own, say, resume=self.resume)
+                fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
+                students[name] = load_students(own, expert)
+            jobs = standalone_jobs(gait, expert, students, self.rollouts)
+            scores = run_jobs(jobs, folder / "rollouts")
+            table = curricula_table(pd.concat(fits, ignore_index=True), scores)
+            write_table(scores, folder / "robots")
+            write_table(table, folder / "curricula")
+            write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(curricula_figure(table, gait.name.capitalize()), folder / "curricula")
         print_table(f"{gait.name}: students alone", titled(table))
         console.print(f"written to {folder}")
 

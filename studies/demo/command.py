@@ -1,6 +1,5 @@
 """`glassgait demo`: distils the shipped expert quickly and writes a report."""
 
-import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,8 @@ from pathlib import Path
 from diagrams.locomotion import FixedCommand, LocomotionConfig
 from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
-from models.task.gait import load_gait
+from models.policies.neural import NeuralPolicy
+from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.demo.report import write_report
 from studies.distillation.config import (
@@ -29,6 +29,7 @@ from studies.evaluation.tables import POLICY_TITLES
 from studies.evaluation.team import Team
 from studies.figures import save_figure
 from studies.rollout.play import play
+from studies.run_folder import open_run
 from studies.tables import print_table
 
 QUICK = DistillationConfig(
@@ -62,22 +63,28 @@ class Demo:
     """Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.
 
     Attributes:
-        output: Folder of the report; what it held before is replaced.
+        output: Folder of the report.
         n_robots: Robots to evaluate with.
+        resume: Continue the run that the folder holds.
     """
 
     output: Path = Path("runs/demo")
     n_robots: int = 26
+    resume: bool = False
 
     def run(self) -> None:
         """Runs the whole road."""
         started = time.monotonic()
         gait = load_gait(QUICK.gait)
         expert = load_expert(gait.name)
+        inputs = {"gait": gait.digest(), "expert": expert.digest()}
+        with open_run(self.output, study="demo", settings=self, inputs=inputs, resume=self.resume):
+            self._run(gait, expert, started)
+
+    def _run(self, gait: Gait, expert: NeuralPolicy, started: float) -> None:
         folder = self.output
         distillation = folder / "distillation"
-        shutil.rmtree(distillation, ignore_errors=True)
-        r2 = distill(QUICK, expert, distillation, say)
+        r2 = distill(QUICK, gait, expert, distillation, say, resume=self.resume)
         r2_summary = write_r2_table(r2, gait.name, distillation)
         print_table("R² on held-out data", r2_summary)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from diagrams.batch import BatchSimulator, TaskConfig
 from diagrams.batch_physics import BatchPhysics
 from diagrams.station import StationConfig
+from models.a1 import robot
 from models.a1.robot import Array
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
@@ -82,7 +83,14 @@ class Dataset:
     def load(path: Path) -> "Dataset":
         """Reads what `save` wrote."""
         arrays, header = load_arrays(path)
-        return Dataset(**arrays, minutes=header["minutes"])
+        try:
+            data = Dataset(**arrays, minutes=float(header["minutes"]))
+            sizes = {len(data.observations), len(data.actions), len(data.episodes)}
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: holds no samples; delete it, and collect anew") from error
+        if len(sizes) > 1 or data.actions.shape[1:] != (robot.N_JOINTS,):
+            raise InputError(f"{path}: holds no samples; delete it, and collect anew")
+        return data
 
 
 def collect(
@@ -137,14 +145,11 @@ def collect(
     )
 
 
-def load_levels(folder: Path) -> Dataset:
-    """Reads all samples that a student is fitted to.
-
-    Args:
-        folder: Their folder in a distillation's.
+def level_paths(folder: Path) -> list[Path]:
+    """Lists the files that hold a student's samples, a level each.
 
     Raises:
-        InputError: if it holds none.
+        InputError: if there are none.
     """
     paths = sorted(folder.glob("level_*.safetensors"))
     if not paths:
@@ -152,6 +157,19 @@ def load_levels(folder: Path) -> Dataset:
             f"{folder}: holds no samples; collect them with 'glassgait distill --students "
             f"{folder.name}'"
         )
+    return paths
+
+
+def load_levels(folder: Path) -> Dataset:
+    """Reads all samples that a student is fitted to.
+
+    Args:
+        folder: Their folder in a distillation's.
+
+    Raises:
+        InputError: if it holds none, or one is damaged.
+    """
+    paths = level_paths(folder)
     data = Dataset.load(paths[0])
     for path in paths[1:]:
         data = data.union(Dataset.load(path))

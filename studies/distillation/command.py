@@ -36,10 +36,10 @@ class Distill:
 
     def run(self) -> None:
         """Runs the study."""
-        load_gait(self.config.gait)
-        expert = load_expert(self.config.gait, self.expert)
-        folder = self.output or distillation_folder(self.config.gait)
-        r2 = distill(self.config, expert, folder, say, resume=self.resume)
-        table = write_r2_table(r2, self.config.gait, folder)
+        gait = load_gait(self.config.gait)
+        expert = load_expert(gait.name, self.expert)
+        folder = self.output or distillation_folder(gait.name)
+        r2 = distill(self.config, gait, expert, folder, say, resume=self.resume)
+        table = write_r2_table(r2, gait.name, folder)
         print_table("R² on held-out data", table)
         console.print(f"students written to {folder}")

@@ -39,6 +39,7 @@ OPEN_LOOP_ITERATIONS = 16
 def fit_student(
     kind: StudentKind,
     config: DistillationConfig,
+    gait: str,
     observation_names: tuple[str, ...],
     observations: Array,
     actions: Array,
@@ -48,11 +49,12 @@ def fit_student(
     Args:
         kind: Kind of student.
         config: Settings.
+        gait: Name of the gait.
         observation_names: Names of the observations.
         observations: Samples (m, n).
         actions: The expert's actions (m, 12).
     """
-    return _FITTERS[kind](config, observation_names, observations, actions)
+    return _FITTERS[kind](config, gait, observation_names, observations, actions)
 
 
 def fit_library_models(
@@ -82,7 +84,11 @@ def untrained_student(gait: str, observation_names: tuple[str, ...]) -> Policy:
 
 
 def _fit_open_loop(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> OpenLoopPolicy:
     state = np.argmax(observations[:, machine_state_entries(names)], axis=1)
     counted = np.rint(observations[:, names.index("RM Iters")] / ITERATIONS_SCALE).astype(int)
@@ -94,18 +100,26 @@ def _fit_open_loop(
             mine = (state == s) & (iteration == i)
             # A moment that was never visited goes on with the one before it.
             table[s, i] = actions[mine].mean(axis=0) if mine.any() else table[s, max(0, i - 1)]
-    return OpenLoopPolicy(config.gait, names, table)
+    return OpenLoopPolicy(gait, names, table)
 
 
 def _fit_linear(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> LinearPolicy:
     model = Ridge(RIDGE).fit(observations, actions)
-    return LinearPolicy(config.gait, names, model.coef_, model.intercept_)
+    return LinearPolicy(gait, names, model.coef_, model.intercept_)
 
 
 def _fit_statewise_linear(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> StatewiseLinearPolicy:
     models = [
         Ridge(RIDGE).fit(observations[mine], actions[mine])
@@ -113,14 +127,18 @@ def _fit_statewise_linear(
     ]
     weights = np.array([model.coef_ for model in models])
     intercepts = np.array([model.intercept_ for model in models])
-    return StatewiseLinearPolicy(config.gait, names, weights, intercepts)
+    return StatewiseLinearPolicy(gait, names, weights, intercepts)
 
 
 def _fit_gbm(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> BoostedTreesPolicy:
     models = fit_library_models("gbm", config, observations, actions)
-    return BoostedTreesPolicy.compile(config.gait, names, models)
+    return BoostedTreesPolicy.compile(gait, names, models)
 
 
 def _fit_gbm_joint(
@@ -137,10 +155,14 @@ def _fit_gbm_joint(
 
 
 def _fit_histogram_gbm(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> BoostedTreesPolicy:
     models = fit_library_models("histogram_gbm", config, observations, actions)
-    return BoostedTreesPolicy.compile(config.gait, names, models)
+    return BoostedTreesPolicy.compile(gait, names, models)
 
 
 def _fit_histogram_gbm_joint(
@@ -157,10 +179,14 @@ def _fit_histogram_gbm_joint(
 
 
 def _fit_ebm(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> AdditivePolicy:
     models = fit_library_models("ebm", config, observations, actions)
-    return AdditivePolicy.compile(config.gait, names, models)
+    return AdditivePolicy.compile(gait, names, models)
 
 
 def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmConfig) -> Any:
@@ -181,18 +207,26 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmC
 
 
 def _fit_symbolic(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> SymbolicPolicy:
     gates = symbolic_gates(names)
     shape = config.symbolic.shapes_of("symbolic")[0]
     formulas = fit_formulas(
         observations, actions, config.seed, config.symbolic, shape, gates, config.n_jobs
     )
-    return SymbolicPolicy(config.gait, names, formulas)
+    return SymbolicPolicy(gait, names, formulas)
 
 
 def _fit_statewise_symbolic(
-    config: DistillationConfig, names: tuple[str, ...], observations: Array, actions: Array
+    config: DistillationConfig,
+    gait: str,
+    names: tuple[str, ...],
+    observations: Array,
+    actions: Array,
 ) -> StatewiseSymbolicPolicy:
     gates = statewise_symbolic_gates(names)
     shape = config.symbolic.shapes_of("statewise_symbolic")[0]
@@ -208,7 +242,7 @@ def _fit_statewise_symbolic(
         )
         for mine in samples_by_state(observations, names)
     ]
-    return StatewiseSymbolicPolicy(config.gait, names, formulas)
+    return StatewiseSymbolicPolicy(gait, names, formulas)
 
 
 def _fit_joints(
@@ -225,7 +259,7 @@ def _fit_joints(
     return list(Parallel(n_jobs=config.n_jobs)(jobs))
 
 
-_FITTERS: dict[str, Callable[[DistillationConfig, tuple[str, ...], Array, Array], Policy]] = {
+_FITTERS: dict[str, Callable[[DistillationConfig, str, tuple[str, ...], Array, Array], Policy]] = {
     "open_loop": _fit_open_loop,
     "linear": _fit_linear,
     "statewise_linear": _fit_statewise_linear,

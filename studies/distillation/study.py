@@ -1,6 +1,5 @@
 """The distillation study: Algorithm 1 of the paper for each student, one level at a time."""
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,19 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 from numpy.typing import NDArray
 from sklearn.model_selection import train_test_split
 
 from models.a1 import robot
 from models.a1.robot import Array
 from models.errors import InputError
-from models.files import write_atomically
+from models.files import digest, read_record, write_record
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.policies.symbolic import FormulaPolicy
 from models.task.alternation import ratio_title
-from models.task.gait import load_gait
+from models.task.gait import Gait
 from studies.distillation.collection import Dataset, collect
 from studies.distillation.config import (
     FORMULAS,
@@ -34,12 +32,8 @@ from studies.distillation.formulas import write_formulas
 from studies.distillation.library import collector, samples_folder, student_path
 from studies.distillation.selection import rank_alone, simplest_of_the_best
 from studies.distillation.students import fit_student, untrained_student
-from studies.records import read_yaml, to_plain
+from studies.run_folder import open_run
 from studies.tables import write_table
-
-CONFIG_NAME = "config.yaml"
-FREE_TO_CHANGE = ("students", "n_jobs")
-"""Settings that a resumed run may change: students are independent of one another."""
 
 SHUFFLED_TEST_SHARE = 0.2
 
@@ -48,6 +42,7 @@ Report = Callable[[str], None]
 
 def distill(
     config: DistillationConfig,
+    gait: Gait,
     expert: NeuralPolicy,
     folder: Path,
     report: Report,
@@ -61,6 +56,7 @@ def distill(
 
     Args:
         config: Settings.
+        gait: The gait that they name.
         expert: The expert.
         folder: Where the run is kept.
         report: Called with a line of progress.
@@ -70,25 +66,52 @@ def distill(
         The R² table: a row a student.
 
     Raises:
-        InputError: if the folder holds a run and `resume` is not given, or one of other settings.
+        InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
+            that is damaged.
     """
-    config = config.for_gait(load_gait(config.gait))
-    _open_folder(config, folder, resume)
-    rows = []
-    for kind in config.students:
-        record_path = folder / kind / "record.json"
-        if not record_path.exists():
-            dataset = _collect_levels(
-                collector(kind), config, expert, samples_folder(folder, kind), report
-            )
-            started = time.monotonic()
-            row = _fit_final(kind, config, expert, dataset, folder, report)
-            row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
-            write_atomically(record_path, json.dumps(row, indent=2))
-        row = json.loads(record_path.read_text())
-        report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
-        rows.append(row)
+    config = config.for_gait(gait)
+    inputs = {"gait": gait.digest(), "expert": expert.digest()}
+    with open_run(
+        folder,
+        study="distill",
+        settings=config,
+        inputs=inputs,
+        resume=resume,
+        free=("students", "n_jobs"),  # Students are independent of one another.
+    ):
+        rows = [
+            _distill_student(kind, config, gait, expert, folder, report) for kind in config.students
+        ]
     return pd.DataFrame(rows)
+
+
+def _distill_student(
+    kind: StudentKind,
+    config: DistillationConfig,
+    gait: Gait,
+    expert: NeuralPolicy,
+    folder: Path,
+    report: Report,
+) -> dict:
+    """Collects, fits and records one student, or reads its record if that is done."""
+    path, record_path = student_path(folder, kind), folder / kind / "record.json"
+    if record_path.exists():
+        row = read_record(record_path)
+        if not path.exists() or digest(path) != row["digest"]:
+            raise InputError(
+                f"{path}: is not what the run wrote; delete {record_path}, and --resume makes it "
+                "anew"
+            )
+    else:
+        samples = samples_folder(folder, kind)
+        dataset = _collect_levels(collector(kind), config, gait, expert, samples, report)
+        started = time.monotonic()
+        row = _fit_final(kind, config, gait, expert, dataset, folder, report)
+        row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
+        row["digest"] = digest(path)
+        write_record(record_path, row)
+    report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
+    return {key: value for key, value in row.items() if key != "digest"}
 
 
 def r2_scores(policy: Policy, dataset: Dataset) -> Array:
@@ -101,14 +124,14 @@ def r2_scores(policy: Policy, dataset: Dataset) -> Array:
 def _collect_levels(
     kind: StudentKind,
     config: DistillationConfig,
+    gait: Gait,
     expert: NeuralPolicy,
     folder: Path,
     report: Report,
 ) -> Dataset:
-    gait = load_gait(config.gait)
     speeds = np.minimum(config.speeds, gait.max_speed)
     dataset = None
-    student = untrained_student(config.gait, expert.observation_names)
+    student = untrained_student(gait.name, expert.observation_names)
     for level in range(1, config.n_levels + 1):
         path = folder / f"level_{level:02d}.safetensors"
         if path.exists():
@@ -144,6 +167,7 @@ def _collect_levels(
 def _fit_final(
     kind: StudentKind,
     config: DistillationConfig,
+    gait: Gait,
     expert: NeuralPolicy,
     dataset: Dataset,
     folder: Path,
@@ -151,7 +175,7 @@ def _fit_final(
 ) -> dict:
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
-    final, student = _choose_final(kind, config, expert, seen, folder)
+    final, student = _choose_final(kind, config, gait, expert, seen, folder)
     student.save(student_path(folder, kind))
     if isinstance(student, FormulaPolicy):
         write_formulas(student, folder / f"{kind}_formulas")
@@ -175,6 +199,7 @@ def _fit_final(
 def _choose_final(
     kind: StudentKind,
     config: DistillationConfig,
+    gait: Gait,
     expert: NeuralPolicy,
     seen: Dataset,
     folder: Path,
@@ -189,9 +214,7 @@ def _choose_final(
         for title, pair in choices.items()
     }
     candidates = {title: _fit(kind, own, expert, seen) for title, own in settings.items()}
-    ranked = rank_alone(
-        candidates, load_gait(config.gait), expert, config.episode_steps, config.n_jobs
-    )
+    ranked = rank_alone(candidates, gait, expert, config.episode_steps, config.n_jobs)
     write_table(ranked, folder / f"{kind}_candidates")
     complexities = {title: _complexity(shape) for title, (shape, _) in choices.items()}
     chosen = simplest_of_the_best(ranked, complexities)
@@ -211,7 +234,7 @@ def _fit(
         counts = np.where(dataset.starts, config.symbolic.start_weights[0], 1)
         chosen = np.repeat(chosen, counts[chosen])
     observations, actions = dataset.observations[chosen], dataset.actions[chosen]
-    return fit_student(kind, config, expert.observation_names, observations, actions)
+    return fit_student(kind, config, expert.gait, expert.observation_names, observations, actions)
 
 
 def _complexity(shape: Shape) -> tuple[int, int]:
@@ -224,22 +247,3 @@ def _title(shape: Shape, start_weight: int) -> str:
     sum_length, length = shape
     title = f"sum of {sum_length}, {length} in all"
     return title if start_weight == 1 else f"{title}, starts count {start_weight}"
-
-
-def _open_folder(config: DistillationConfig, folder: Path, resume: bool) -> None:
-    path = folder / CONFIG_NAME
-    settings = to_plain(config)
-    if path.exists():
-        if not resume:
-            raise InputError(
-                f"{folder}: holds a distillation already; continue it with --resume, "
-                "or name another folder with --output"
-            )
-        made_with = read_yaml(path)
-        for key, value in settings.items():
-            if key not in FREE_TO_CHANGE and made_with.get(key) != value:
-                raise InputError(
-                    f"{path}: was made with {key} = {made_with.get(key)}, not {value}; resume with "
-                    "the same settings, or name another folder with --output"
-                )
-    write_atomically(path, yaml.safe_dump(settings, sort_keys=False))

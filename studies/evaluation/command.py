@@ -6,21 +6,19 @@ from typing import Annotated, Literal
 
 import pandas as pd
 import tyro
-import yaml
 
 from models.errors import InputError, refuse_empty
-from models.files import write_atomically
 from models.policies.library import load_expert, shipped_experts, shipped_students
 from models.task.gait import Gait, load_gait
 from studies.console import console
 from studies.distillation.library import distillation_folder, find_student, load_students
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import WORLDS, RolloutConfig, WorldName
-from studies.evaluation.jobs import RolloutJob, run_jobs
+from studies.evaluation.jobs import RolloutJob, inputs_of, run_jobs
 from studies.evaluation.results import write_alternation, write_scorecard
 from studies.evaluation.scorecard import scorecard_jobs
 from studies.evaluation.team import Team
-from studies.records import to_plain
+from studies.run_folder import open_run
 from studies.tables import print_table
 
 ALL_GAITS = "all"
@@ -40,7 +38,7 @@ class Evaluate:
         students: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
-        resume: Keep the rollouts that are done, where policies and settings are the same.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/evaluation/<gait>/<policy> by default.
     """
 
@@ -60,12 +58,15 @@ class Evaluate:
 
     def run(self) -> None:
         """Runs the study."""
+        jobs = self._alternation() if self.policy == "students" else self._scorecard()
         name = Path(self.policy).stem
         folder = self.output or Path("runs/evaluation") / Path(self.gait).stem / name
-        jobs = self._alternation() if self.policy == "students" else self._scorecard()
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
-        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
-        print_table(f"{self.gait}: {name}", self._write(scores, folder))
+        with open_run(
+            folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+        ):
+            scores = run_jobs(jobs, folder / "rollouts")
+            table = self._write(scores, folder)
+        print_table(f"{self.gait}: {name}", table)
         console.print(f"written to {folder}")
 
     def _write(self, scores: pd.DataFrame, folder: Path) -> pd.DataFrame:
@@ -74,7 +75,8 @@ class Evaluate:
         return write_scorecard(scores, folder)
 
     def _alternation(self) -> list[RolloutJob]:
-        gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
+        gait = load_gait(self.gait)
+        expert = load_expert(gait.name, self.expert)
         students = load_students(self.students or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts)
 

@@ -11,7 +11,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from models.a1 import robot
-from models.files import write_atomically
+from models.files import read_record, write_record
 from models.task.gait import Gait
 from studies.console import progress_bar
 from studies.evaluation.config import RolloutConfig, World
@@ -46,15 +46,11 @@ class RolloutJob:
 
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
-        settings = [repr(self.gait), to_plain(self.world), to_plain(self.config)]
+        settings = [self.gait.digest(), to_plain(self.world), to_plain(self.config)]
         settings.append(self.team.settings())
-        digest = hashlib.sha256(json.dumps(settings).encode())
-        for policy in (self.team.expert, self.team.student):
-            arrays, values = policy.to_arrays() if policy is not None else ({}, {})
-            digest.update(json.dumps(values).encode())
-            for name in sorted(arrays):
-                digest.update(name.encode() + arrays[name].tobytes())
-        return digest.hexdigest()[:16]
+        policies = (self.team.expert, self.team.student)
+        settings += [policy.digest() for policy in policies if policy is not None]
+        return hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:16]
 
 
 def for_each_seed(job: RolloutJob) -> list[RolloutJob]:
@@ -64,31 +60,44 @@ def for_each_seed(job: RolloutJob) -> list[RolloutJob]:
     ]
 
 
+def inputs_of(jobs: Sequence[RolloutJob]) -> dict[str, str]:
+    """Returns digests of all that the jobs roll out, as a run folder records them."""
+    teams = [job.team for job in jobs]
+    digests = {
+        "gait": {job.gait.digest() for job in jobs},
+        "expert": {team.expert.digest() for team in teams},
+        "students": {team.student.digest() for team in teams if team.student is not None},
+    }
+    return {name: " ".join(sorted(own)) for name, own in digests.items()}
+
+
 def run_jobs(
-    jobs: Sequence[RolloutJob], folder: Path, *, resume: bool = False, processes: int | None = None
+    jobs: Sequence[RolloutJob], folder: Path, *, processes: int | None = None
 ) -> pd.DataFrame:
-    """Rolls out and scores every job.
+    """Rolls out and scores every job, but for those whose scores the folder holds already.
 
     Args:
         jobs: The jobs, the slowest best first.
         folder: Where each job's scores are kept as soon as it is done.
-        resume: Whether to take scores that `folder` already holds, if policies and settings are
-            the same.
         processes: Processes to use; as many as there are cores by default.
 
     Returns:
         Scores, a row a robot, in the order of the jobs, with their labels and the seed.
+
+    Raises:
+        InputError: if scores that the folder holds are damaged.
     """
     paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
-    pending = [i for i, path in enumerate(paths) if not (resume and path.exists())]
+    kept = {i: read_record(path) for i, path in enumerate(paths) if path.exists()}
+    pending = [i for i in range(len(jobs)) if i not in kept]
     processes = min(processes or os.cpu_count() or 1, max(1, len(pending)))
     with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
         for i, scores in _finished(jobs, pending, processes):
-            # JSON keeps every digit.
-            write_atomically(paths[i], json.dumps(scores.to_dict(orient="list")))
+            kept[i] = scores.to_dict(orient="list")
+            write_record(paths[i], kept[i])
             progress.update(bar, advance=1, text=jobs[i].name)
-    kept = [pd.DataFrame(json.loads(path.read_text())) for path in paths]
-    return pd.concat(kept, ignore_index=True)
+    tables = [pd.DataFrame(kept[i]) for i in range(len(jobs))]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _finished(

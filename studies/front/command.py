@@ -7,15 +7,14 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 import tyro
-import yaml
 
 from models.errors import refuse_below_one, refuse_empty
-from models.files import write_atomically
 from models.policies.library import load_expert, load_policy
+from models.policies.neural import NeuralPolicy
 from models.policies.symbolic import FormulaPolicy
-from models.task.gait import load_gait
+from models.task.gait import Gait, load_gait
 from studies.console import console, say
-from studies.distillation.collection import load_levels
+from studies.distillation.collection import Dataset, level_paths, load_levels
 from studies.distillation.library import distillation_folder, samples_folder
 from studies.distillation.study import r2_scores
 from studies.evaluation.alternation import alternation_jobs
@@ -25,7 +24,7 @@ from studies.evaluation.scores import summarize_against
 from studies.figures import save_figure
 from studies.front.figures import front_figure
 from studies.front.formulas import FAMILIES, LENGTHS
-from studies.records import to_plain
+from studies.run_folder import digest_of_files, open_run
 from studies.tables import print_table, write_metrics, write_table
 
 SHARES = (0.0, 0.9, 0.97)
@@ -46,7 +45,7 @@ class Front:
         lengths: Greatest lengths of a joint's formula (nodes).
         rollouts: How robots are rolled out.
         expert: Policy file of the expert; the shipped one by default.
-        resume: Keep the rollouts that are done, where policies and settings are the same.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/front/<gait> by default.
     """
 
@@ -66,41 +65,53 @@ class Front:
 
     def run(self) -> None:
         """Runs the study."""
-        gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
-        data = load_levels(
-            self.samples or samples_folder(distillation_folder(gait.name), "statewise_symbolic")
+        gait = load_gait(self.gait)
+        expert = load_expert(gait.name, self.expert)
+        samples = self.samples or samples_folder(
+            distillation_folder(gait.name), "statewise_symbolic"
         )
+        data = load_levels(samples)
         folder = self.output or Path("runs/front") / gait.name
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
+        inputs = {
+            "gait": gait.digest(),
+            "expert": expert.digest(),
+            "samples": digest_of_files(level_paths(samples)),
+        }
+        with open_run(folder, study="front", settings=self, inputs=inputs, resume=self.resume):
+            front = self._measure(gait, expert, data, folder)
+            smallest = smallest_that_walk(front)
+            write_table(front, folder / "front")
+            write_table(smallest, folder / "smallest")
+            write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(front_figure(front, gait.name.capitalize()), folder / "front")
+        print_table(f"{gait.name}: formulas alone", front)
+        if len(smallest):
+            print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
+        else:
+            console.print(f"{gait.name}: with none of these sizes does every robot walk")
+        console.print(f"written to {folder}")
+
+    def _measure(
+        self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
+    ) -> pd.DataFrame:
+        """Fits the formulas that the folder lacks, and rolls all of them out."""
+        seen, held_out = data.subset(~data.held_out), data.subset(data.held_out)
         students, rows = {}, []
         for name, family in FAMILIES.items():
             say(f"fitting: {family.title}")
             for length in self.lengths:
                 label = f"{name} {length}"
                 path = folder / "formulas" / f"{name}_{length}.safetensors"
-                if not (self.resume and path.exists()):
-                    seen = data.subset(~data.held_out)
+                if not path.exists():
                     family.fit(gait.name, expert.observation_names, seen, length).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
                 students[label] = student
-                r2 = float(r2_scores(student, data.subset(data.held_out)).mean())
+                r2 = float(r2_scores(student, held_out).mean())
                 nodes = mean_nodes(student)
                 rows.append({"policy": label, "family": name, "nodes": nodes, "r2": r2})
         jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
-        scores = run_jobs(jobs, folder / "rollouts", resume=self.resume)
-        front = front_table(pd.DataFrame(rows), scores)
-        write_table(front, folder / "front")
-        write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
-        save_figure(front_figure(front, gait.name.capitalize()), folder / "front")
-        print_table(f"{gait.name}: formulas alone", front)
-        smallest = smallest_that_walk(front)
-        write_table(smallest, folder / "smallest")
-        if len(smallest):
-            print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
-        else:
-            console.print(f"{gait.name}: with none of these sizes does every robot walk")
-        console.print(f"written to {folder}")
+        return front_table(pd.DataFrame(rows), run_jobs(jobs, folder / "rollouts"))
 
 
 def mean_nodes(policy: FormulaPolicy) -> float:

@@ -6,24 +6,23 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-import yaml
 
 from models.a1.robot import joint_index
 from models.errors import InputError, refuse_below_one, refuse_empty
-from models.files import write_atomically
 from models.policies.library import load_expert
 from models.policies.policy import Policy
 from models.task.gait import load_gait
 from studies.console import console, say
+from studies.distillation.collection import level_paths
 from studies.distillation.config import StudentKind
-from studies.distillation.library import distillation_folder, load_students
+from studies.distillation.library import distillation_folder, load_students, samples_folder
 from studies.evaluation.config import RolloutConfig
 from studies.evaluation.jobs import run_jobs
 from studies.figures import save_figure
 from studies.importance.figures import loss_figure, truth_figure
 from studies.importance.study import draw_student, held_out_samples, measure_importances
 from studies.importance.truth import ablation_jobs, losses, rank_correlations
-from studies.records import to_plain
+from studies.run_folder import digest_of_files, open_run
 from studies.tables import print_table, write_metrics, write_table
 
 
@@ -40,7 +39,7 @@ class Importance:
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
         expert: Policy file of the expert; the shipped one by default.
-        resume: Keep the rollouts that are done, where policies and settings are the same.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/importance/<gait> by default.
     """
 
@@ -69,36 +68,44 @@ class Importance:
 
     def run(self) -> None:
         """Runs the study."""
-        gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
+        gait = load_gait(self.gait)
+        expert = load_expert(gait.name, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
         source = self.students or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))
         samples = {kind: held_out_samples(source, kind, self.n_samples, seed) for kind in students}
         folder = self.output or Path("runs/importance") / gait.name
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(self), sort_keys=False))
-        importances, _ = measure_importances(
-            gait.name, students, samples, folder, seed=seed, repeats=self.repeats
-        )
-        for kind, student in students.items():
-            observations = samples[kind].observations
-            draw_student(gait.name, kind, student, joint, observations, folder, seed)
-        means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
-        say("rolling out without each group of observations")
-        jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
-        lost = losses(run_jobs(jobs, folder / "rollouts", resume=self.resume))
-        correlations = rank_correlations(importances, lost)
-        for name, table in (("losses", lost), ("truth", correlations)):
-            write_table(table, folder / name)
-        save_figure(loss_figure(lost, gait.name.capitalize()), folder / "losses")
-        save_figure(truth_figure(importances, lost, gait.name.capitalize()), folder / "truth")
-        write_metrics(
-            {
-                "importances": importances.to_dict(orient="records"),
-                "losses": lost.to_dict(orient="records"),
-                "truth": correlations.to_dict(orient="records"),
-            },
-            folder / "metrics.json",
-        )
+        levels = [path for kind in students for path in level_paths(samples_folder(source, kind))]
+        inputs = {
+            "gait": gait.digest(),
+            "expert": expert.digest(),
+            "students": " ".join(student.digest() for student in students.values()),
+            "samples": digest_of_files(levels),
+        }
+        with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
+            importances, _ = measure_importances(
+                gait.name, students, samples, folder, seed=seed, repeats=self.repeats
+            )
+            for kind, student in students.items():
+                observations = samples[kind].observations
+                draw_student(gait.name, kind, student, joint, observations, folder, seed)
+            means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
+            say("rolling out without each group of observations")
+            jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
+            lost = losses(run_jobs(jobs, folder / "rollouts"))
+            correlations = rank_correlations(importances, lost)
+            for name, table in (("losses", lost), ("truth", correlations)):
+                write_table(table, folder / name)
+            save_figure(loss_figure(lost, gait.name.capitalize()), folder / "losses")
+            save_figure(truth_figure(importances, lost, gait.name.capitalize()), folder / "truth")
+            write_metrics(
+                {
+                    "importances": importances.to_dict(orient="records"),
+                    "losses": lost.to_dict(orient="records"),
+                    "truth": correlations.to_dict(orient="records"),
+                },
+                folder / "metrics.json",
+            )
         print_table(f"{gait.name}: rank correlation of importance and loss", correlations)
         console.print(f"written to {folder}")
 

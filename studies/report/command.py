@@ -1,20 +1,19 @@
 """`glassgait report`: every table and figure of the paper, made anew."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from models.errors import InputError
 from models.files import write_atomically
-from models.policies.library import shipped_experts
+from models.policies.library import load_expert, shipped_experts
 from studies.console import console, say
 from studies.pages import inline_image, page_template
-from studies.records import to_plain
-from studies.report.config import FULL, PAPER_GAITS, QUICK
+from studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
 from studies.report.contents import DEVIATIONS, contents, r2_by_gait
-from studies.report.gait import study_gait
+from studies.report.gait import GaitResults, study_gait
+from studies.run_folder import open_run
 from studies.tables import print_table, to_markdown, write_table
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -27,7 +26,7 @@ class Report:
     Attributes:
         gaits: Names of gaits.
         quick: Fewer samples, smaller students, one seed.
-        resume: Keep what an interrupted run has finished.
+        resume: Continue the run that the folder holds; it may name other gaits.
         output: Folder of the report; runs/report, or runs/report_quick, by default.
     """
 
@@ -47,11 +46,26 @@ class Report:
         started = time.monotonic()
         config = QUICK if self.quick else FULL
         folder = self.output or Path("runs") / ("report_quick" if self.quick else "report")
-        results = []
-        for place, gait in enumerate(self.gaits, start=1):
-            say(f"[bold]{gait}[/bold], gait {place} of {len(self.gaits)}")
-            results.append(study_gait(gait, config, folder / gait, resume=self.resume))
-        write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(config), sort_keys=False))
+        experts = {gait: load_expert(gait) for gait in self.gaits}
+        with open_run(
+            folder,
+            study="report",
+            settings=config,
+            inputs={f"expert of the {gait}": own.digest() for gait, own in experts.items()},
+            resume=self.resume,
+        ):
+            results = []
+            for place, gait in enumerate(self.gaits, start=1):
+                say(f"{gait}, gait {place} of {len(self.gaits)}")
+                results.append(study_gait(gait, config, folder / gait, resume=self.resume))
+            self._write(results, config, folder)
+        print_table("R²", r2_by_gait(results))
+        minutes = (time.monotonic() - started) / 60
+        console.print(
+            f"report written to {folder / 'report.html'} and report.md after {minutes:.1f} minutes"
+        )
+
+    def _write(self, results: Sequence[GaitResults], config: ReportConfig, folder: Path) -> None:
         items = contents(results)
         for item in items:
             for place, (_, table) in enumerate(item.tables, start=1):
@@ -69,11 +83,6 @@ class Report:
             **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
         )
         write_atomically(folder / "report.md", text)
-        print_table("R²", r2_by_gait(results))
-        minutes = (time.monotonic() - started) / 60
-        console.print(
-            f"report written to {folder / 'report.html'} and report.md after {minutes:.1f} minutes"
-        )
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -68,13 +68,13 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)
     source = folder / "distillation"
-    r2 = distill(distillation, expert, source, say, resume=resume)
+    r2 = distill(distillation, gait, expert, source, say, resume=resume)
     write_r2_table(r2, name, source)
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
     jobs = alternation_jobs(gait, expert, students, config.rollouts)
-    scores = run_jobs(jobs, folder / "rollouts", resume=resume)
+    scores = run_jobs(jobs, folder / "rollouts")
     standalone = write_alternation(scores, title, folder)
 
     seed = config.rollouts.seed

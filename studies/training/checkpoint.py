@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
-from studies.records import to_plain
 
 if TYPE_CHECKING:
     from studies.training.study import TrainingRun
@@ -20,7 +19,6 @@ def save_checkpoint(run: "TrainingRun", path: Path) -> None:
     arrays = {f"environment:{name}": value for name, value in environment_arrays.items()}
     arrays |= {f"learner:{name}": value for name, value in learner_arrays.items()}
     header = {
-        "config": to_plain(run.config),
         "update": run.progress.update,
         "seconds": run.progress.seconds,
         "curve": run.curve.rows,
@@ -34,26 +32,20 @@ def load_checkpoint(run: "TrainingRun", path: Path) -> None:
     """Brings a freshly made run to where the checkpoint's run was.
 
     Raises:
-        InputError: if the checkpoint is missing, damaged, or of other settings.
+        InputError: if the checkpoint is missing, damaged, or does not fit the run.
     """
     arrays, header = load_arrays(path)
-    _check_settings(run, header["config"], path)
 
     def part(prefix: str) -> dict:
         return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
 
-    run.environment.restore(part("environment:"), header["environment"])
-    run.learner.restore(part("learner:"), header["learner"])
-    run.progress.update = header["update"]
-    run.progress.seconds = header["seconds"]
-    run.curve.rows = header["curve"]
-
-
-def _check_settings(run: "TrainingRun", saved: dict, path: Path) -> None:
-    current = to_plain(run.config)
-    for key, value in current.items():
-        if key != "updates" and saved.get(key) != value:
-            raise InputError(
-                f"{path}: was trained with {key} = {saved.get(key)}, not {value}; "
-                "resume with the same settings or train into another folder"
-            )
+    try:
+        run.environment.restore(part("environment:"), header["environment"])
+        run.learner.restore(part("learner:"), header["learner"])
+        run.progress.update = header["update"]
+        run.progress.seconds = header["seconds"]
+        run.curve.rows = header["curve"]
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise InputError(
+            f"{path}: is damaged, or of other settings; train anew into another folder"
+        ) from error

@@ -9,6 +9,7 @@ import tyro
 from models.errors import InputError
 from models.task.gait import load_gait
 from studies.console import console, progress_bar
+from studies.run_folder import open_run
 from studies.training.checkpoint import CHECKPOINT_NAME
 from studies.training.config import TrainingConfig
 from studies.training.record import read_config
@@ -37,26 +38,47 @@ class Train:
 
     def run(self) -> None:
         """Runs the study."""
-        config = read_config(self.like) if self.like else self.config
+        config = self._config()
         gait = load_gait(config.gait)
         folder = self.output or Path("runs/training") / gait.name
-        if not self.resume and (folder / CHECKPOINT_NAME).exists():
-            raise InputError(
-                f"{folder}: holds a training run already; continue it with --resume, "
-                "or name another folder with --output"
-            )
-        run = TrainingRun(config, folder, resume=self.resume)
-        with progress_bar(config.updates, run.progress.update) as (progress, task):
-
-            def report(run: TrainingRun, row: dict[str, float]) -> None:
-                line = (
-                    f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
-                    f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
-                    f"ease {row['ease']:.2f}  failures {row['failure_rate']:.4f}"
-                )
-                progress.update(task, completed=run.progress.update, text=line)
-                if not console.is_terminal and run.progress.update % LINES_EVERY == 0:
-                    console.print(f"update {run.progress.update}/{config.updates}  {line}")
-
-            run.run(report)
+        with open_run(
+            folder,
+            study="train",
+            settings=config,
+            inputs={"gait": gait.digest()},
+            resume=self.resume,
+            free=("updates",),
+        ):
+            begun = (folder / CHECKPOINT_NAME).exists()
+            _train(TrainingRun(config, gait, folder, resume=begun))
         console.print(f"expert written to {folder / gait.name}.safetensors")
+
+    def _config(self) -> TrainingConfig:
+        if self.like is None:
+            return self.config
+        if self.config != TrainingConfig():
+            raise InputError(
+                "--like takes every setting from the record; leave the other settings out"
+            )
+        return read_config(self.like)
+
+
+def _train(run: TrainingRun) -> None:
+    updates = run.config.updates
+    if run.progress.update > updates:
+        raise InputError(
+            f"{run.folder}: has {run.progress.update} updates already; ask for more with --updates"
+        )
+    with progress_bar(updates, run.progress.update) as (progress, task):
+
+        def report(run: TrainingRun, row: dict[str, float]) -> None:
+            line = (
+                f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
+                f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
+                f"ease {row['ease']:.2f}  failures {row['failure_rate']:.4f}"
+            )
+            progress.update(task, completed=run.progress.update, text=line)
+            if not console.is_terminal and run.progress.update % LINES_EVERY == 0:
+                console.print(f"update {run.progress.update}/{updates}  {line}")
+
+        run.run(report)

@@ -12,7 +12,7 @@ from diagrams.batch_physics import BatchPhysics
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
 from models.task import EPISODE_STEPS
-from models.task.gait import load_gait
+from models.task.gait import Gait
 from studies.training.config import TrainingConfig
 
 ANGULAR_VELOCITY_SCALE = 0.25
@@ -47,13 +47,17 @@ class TrainingEnvironment:
     """Robots that learn; an episode that ends starts anew in the same step."""
 
     def __init__(
-        self, config: TrainingConfig, estimator: nn.Module, generator: np.random.Generator
+        self,
+        config: TrainingConfig,
+        gait: Gait,
+        estimator: nn.Module,
+        generator: np.random.Generator,
     ) -> None:
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
         self.simulator = BatchSimulator(
-            TaskConfig(load_gait(config.gait), config.randomization, limits=config.limits),
+            TaskConfig(gait, config.randomization, limits=config.limits),
             BatchPhysics(*config.stations()),
             n_robots=config.n_robots,
             generator=generator,

@@ -9,7 +9,7 @@ import psutil
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
-from models.task.gait import load_gait
+from models.task.gait import Gait
 from models.task.observation import ObservationLayout
 from models.task.reward import REWARD_TERMS
 from studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
@@ -36,32 +36,38 @@ class Progress:
 class TrainingRun:
     """A training run in its folder, from the first update or from its checkpoint."""
 
-    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False) -> None:
+    def __init__(
+        self, config: TrainingConfig, gait: Gait, folder: Path, *, resume: bool = False
+    ) -> None:
         """
         Args:
             config: Settings; a resumed run must have the same, except for more updates.
+            gait: The gait that they name.
             folder: Where checkpoint, curve and TensorBoard events go.
             resume: Whether to continue from the folder's checkpoint.
 
         Raises:
-            InputError: if there is nothing to resume, or the settings differ.
+            InputError: if there is nothing to resume, or it is damaged.
         """
         self.config = config
         self.folder = folder
         self.progress = Progress()
         self.curve = Curve()
         torch.manual_seed(config.seed)
-        self.gait = load_gait(config.gait)
+        self.gait = gait
         layout = ObservationLayout(self.gait.n_states)
         self._estimator = StateEstimator(layout.n_proprioceptive, config.estimator)
         generator = np.random.default_rng(config.seed)
-        self.environment = TrainingEnvironment(config, self._estimator, generator)
+        self.environment = TrainingEnvironment(config, gait, self._estimator, generator)
         self.learner = Learner(config, self._estimator, self.environment.observe())
         if resume:
             load_checkpoint(self, folder / CHECKPOINT_NAME)
 
     def run(self, report) -> None:
         """Trains to the end, calling `report(run, row)` after every update."""
+        if self.progress.update == self.config.updates:
+            # A run may have been killed after its last checkpoint and before its expert.
+            write_expert(self, self.folder)
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.progress.update)
         try:
             while self.progress.update < self.config.updates:

@@ -17,13 +17,13 @@ TINY = DistillationConfig(
 
 
 @pytest.mark.slow
-def test_demo_writes_a_page_with_tables_formulas_and_replays(tmp_path, monkeypatch, capsys):
+def test_demo_writes_a_page_with_tables_formulas_and_replays(
+    tmp_path, monkeypatch, capsys, refused
+):
     monkeypatch.setattr(command, "QUICK", TINY)
     monkeypatch.setattr(command, "REPLAY_SECONDS", 1.0)
-    (tmp_path / "distillation").mkdir()
-    (tmp_path / "distillation" / "config.yaml").write_text("seed: 7\n")
-    # What an earlier demo left is replaced.
-    main(["demo", "--output", str(tmp_path), "--n-robots", "2"])
+    command_line = ["demo", "--output", str(tmp_path), "--n-robots", "2"]
+    main(command_line)
     page = (tmp_path / "report.html").read_text()
     assert page.count("<b>FL_hip in q") == 2
     assert "Linear" in page
@@ -31,3 +31,5 @@ def test_demo_writes_a_page_with_tables_formulas_and_replays(tmp_path, monkeypat
         assert f'src="{kind}_replay.html"' in page
         assert (tmp_path / f"{kind}_replay.html").exists()
     assert "report written to" in capsys.readouterr().out
+    assert "continue it with --resume" in refused(command_line)
+    main([*command_line, "--resume"])

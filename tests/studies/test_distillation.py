@@ -40,6 +40,8 @@ from studies.distillation.study import distill, r2_scores
 from studies.distillation.symbolic_regression import fit_formulas, pysr_arguments
 from studies.distillation.tables import write_r2_table
 
+GAIT = load_gait("trot")
+
 TINY = DistillationConfig(
     episodes=5,
     alone_levels=1,
@@ -70,7 +72,7 @@ def expert():
 @pytest.fixture(scope="module")
 def finished(expert, tmp_path_factory):
     folder = tmp_path_factory.mktemp("distillation")
-    r2 = distill(TINY, expert, folder, lambda line: None)
+    r2 = distill(TINY, GAIT, expert, folder, lambda line: None)
     write_r2_table(r2, "trot", folder)
     return folder, r2
 
@@ -85,7 +87,7 @@ def test_every_student_is_made_scored_and_saved(finished, expert):
 
 def test_the_same_seed_gives_the_same_metrics(finished, expert, tmp_path):
     folder, _ = finished
-    write_r2_table(distill(TINY, expert, tmp_path, lambda line: None), "trot", tmp_path)
+    write_r2_table(distill(TINY, GAIT, expert, tmp_path, lambda line: None), "trot", tmp_path)
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
 
 
@@ -97,7 +99,7 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
         (tmp_path / path).unlink()
     shutil.rmtree(tmp_path / "symbolic")
     write_r2_table(
-        distill(TINY, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
+        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True), "trot", tmp_path
     )
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
 
@@ -154,9 +156,9 @@ def test_latex_takes_the_papers_symbols():
 def test_a_finished_folder_is_not_overwritten(finished, expert):
     folder, _ = finished
     with pytest.raises(InputError, match="continue it with --resume"):
-        distill(TINY, expert, folder, lambda line: None)
+        distill(TINY, GAIT, expert, folder, lambda line: None)
     with pytest.raises(InputError, match="made with seed = 0, not 1"):
-        distill(replace(TINY, seed=1), expert, folder, lambda line: None, resume=True)
+        distill(replace(TINY, seed=1), GAIT, expert, folder, lambda line: None, resume=True)
 
 
 def test_levels_follow_the_paper(finished):
@@ -237,7 +239,7 @@ def test_starts_that_count_more_are_imitated_better(expert, tmp_path):
             symbolic=symbolic,
         )
         folder = tmp_path / str(weight)
-        distill(config, expert, folder, lambda line: None)
+        distill(config, GAIT, expert, folder, lambda line: None)
         data = load_levels(folder / "symbolic")
         starts = data.subset(data.starts & ~data.held_out)
         scores.append(r2_scores(load_policy(folder / "symbolic.safetensors"), starts).mean())
@@ -338,7 +340,7 @@ def test_open_loop_is_the_mean_of_each_moment(generator):
     observations[np.arange(300), names.index("RM State 0") + state] = 1.0
     observations[:, names.index("RM Iters")] = 0.1 * iteration
     actions = generator.normal(size=(300, 12))
-    policy = fit_student("open_loop", TINY, names, observations, actions)
+    policy = fit_student("open_loop", TINY, "trot", names, observations, actions)
     expected = actions[(state == 1) & (iteration == 2)].mean(axis=0)
     np.testing.assert_allclose(policy.table[1, 2], expected)
     np.testing.assert_array_equal(policy.table[1, 3], policy.table[1, 15])
@@ -356,7 +358,7 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
         TINY,
         symbolic=SymbolicConfig(population=20, generations=2, statewise_shapes=((10, 20),)),
     )
-    policy = fit_student("statewise_symbolic", settings, names, observations, actions)
+    policy = fit_student("statewise_symbolic", settings, "trot", names, observations, actions)
     assert r2_scores(policy, dataset).min() > 0.99
 
 
@@ -386,7 +388,7 @@ def test_r2_is_scikit_learns(generator):
     actions = observations[:, :12] + 0.3 * generator.normal(size=(200, 12))
     dataset = Dataset(observations, actions, np.ones(200, dtype=np.int64))
     policy = fit_student(
-        "linear", TINY, load_expert("trot").observation_names, *(observations, actions)
+        "linear", TINY, "trot", load_expert("trot").observation_names, *(observations, actions)
     )
     expected = r2_score(actions, policy(observations), multioutput="raw_values")
     np.testing.assert_allclose(r2_scores(policy, dataset), expected)

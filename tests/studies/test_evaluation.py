@@ -9,6 +9,7 @@ import studies.evaluation.jobs
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
 from models.a1 import robot
+from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy
 from models.task.gait import load_gait
@@ -146,10 +147,10 @@ def test_worlds_are_named_in_the_tables(expert, tmp_path):
 def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, monkeypatch):
     gait = load_gait("trot")
 
-    def scores(*, seeds=2, resume=True):
+    def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
         jobs = scorecard_jobs([(gait, Team(expert))], ("training",), config)
-        return run_jobs(jobs, tmp_path, resume=resume, processes=1)
+        return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
     original = studies.evaluation.jobs.roll_out
@@ -158,14 +159,24 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )
-    first = scores(resume=False)
+    first = scores()
     assert len(rolled_out) == 2
     pd.testing.assert_frame_equal(scores(), first)
     assert len(rolled_out) == 2
     assert scores(seeds=3)["seed"].tolist() == [1000, 1000, 1001, 1001, 1002, 1002]
     assert len(rolled_out) == 3
-    scores(resume=False)
+    scores(folder=tmp_path / "other")
     assert len(rolled_out) == 5
+
+
+def test_damaged_scores_are_told(expert, tmp_path):
+    config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
+    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    run_jobs(jobs, tmp_path, processes=1)
+    (path,) = tmp_path.glob("*.json")
+    path.write_text(path.read_text().replace("reward", "rewart", 1))
+    with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
+        run_jobs(jobs, tmp_path, processes=1)
 
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):

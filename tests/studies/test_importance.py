@@ -14,6 +14,7 @@ from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.symbolic import SymbolicPolicy
+from models.task.gait import load_gait
 from models.task.observation import ObservationLayout, machine_state_entries
 from studies.cli import main
 from studies.distillation.collection import Dataset
@@ -295,7 +296,7 @@ def distilled(tmp_path_factory):
         histogram_gbm=HistogramGbmConfig(n_trees=5),
         n_jobs=1,
     )
-    distill(config, load_expert("trot"), folder, lambda line: None)
+    distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
     return folder
 
 

@@ -14,6 +14,7 @@ import yaml
 from models.errors import InputError
 from models.files import load_arrays
 from models.policies.library import EXPERT_DIRECTORY, load_policy
+from models.task.gait import load_gait
 from studies.training.checkpoint import CHECKPOINT_NAME
 from studies.training.config import PpoConfig, TrainingConfig
 from studies.training.record import read_config
@@ -33,6 +34,7 @@ TINY = TrainingConfig(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
+from models.task.gait import load_gait
 from studies.training.study import TrainingRun
 sys.path.insert(0, sys.argv[2])
 from test_training import TINY
@@ -41,8 +43,12 @@ def report(run, row):
     if run.progress.update == 3:
         os.kill(os.getpid(), signal.SIGKILL)
 
-TrainingRun(TINY, Path(sys.argv[1])).run(report)
+TrainingRun(TINY, load_gait("trot"), Path(sys.argv[1])).run(report)
 """
+
+
+def training_run(config, folder, **resume):
+    return TrainingRun(config, load_gait(config.gait), folder, **resume)
 
 
 def silent(run, row):
@@ -55,7 +61,7 @@ def weights(folder):
 
 def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
     schedule = replace(TINY.ppo, entropy_decay=(0, 3), final_kl=0.002, kl_decay=(1, 3))
-    run = TrainingRun(replace(TINY, ppo=schedule), tmp_path)
+    run = training_run(replace(TINY, ppo=schedule), tmp_path)
     seen = []
     run.run(
         lambda run, row: seen.append((run.learner.ppo.entropy_coef, run.learner.ppo.desired_kl))
@@ -65,14 +71,14 @@ def test_entropy_and_divergence_fall_as_scheduled(tmp_path):
 
 
 def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
-    TrainingRun(TINY, tmp_path / "whole").run(silent)
+    training_run(TINY, tmp_path / "whole").run(silent)
     killed = tmp_path / "killed"
     here = str(Path(__file__).parent)
     ended = subprocess.run(
         [sys.executable, "-c", KILLED, str(killed), here], check=False, capture_output=True
     )
     assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
-    resumed = TrainingRun(TINY, killed, resume=True)
+    resumed = training_run(TINY, killed, resume=True)
     assert resumed.progress.update == 2
     resumed.run(silent)
     whole, again = weights(tmp_path / "whole"), weights(killed)
@@ -82,10 +88,10 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(tmp_path):
 
 
 def test_checkpoints_hold_everything(tmp_path):
-    run = TrainingRun(TINY, tmp_path)
+    run = training_run(TINY, tmp_path)
     run.update()
     run.save()
-    again = TrainingRun(TINY, tmp_path, resume=True)
+    again = training_run(TINY, tmp_path, resume=True)
     for mine, theirs in ((run.learner, again.learner), (run.environment, again.environment)):
         arrays, values = mine.to_arrays()
         found_arrays, found_values = theirs.to_arrays()
@@ -96,7 +102,7 @@ def test_checkpoints_hold_everything(tmp_path):
 
 
 def test_the_expert_acts_as_the_network_that_was_trained(tmp_path):
-    run = TrainingRun(TINY, tmp_path)
+    run = training_run(TINY, tmp_path)
     run.update()
     run.save()
     policy = load_policy(tmp_path / "trot.safetensors")
@@ -111,7 +117,7 @@ def test_the_expert_acts_as_the_network_that_was_trained(tmp_path):
 
 
 def test_the_record_tells_how_the_expert_was_trained(tmp_path):
-    TrainingRun(replace(TINY, updates=2), tmp_path).run(silent)
+    training_run(replace(TINY, updates=2), tmp_path).run(silent)
     record = yaml.safe_load((tmp_path / "trot.yaml").read_text())
     assert record["control_steps"] == 2 * 8 * 8
     assert record["config"]["ppo"]["steps_per_update"] == 8
@@ -120,7 +126,7 @@ def test_the_record_tells_how_the_expert_was_trained(tmp_path):
 
 
 def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
-    run = TrainingRun(TINY, tmp_path)
+    run = training_run(TINY, tmp_path)
     run._ease(0.4)
     assert run.environment.simulator.ease == pytest.approx(0.2)
     run._ease(0.6)
@@ -131,7 +137,7 @@ def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(tmp_path):
-    environment = TrainingRun(replace(TINY, gait="half_bound"), tmp_path).environment
+    environment = training_run(replace(TINY, gait="half_bound"), tmp_path).environment
     simulator = environment.simulator
     simulator.reset()
     simulator.state.machine.state[:3] = simulator.task.gait.states.index("missed")
@@ -143,7 +149,7 @@ def test_an_episode_ends_where_nothing_can_be_earned(tmp_path):
 
 
 def test_an_experts_record_gives_back_its_settings(tmp_path):
-    TrainingRun(replace(TINY, updates=1), tmp_path).run(silent)
+    training_run(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
     shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
     assert shipped.fine_steps == (0.005, 0.0025)
@@ -168,15 +174,26 @@ def test_bad_records_are_refused(tmp_path, text, message):
         read_config(path)
 
 
-def test_other_settings_or_no_checkpoint_cannot_be_resumed(tmp_path):
+def test_a_missing_or_damaged_checkpoint_cannot_be_resumed(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        TrainingRun(TINY, tmp_path, resume=True)
-    run = TrainingRun(TINY, tmp_path)
+        training_run(TINY, tmp_path, resume=True)
+    run = training_run(TINY, tmp_path)
     run.update()
     run.save()
-    with pytest.raises(InputError, match="was trained with seed = 0, not 1"):
-        TrainingRun(replace(TINY, seed=1), tmp_path, resume=True)
-    TrainingRun(replace(TINY, updates=9), tmp_path, resume=True)
+    training_run(replace(TINY, updates=9), tmp_path, resume=True)
+    with pytest.raises(InputError, match="of other settings"):
+        training_run(replace(TINY, ppo=PpoConfig()), tmp_path, resume=True)
     (tmp_path / CHECKPOINT_NAME).write_bytes(b"nonsense")
     with pytest.raises(InputError, match="damaged"):
-        TrainingRun(TINY, tmp_path, resume=True)
+        training_run(TINY, tmp_path, resume=True)
+
+
+def test_an_expert_that_was_not_written_is_written_on_resume(tmp_path):
+    training_run(TINY, tmp_path).run(silent)
+    written = weights(tmp_path)
+    for path in tmp_path.glob("trot.*"):
+        path.unlink()
+    training_run(TINY, tmp_path, resume=True).run(silent)
+    assert {path.suffix for path in tmp_path.glob("trot.*")} == {".safetensors", ".yaml", ".csv"}
+    for name, value in weights(tmp_path).items():
+        np.testing.assert_array_equal(value, written[name], err_msg=name)

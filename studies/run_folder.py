@@ -1,0 +1,214 @@
+"""One folder, one run: what it is made of, and that nothing else gets mixed into it."""
+
+import hashlib
+import platform
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import yaml
+from filelock import FileLock, Timeout
+
+from models.errors import InputError, shown
+from models.files import remove_litter, write_atomically
+from studies.records import read_yaml, to_plain
+
+CONFIG_NAME = "config.yaml"
+LOCK_NAME = ".lock"
+
+PACKAGES = (
+    "glassgait",
+    "drake",
+    "interpret-core",
+    "numpy",
+    "pyoperon",
+    "rsl-rl-lib",
+    "scikit-learn",
+    "scipy",
+    "torch",
+)
+"""The software that results depend on."""
+
+PLACES = ("output", "resume")
+"""Settings that say where and how a run is kept, not what it is."""
+
+
+@contextmanager
+def open_run(
+    folder: Path,
+    *,
+    study: str,
+    settings: Any,
+    inputs: Mapping[str, str],
+    resume: bool,
+    free: Collection[str] = (),
+) -> Iterator[None]:
+    """Claims a folder for a run: a new one, or the very one that it holds.
+
+    What a run is made of stands in its `config.yaml`: its settings, digests of what it reads, and
+    the software. A run is continued only where all of them agree, and by one process at a time.
+
+    Args:
+        folder: The run's folder.
+        study: Name of the command.
+        settings: The settings, a dataclass.
+        inputs: Digests of all that the run reads, by the name that a sentence calls it; a setting
+            of that name, which only says where it was read from, is not compared.
+        resume: Whether to continue the run that the folder holds; without one, it is started.
+        free: Settings that a continued run may change.
+
+    Raises:
+        InputError: if the folder holds a run and `resume` is not given, the run is of another
+            study, settings, inputs or software, the folder holds something else, another process
+            is at work in it, or it cannot be written to.
+    """
+    whole = {
+        "study": study,
+        "settings": to_plain(settings),
+        "inputs": dict(inputs),
+        "software": _software(),
+    }
+    # Refused before anything is written: what does not fit must not leave a trace.
+    _check(folder, whole, resume, free)
+    with _locked(folder):
+        # Once more: until the lock was free the folder may have been another's.
+        _check(folder, whole, resume, free)
+        begun = (folder / CONFIG_NAME).exists()
+        remove_litter(folder)
+        write_atomically(folder / CONFIG_NAME, yaml.safe_dump(whole, sort_keys=False))
+        try:
+            yield
+        except InputError:
+            # What was refused before it made anything was no run.
+            if not begun and _visible(folder) == [CONFIG_NAME]:
+                shutil.rmtree(folder)
+            raise
+
+
+def read_settings(folder: Path, study: str) -> dict[str, Any]:
+    """Reads the settings of the run that a folder holds.
+
+    Raises:
+        InputError: if it holds none, or one of another study.
+    """
+    path = folder / CONFIG_NAME
+    return _read(path, study)["settings"]
+
+
+def digest_of_files(paths: Collection[Path]) -> str:
+    """Tells collections of files apart by their contents and names, not by where they are.
+
+    Raises:
+        InputError: if a file cannot be read.
+    """
+    whole = hashlib.sha256()
+    for path in sorted(paths, key=lambda path: path.name):
+        try:
+            whole.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    return whole.hexdigest()[:16]
+
+
+def _software() -> dict[str, str]:
+    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+
+
+def _check(folder: Path, whole: dict[str, Any], resume: bool, free: Collection[str]) -> None:
+    path = folder / CONFIG_NAME
+    if not path.exists():
+        if _visible(folder):
+            raise InputError(
+                f"{folder}: holds files of something else; name a new folder with --output"
+            )
+        return
+    made_with = _read(path, whole["study"])
+    if not resume:
+        raise InputError(
+            f"{folder}: holds a run of 'glassgait {whole['study']}' already; continue it with "
+            "--resume, or name another folder with --output"
+        )
+    differences = _differences(made_with, whole, free)
+    if differences:
+        raise InputError(
+            f"{path}: was made with {'; with '.join(differences)}; continue it with the same, or "
+            "name another folder with --output"
+        )
+
+
+def _visible(folder: Path) -> list[str]:
+    """Lists what a folder holds besides hidden files."""
+    if not folder.is_dir():
+        return []
+    return [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
+
+
+def _read(path: Path, study: str) -> dict[str, Any]:
+    found = read_yaml(path)
+    parts = ("settings", "inputs", "software")
+    if not isinstance(found, dict) or any(not isinstance(found.get(key), dict) for key in parts):
+        raise InputError(f"{path}: is damaged, or not of this version; name another folder")
+    if found.get("study") != study:
+        raise InputError(
+            f"{path.parent}: holds a run of 'glassgait {shown(found.get('study'))[1:-1]}', not of "
+            f"'glassgait {study}'; name another folder"
+        )
+    return found
+
+
+def _differences(then: dict[str, Any], now: dict[str, Any], free: Collection[str]) -> list[str]:
+    left_out = (*free, *PLACES)
+    found = []
+    for part in ("settings", "software"):
+        before, after = (_flat(whole[part], left_out, now["inputs"]) for whole in (then, now))
+        found += [
+            f"{key} = {shown(before.get(key))}, not {shown(after.get(key))}"
+            for key in sorted({*before, *after})
+            if before.get(key) != after.get(key)
+        ]
+    found += [
+        f"another {name.removesuffix('s')}"
+        for name, digest in now["inputs"].items()
+        if then["inputs"].get(name, digest) != digest
+    ]
+    return found
+
+
+def _flat(
+    values: dict[str, Any], left_out: Collection[str], inputs: Collection[str], prefix: str = ""
+) -> dict[str, Any]:
+    """Names nested settings by their path, such as `station.friction`, but for what is left out."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if name in left_out or key in inputs:
+            continue
+        if isinstance(value, dict):
+            flat |= _flat(value, left_out, inputs, f"{name}.")
+        else:
+            flat[name] = value
+    return flat
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK_NAME, timeout=0)
+        lock.acquire()
+    except Timeout as error:
+        raise InputError(
+            f"{folder}: another run is at work here; wait for it, or name another folder with "
+            "--output"
+        ) from error
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written to ({error.strerror}); name another folder with --output"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

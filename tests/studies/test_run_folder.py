@@ -1,0 +1,177 @@
+"""A folder holds one run: of the same settings, inputs and software, and one process at a time."""
+
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+
+import pytest
+import yaml
+
+from models.errors import InputError
+from studies import run_folder
+from studies.run_folder import CONFIG_NAME, digest_of_files, open_run, read_settings
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from studies.run_folder import open_run
+with open_run(Path(sys.argv[1]), study="train", settings={}, inputs={}, resume=False):
+    print("at work", flush=True)
+    time.sleep(60)
+"""
+
+
+@dataclass(frozen=True)
+class Part:
+    friction: float = 1.0
+
+
+@dataclass(frozen=True)
+class Run:
+    gait: str = "trot"
+    seed: int = 0
+    n_jobs: int = 2
+    part: Part = Part()
+    sizes: tuple[int, ...] = (3, 4)
+
+
+INPUTS = {"gait": "a1", "expert": "b2"}
+
+
+def opened(folder, settings=None, inputs=INPUTS, study="distill", **options):
+    options = {"resume": True, "free": ("n_jobs",), **options}
+    return open_run(folder, study=study, settings=settings or Run(), inputs=inputs, **options)
+
+
+@pytest.fixture
+def run(tmp_path):
+    folder = tmp_path / "run"
+    with opened(folder, resume=False):
+        pass
+    return folder
+
+
+def refusal(folder, *arguments, **options):
+    with pytest.raises(InputError) as raised, opened(folder, *arguments, **options):
+        pytest.fail("the run was opened")
+    return str(raised.value)
+
+
+def test_what_a_run_is_made_of_is_written(run):
+    written = yaml.safe_load((run / CONFIG_NAME).read_text())
+    assert written["study"] == "distill"
+    assert written["settings"]["sizes"] == [3, 4]
+    assert written["inputs"] == INPUTS
+    assert {"python", "drake", "numpy"} < written["software"].keys()
+    assert read_settings(run, "distill")["part"] == {"friction": 1.0}
+
+
+def test_a_run_is_continued_only_when_asked(run):
+    with opened(run):
+        pass
+    assert "holds a run of 'glassgait distill' already; continue it with --resume" in refusal(
+        run, resume=False
+    )
+
+
+def test_a_run_that_is_not_there_yet_is_started(tmp_path):
+    with opened(tmp_path / "new"):
+        pass
+    assert (tmp_path / "new" / CONFIG_NAME).exists()
+
+
+def test_other_settings_are_named(run):
+    assert "made with seed = 0, not 1;" in refusal(run, replace(Run(), seed=1))
+    assert "part.friction = 1.0, not 0.5" in refusal(run, Run(part=Part(0.5)))
+    assert "sizes = [3, 4], not [3, 5]" in refusal(run, Run(sizes=(3, 5)))
+
+
+def test_free_settings_may_change(run):
+    with opened(run, Run(n_jobs=8)):
+        pass
+    assert read_settings(run, "distill")["n_jobs"] == 8
+
+
+def test_other_inputs_are_named_wherever_they_lie(run):
+    assert "made with another expert;" in refusal(run, inputs={**INPUTS, "expert": "c3"})
+    assert "made with another gait;" in refusal(run, inputs={**INPUTS, "gait": "c3"})
+    with opened(run, Run(gait="elsewhere/trot.yaml")):
+        pass
+
+
+def test_other_software_is_named(run, monkeypatch):
+    monkeypatch.setattr(run_folder, "version", lambda name: "9.9")
+    told = refusal(run)
+    assert "drake = '1." in told and "not '9.9'" in told
+
+
+def test_other_studies_and_other_files_are_left_alone(run, tmp_path):
+    assert "holds a run of 'glassgait distill', not of 'glassgait train'" in refusal(
+        run, study="train"
+    )
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "holds files of something else" in refusal(tmp_path)
+    assert not (tmp_path / CONFIG_NAME).exists()
+
+
+@pytest.mark.parametrize("text", ["", "[", "study: distill", "3", "study: &a [*a]", "\0", "a: {b"])
+def test_a_damaged_record_is_told(run, text):
+    (run / CONFIG_NAME).write_text(text)
+    assert str(run) in refusal(run)
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path):
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "at work\n"
+        held = {"study": "train", "settings": {}, "inputs": {}}
+        told = "another run is at work here"
+        with pytest.raises(InputError, match=told), open_run(folder, **held, resume=True):
+            pytest.fail("two runs share a folder")
+    finally:
+        process.kill()
+        process.communicate()
+    # A killed process holds the folder no more.
+    with open_run(folder, **held, resume=True):
+        pass
+
+
+def test_what_is_refused_before_it_made_anything_leaves_nothing(tmp_path):
+    folder = tmp_path / "run"
+    with pytest.raises(InputError), opened(folder):
+        raise InputError("no")
+    assert not folder.exists()
+    with pytest.raises(InputError), opened(folder):
+        (folder / "level.safetensors").write_text("work")
+        raise InputError("no")
+    assert (folder / "level.safetensors").exists()
+    with opened(folder):
+        pass
+
+
+def test_what_a_killed_process_half_wrote_is_removed(run):
+    litter = run / "levels" / ".level_01.safetensors.999999999.partial"
+    litter.parent.mkdir()
+    litter.write_text("half")
+    with opened(run):
+        assert not litter.exists()
+
+
+def test_a_place_that_cannot_be_written_to_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "file" in refusal(tmp_path / "file" / "run")
+    assert "file" in refusal(tmp_path / "file")
+
+
+def test_files_are_told_apart_by_name_and_contents(tmp_path):
+    paths = [tmp_path / name for name in ("a", "b")]
+    for path in paths:
+        path.write_text(path.name)
+    before = digest_of_files(paths)
+    assert digest_of_files(paths[::-1]) == before
+    paths[0].write_text("other")
+    assert digest_of_files(paths) != before
