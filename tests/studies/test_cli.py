@@ -62,7 +62,7 @@ def test_evaluate_writes_its_tables(tmp_path):
     tables = {
         f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
     }
-    written = {path.name for path in tmp_path.iterdir()}
+    written = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
     assert written == {"config.yaml", "metrics.json", "rollouts"} | tables
 
 

@@ -2,9 +2,7 @@
 
 import ast
 import importlib.util
-import os
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from models.errors import InputError
 from models.policies.expression import Expression, parse_expression, variable_names
 from models.policies.gates import foot_gates, lateness_gate
 from models.policies.library import load_expert, load_policy
+from models.policies.neural import NeuralPolicy
 from models.policies.symbolic import Tape
 from models.task.gait import load_gait
 from models.task.observation import ObservationLayout
@@ -104,33 +103,37 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
 
 
-@pytest.mark.slow
-def test_a_run_killed_at_any_line_and_resumed_ends_the_same(tmp_path):
-    small = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "60", "--n-jobs", "1"]
-    small += ["--gbm.n-trees", "5", "--histogram-gbm.n-trees", "5"]
-    small += ["--symbolic.shapes", "30", "30"]
-    small += ["--students", "linear", "gbm", "symbolic"]
-    glassgait = [str(Path(sys.executable).with_name("glassgait")), "distill", *small]
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    subprocess.run([*glassgait, "--output", str(whole)], check=True, capture_output=True)
-    for lines in (1, 4, 6, 3, 2):
-        # Each time it tells some lines, and is killed while it does what the last one says.
-        process = subprocess.Popen(
-            [*glassgait, "--output", str(killed), "--resume"],
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-            stdout=subprocess.PIPE,
-        )
-        assert process.stdout is not None
-        for _ in range(lines):
-            process.stdout.readline()
-        process.kill()
-        process.communicate()
-        assert not (killed / "metrics.json").exists()
-    resume = [*glassgait, "--output", str(killed), "--resume"]
-    subprocess.run(resume, check=True, capture_output=True)
-    assert (killed / "metrics.json").read_text() == (whole / "metrics.json").read_text()
-    for student in whole.glob("*.safetensors"):
-        assert student.read_bytes() == (killed / student.name).read_bytes()
+def test_a_damaged_student_beside_a_good_record_is_told(finished, expert, tmp_path):
+    folder, _ = finished
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "linear.safetensors"
+    path.write_bytes(path.read_bytes()[:-9] + b"nonsense!")
+    with pytest.raises(InputError, match=r"linear\.safetensors: is not what the run wrote; delete"):
+        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
+    (tmp_path / "linear" / "record.json").unlink()
+    distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
+    assert path.read_bytes() == (folder / "linear.safetensors").read_bytes()
+
+
+def test_another_expert_is_not_mixed_in(finished, expert):
+    folder, _ = finished
+    actor = replace(expert.actor, biases=(*expert.actor.biases[:-1], np.ones(12)))
+    other = NeuralPolicy("trot", expert.observation_names, actor, expert.estimator)
+    with pytest.raises(InputError, match="was made with another expert"):
+        distill(TINY, GAIT, other, folder, lambda line: None, resume=True)
+
+
+@pytest.mark.parametrize("name", ["linear/record.json", "linear/level_01.safetensors"])
+def test_damaged_work_is_told(name, finished, expert, tmp_path):
+    folder, _ = finished
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    if "level" in name:
+        (tmp_path / "linear" / "record.json").unlink()
+    data = bytearray((tmp_path / name).read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match="is damaged"):
+        distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
 
 
 def test_formulas_are_written_for_people(finished):

@@ -1,0 +1,64 @@
+"""A gait of one's own goes the whole road, from a folder that is not the project's."""
+
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from models.policies.library import load_policy
+
+HOP = """
+description: All four feet leave the ground together.
+max_speed: 0.5
+max_yaw_rate: 0.5
+dwell: [6, 11]
+clearance: 0.03
+states: [down, up]
+initial: down
+transitions:
+  - {from: down, to: up, when: ~FL & ~FR & ~RL & ~RR}
+  - {from: up, to: down, when: FL & FR & RL & RR}
+"""
+
+SMALL = ["--n-robots", "2", "--n-steps", "40", "--n-seeds", "1"]
+ROAD = {
+    "gait": ["gaits/hop.yaml"],
+    "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--payloads", "--fine-steps"],
+    "distill": ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "40", "--n-jobs", "1"],
+    "evaluate": [*SMALL, "--policy", "statewise_linear", "--worlds", "training"],
+    "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
+    "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
+    "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
+    "front": ["--n-robots", "2", "--n-steps", "10", "--lengths", "2"],
+}
+
+
+@pytest.mark.slow
+def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
+    (tmp_path / "gaits").mkdir()
+    (tmp_path / "gaits" / "hop.yaml").write_text(HOP)
+    expert = ["--expert", "runs/training/hop/hop.safetensors"]
+    more = {
+        "distill": ["--students", "statewise_linear", "statewise_symbolic"],
+        "importance": ["--policies", "statewise_linear"],
+    }
+    for command, arguments in ROAD.items():
+        gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]
+        policy = [] if command in ("gait", "train") else expert
+        line = [command, *gait, *policy, *arguments, *more.get(command, [])]
+        run = subprocess.run(
+            [sys.executable, "-m", "studies.cli", *line],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert run.returncode == 0, f"{line}: {run.stderr}"
+    runs = tmp_path / "runs"
+    student = load_policy(runs / "distillation" / "hop" / "statewise_linear.safetensors")
+    assert student.gait == "hop"
+    assert yaml.safe_load((runs / "training" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
+    for study in ("training", "distillation", "evaluation", "rollout", "importance", "front"):
+        assert (runs / study / "hop").is_dir()
+    assert list(runs.rglob("index.html"))
