@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
@@ -10,6 +10,7 @@ import yaml
 
 from models.files import write_atomically
 from models.policies.library import load_expert
+from models.settings import Settings
 from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console, say
@@ -25,7 +26,7 @@ from studies.tables import print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
-class Convergence:
+class Convergence(Settings):
     """Drop the robot and roll an expert out with every contact solver and time step.
 
     Attributes:
@@ -34,6 +35,8 @@ class Convergence:
         resume: Keep the rollouts that are done, where policies and settings are the same.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
+
+    title: ClassVar[str] = "convergence"
 
     gait: str = "trot"
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
@@ -13,6 +13,7 @@ from models.files import write_atomically
 from models.policies.library import load_expert
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
+from models.settings import Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.curricula.figures import curricula_figure
@@ -37,7 +38,7 @@ CURRICULA = {
 
 
 @dataclass(frozen=True)
-class Curricula:
+class Curricula(Settings):
     """Distil by other curricula with as many samples, and let the students walk alone.
 
     Attributes:
@@ -48,6 +49,8 @@ class Curricula:
         resume: Keep what is done.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
+
+    title: ClassVar[str] = "curricula"
 
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DistillationConfig(
@@ -61,6 +64,11 @@ class Curricula:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # Refused now, where a curriculum's own settings would be.
+        equal_budgets(self.distillation)
 
     def run(self) -> None:
         """Runs the study."""

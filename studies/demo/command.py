@@ -4,10 +4,12 @@ import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig
 from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
+from models.settings import Count, Settings
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.demo.report import write_report
@@ -58,7 +60,7 @@ SHOWN = "statewise_symbolic"
 
 
 @dataclass(frozen=True)
-class Demo:
+class Demo(Settings):
     """Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.
 
     Attributes:
@@ -66,8 +68,10 @@ class Demo:
         n_robots: Robots to evaluate with.
     """
 
+    title: ClassVar[str] = "demo"
+
     output: Path = Path("runs/demo")
-    n_robots: int = 26
+    n_robots: Count = 26
 
     def run(self) -> None:
         """Runs the whole road."""
