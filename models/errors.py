@@ -1,7 +1,6 @@
-"""The error that a person's input raises, told in one sentence, and checks that raise it."""
+"""The error that a person's input raises, told in one sentence."""
 
 import reprlib
-from collections.abc import Sequence
 from typing import Any
 
 _SHORT = reprlib.Repr()
@@ -24,37 +23,3 @@ def shown(value: Any) -> str:
     except ValueError:
         # Python refuses to write whole numbers of thousands of digits.
         return f"a {type(value).__name__} too long to write"
-
-
-def refuse_below_one(where: str, config: object, names: Sequence[str]) -> None:
-    """Refuses counts, or sequences of them, that are below 1.
-
-    Args:
-        where: What the error calls the configuration.
-        config: The configuration.
-        names: Its counts and sequences.
-
-    Raises:
-        InputError: if a count is below 1.
-    """
-    for name in names:
-        value = getattr(config, name)
-        counts = value if isinstance(value, Sequence) else [value]
-        if any(count < 1 for count in counts):
-            raise InputError(f"{where}: {name} is {value}; it must be 1 or more")
-
-
-def refuse_empty(where: str, config: object, names: Sequence[str]) -> None:
-    """Refuses sequences that hold nothing.
-
-    Args:
-        where: What the error calls the configuration.
-        config: The configuration.
-        names: Its sequences.
-
-    Raises:
-        InputError: if a sequence is empty.
-    """
-    for name in names:
-        if not getattr(config, name):
-            raise InputError(f"{where}: {name} is empty; name one or more")

@@ -7,17 +7,44 @@ and nowhere else: whether settings come from the command line, from a file or fr
 import json
 from dataclasses import fields
 from functools import cache
-from typing import Any, ClassVar, Self, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
 
 from models.errors import InputError, shown
 
-_KEYS = {
-    "missing": "missing key {key!r}; add it",
-    "missing_argument": "missing key {key!r}; add it",
-    "unexpected_keyword_argument": "unknown key {key!r}; remove it",
-}
+T = TypeVar("T", bound=tuple[Any, ...])
+
+
+def _distinct(values: T) -> T:
+    if len(set(values)) < len(values):
+        raise ValueError("a list that names nothing twice")
+    return values
+
+
+Count = Annotated[int, Ge(1), Lt(2**31)]
+"""How many of something; libraries count in 32 bits."""
+
+Natural = Annotated[int, Ge(0), Lt(2**31)]
+"""The same, where there may be none."""
+
+Seed = Annotated[int, Ge(0), Lt(2**31)]
+"""A seed: libraries take 32 bits, and the seeds of joints and rollouts are counted on from it."""
+
+Positive = Annotated[float, Gt(0.0)]
+NotNegative = Annotated[float, Ge(0.0)]
+Share = Annotated[float, Gt(0.0), Le(1.0)]
+
+DISTINCT = AfterValidator(_distinct)
+"""Annotates a list that names nothing twice."""
 
 
 class Settings:
@@ -33,7 +60,7 @@ class Settings:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     def __post_init__(self) -> None:
-        """Checks every field.
+        """Checks every field, and makes a float of a whole number that stands for one.
 
         Raises:
             InputError: if a value does not fit its annotation; the message names the field.
@@ -41,11 +68,13 @@ class Settings:
         model = _model(type(self))
         values = {name: getattr(self, name) for name in model.model_fields}
         try:
-            model.model_validate(values)
+            checked = model.model_validate(values)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = str(first["loc"][0])
             raise InputError(f"{self.title}: {name} {_told(values[name], first)}") from error
+        for name in values:
+            object.__setattr__(self, name, getattr(checked, name))
 
     @classmethod
     def from_plain(cls, values: Any, where: str) -> Self:
@@ -59,17 +88,17 @@ class Settings:
             InputError: if a key is unknown, or a value is of another kind or out of range.
         """
         try:
-            # As JSON, so that lists are tuples and nothing else is taken for what it is not.
-            return TypeAdapter(cls).validate_json(json.dumps(values), strict=True)
+            # As JSON, so that lists are tuples and nothing else is taken for what it is not: a
+            # date, which YAML knows and JSON does not, is text.
+            text = json.dumps(values, default=str)
+            return TypeAdapter(cls).validate_json(text, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            key = ".".join(str(part) for part in first["loc"])
-            if first["type"] in _KEYS:
-                raise InputError(f"{where}: {_KEYS[first['type']].format(key=key)}") from error
-            told = _told(first["input"], first)
-            raise InputError(f"{where}: {f'key {key!r} ' if key else ''}{told}") from error
-        except (InputError, TypeError, ValueError, RecursionError) as error:
+            raise InputError(f"{where}: {_told_of_key(first)}") from error
+        except InputError as error:
             raise InputError(f"{where}: {error}") from error
+        except (TypeError, ValueError, RecursionError) as error:
+            raise InputError(f"{where}: is not a mapping of settings; mend it") from error
 
 
 @cache
@@ -81,9 +110,49 @@ def _model(kind: type[Settings]) -> type[BaseModel]:
     return create_model(kind.__name__, __config__=config, **own)  # type: ignore[call-overload]
 
 
+_WANTED = {
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "{ge} or more",
+    "less_than": "less than {lt}",
+    "less_than_equal": "{le} or less",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "literal_error": "{expected}",
+    "tuple_type": "a list",
+    "missing": "longer",
+    "too_long": "of {max_length} values",
+    "path_type": "a path",
+    "is_instance_of": "a path",
+    "dataclass_type": "a mapping of settings",
+    "dataclass_exact_type": "a mapping of settings",
+    "value_error": "{error}",
+}
+"""What a value must be, by pydantic's name of the error."""
+
+
 def _told(value: Any, error: Any) -> str:
     """Tells what is wrong with a value."""
     if error["type"] == "too_short":
         return "is empty; name one or more"
-    wanted = error["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    bounds = {
+        name: int(bound) if isinstance(bound, float) and bound.is_integer() else bound
+        for name, bound in error.get("ctx", {}).items()
+    }
+    wanted = _WANTED.get(error["type"], "another value").format(**bounds)
     return f"is {shown(value)}; it must be {wanted}"
+
+
+def _told_of_key(error: Any) -> str:
+    """Tells what is wrong with a key, or with the value that it has."""
+    key = ".".join(part for part in error["loc"] if isinstance(part, str))
+    match error["type"]:
+        case "unexpected_keyword_argument":
+            return f"unknown key {key!r}; remove it"
+        case _ if not key:
+            return _told(error["input"], error)
+        case _:
+            return f"key {key!r} {_told(error['input'], error)}"

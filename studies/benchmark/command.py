@@ -3,12 +3,14 @@
 import resource
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from models.policies.library import load_expert, load_policy
 from models.policies.policy import Policy
+from models.settings import Count, Settings
 from studies.benchmark.distillation import (
     compiled_against_library,
     expert_samples,
@@ -25,7 +27,7 @@ from studies.training.config import TrainingConfig
 
 
 @dataclass(frozen=True)
-class Benchmark:
+class Benchmark(Settings):
     """Measure training throughput and the time of one action, as ratios.
 
     Attributes:
@@ -39,11 +41,13 @@ class Benchmark:
         output: Folder of the results.
     """
 
+    title: ClassVar[str] = "benchmark"
+
     gait: str = "trot"
     training: Path | None = None
-    updates: int = 4
-    repeats: int = 5
-    gym_steps: int = 200
+    updates: Count = 4
+    repeats: Count = 5
+    gym_steps: Count = 200
     students: Path | None = None
     output: Path = Path("runs/benchmark")
 

@@ -2,12 +2,13 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
 
 from models.policies.library import load_expert
+from models.settings import Settings
 from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console, say
@@ -23,7 +24,7 @@ from studies.tables import print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
-class Convergence:
+class Convergence(Settings):
     """Drop the robot and roll an expert out with every contact solver and time step.
 
     Attributes:
@@ -32,6 +33,8 @@ class Convergence:
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
+
+    title: ClassVar[str] = "convergence"
 
     gait: str = "trot"
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
@@ -11,6 +11,7 @@ import tyro
 from models.policies.library import load_expert
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
+from models.settings import Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.curricula.figures import curricula_figure
@@ -35,7 +36,7 @@ CURRICULA = {
 
 
 @dataclass(frozen=True)
-class Curricula:
+class Curricula(Settings):
     """Distil by other curricula with as many samples, and let the students walk alone.
 
     Attributes:
@@ -46,6 +47,8 @@ class Curricula:
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
+
+    title: ClassVar[str] = "curricula"
 
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DistillationConfig(
@@ -59,6 +62,11 @@ class Curricula:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # Refused now, where a curriculum's own settings would be.
+        equal_budgets(self.distillation)
 
     def run(self) -> None:
         """Runs the study."""

@@ -3,11 +3,13 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig
 from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
 from models.policies.neural import NeuralPolicy
+from models.settings import Count, Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.demo.report import write_report
@@ -59,7 +61,7 @@ SHOWN = "statewise_symbolic"
 
 
 @dataclass(frozen=True)
-class Demo:
+class Demo(Settings):
     """Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.
 
     Attributes:
@@ -68,8 +70,10 @@ class Demo:
         resume: Continue the run that the folder holds.
     """
 
+    title: ClassVar[str] = "demo"
+
     output: Path = Path("runs/demo")
-    n_robots: int = 26
+    n_robots: Count = 26
     resume: bool = False
 
     def run(self) -> None:

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 
 from models.policies.library import load_expert
+from models.settings import Settings
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.config import DistillationConfig
@@ -17,7 +18,7 @@ from studies.tables import print_table
 
 
 @dataclass(frozen=True)
-class Distill:
+class Distill(Settings):
     """Distil an expert into glass-box students by DAgger with alternation.
 
     Attributes:
@@ -26,6 +27,8 @@ class Distill:
         output: Folder of the run; runs/distillation/<gait> by default.
         resume: Continue the run that the folder holds.
     """
+
+    title: ClassVar[str] = "distill"
 
     config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig

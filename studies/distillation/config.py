@@ -1,11 +1,16 @@
 """The settings of a distillation: its command line and its record."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge, Le, Lt, MinLen
+from pydantic import AfterValidator
 
 from diagrams.station import StationConfig
-from models.errors import InputError, refuse_below_one, refuse_empty
+from models.errors import InputError
+from models.settings import DISTINCT, Count, Natural, Seed, Settings, Share
 from models.task.gait import Gait
+from studies.distillation.collection import HELD_OUT_EVERY
 
 StudentKind = Literal[
     "open_loop",
@@ -33,11 +38,30 @@ FORMULAS: tuple[StudentKind, ...] = ("symbolic", "statewise_symbolic")
 
 Shape = tuple[int, int]
 
+Depth = Annotated[Count, Le(16)]
+"""Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""
+
+Bins = Annotated[Count, Ge(3)]
+"""Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
+
+Steps = Annotated[Count, Ge(2)]
+"""Control steps of an episode: R² needs two samples of one that is held out."""
+
+
+def _all_or_some(n_jobs: int) -> int:
+    if n_jobs < 1 and n_jobs != -1:
+        raise ValueError("1 or more, or -1 for as many as there are cores")
+    return n_jobs
+
+
+Jobs = Annotated[int, Lt(2**31), AfterValidator(_all_or_some)]
+"""What is done at once, as joblib counts."""
+
 Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
 
 
 @dataclass(frozen=True)
-class GbmConfig:
+class GbmConfig(Settings):
     """Settings of scikit-learn's gradient boosting.
 
     The paper uses the library's defaults (100 trees, depth 3, all samples, all observations). These
@@ -52,15 +76,17 @@ class GbmConfig:
         feature_share: Share of the observations that a split may choose from.
     """
 
-    n_trees: int = 200
-    depth: int = 7
-    learning_rate: float = 0.1
-    subsample: float = 0.25
-    feature_share: float = 0.3
+    title: ClassVar[str] = "distillation: gbm"
+
+    n_trees: Count = 200
+    depth: Depth = 7
+    learning_rate: Share = 0.1
+    subsample: Share = 0.25
+    feature_share: Share = 0.3
 
 
 @dataclass(frozen=True)
-class HistogramGbmConfig:
+class HistogramGbmConfig(Settings):
     """Settings of scikit-learn's histogram gradient boosting, the fast one.
 
     Attributes:
@@ -71,15 +97,17 @@ class HistogramGbmConfig:
         learning_rate: Share of a tree's correction that is kept.
     """
 
-    n_trees: int = 300
-    level_trees: int = 150
-    depth: int = 6
-    leaves: int = 31
-    learning_rate: float = 0.1
+    title: ClassVar[str] = "distillation: histogram_gbm"
+
+    n_trees: Count = 300
+    level_trees: Count = 150
+    depth: Depth = 6
+    leaves: Annotated[Count, Ge(2)] = 31
+    learning_rate: Share = 0.1
 
 
 @dataclass(frozen=True)
-class EbmConfig:
+class EbmConfig(Settings):
     """Settings of interpret's explainable boosting.
 
     Attributes:
@@ -95,19 +123,30 @@ class EbmConfig:
         interaction_smoothing_rounds: The same, for functions of two.
     """
 
-    outer_bags: int = 4
-    interactions: int = 200
-    level_interactions: int = 60
-    max_bins: int = 256
-    max_interaction_bins: int = 24
-    max_rounds: int = 100
-    learning_rate: float = 0.2
-    smoothing_rounds: int = 20
-    interaction_smoothing_rounds: int = 5
+    title: ClassVar[str] = "distillation: ebm"
+
+    outer_bags: Count = 4
+    interactions: Natural = 200
+    level_interactions: Natural = 60
+    max_bins: Bins = 256
+    max_interaction_bins: Bins = 24
+    max_rounds: Count = 100
+    learning_rate: Share = 0.2
+    smoothing_rounds: Natural = 20
+    interaction_smoothing_rounds: Natural = 5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_interaction_bins > self.max_bins:
+            # Joints could not share their bins: each would keep the finer ones where it has them.
+            raise InputError(
+                f"{self.title}: max_interaction_bins is {self.max_interaction_bins}, more than "
+                f"max_bins = {self.max_bins}; lower it or raise max_bins"
+            )
 
 
 @dataclass(frozen=True)
-class SymbolicConfig:
+class SymbolicConfig(Settings):
     """Settings of symbolic regression.
 
     Formulas are fitted in seconds, so they can afford more samples of their own than other
@@ -137,27 +176,27 @@ class SymbolicConfig:
         alone_episodes: Episodes of a level in which formulas act alone.
     """
 
+    title: ClassVar[str] = "distillation: symbolic"
+
     engine: Literal["operon", "pysr"] = "operon"
-    max_length: int = 90
-    operator_complexity: int = 4
-    iterations: int = 20
-    generations: int = 100
-    population: int = 200
-    coefficient_iterations: int = 3
-    shapes: tuple[Shape, ...] = ((90, 90), (64, 64), (74, 90))
-    statewise_shapes: tuple[Shape, ...] = ((64, 64), (90, 90), (120, 120))
-    start_weights: tuple[int, ...] = (1, 20)
-    max_samples: int = 3000
-    alone_episodes: int = 13
+    max_length: Annotated[Count, Ge(7)] = 90
+    operator_complexity: Count = 4
+    iterations: Count = 20
+    generations: Count = 100
+    population: Annotated[Count, Ge(2)] = 200
+    coefficient_iterations: Natural = 3
+    shapes: Annotated[tuple[Shape, ...], MinLen(1)] = ((90, 90), (64, 64), (74, 90))
+    statewise_shapes: Annotated[tuple[Shape, ...], MinLen(1)] = ((64, 64), (90, 90), (120, 120))
+    start_weights: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = (1, 20)
+    max_samples: Count = 3000
+    alone_episodes: Count = 13
 
     def __post_init__(self) -> None:
-        where = "distillation: symbolic"
-        refuse_empty(where, self, ("shapes", "statewise_shapes", "start_weights"))
-        refuse_below_one(where, self, ("start_weights", "alone_episodes"))
+        super().__post_init__()
         for sum_length, length in (*self.shapes, *self.statewise_shapes):
             if not 1 <= sum_length <= length:
                 raise InputError(
-                    f"{where}: the shape {sum_length} {length} asks for a sum longer than its "
+                    f"{self.title}: the shape {sum_length} {length} asks for a sum longer than its "
                     "formula, or for none; name the sum's length first"
                 )
 
@@ -173,7 +212,7 @@ class SymbolicConfig:
 
 
 @dataclass(frozen=True)
-class DistillationConfig:
+class DistillationConfig(Settings):
     """Settings of a distillation (paper, Algorithm 1 and Section III-B).
 
     Attributes:
@@ -205,32 +244,34 @@ class DistillationConfig:
         n_jobs: Joints that are fitted at once.
     """
 
+    title: ClassVar[str] = "distillation"
+
     gait: str = "trot"
-    students: tuple[StudentKind, ...] = tuple(STUDENT_TITLES)
-    seed: int = 0
-    episodes: int = 30
-    episodes_per_level: int = 4
-    alone_levels: int = 8
-    alone_episodes: int | None = None
-    alone_steps: int = 250
-    episode_steps: int = 1000
+    students: Annotated[tuple[StudentKind, ...], MinLen(1), DISTINCT] = tuple(STUDENT_TITLES)
+    seed: Seed = 0
+    episodes: Count = 30
+    episodes_per_level: Count = 4
+    alone_levels: Natural = 8
+    alone_episodes: Count | None = None
+    alone_steps: Steps = 250
+    episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
-    speeds: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
+    speeds: Annotated[tuple[float, ...], MinLen(1)] = (0.0, 0.25, 0.5, 0.75)
     station: StationConfig = field(default_factory=StationConfig)
     gbm: GbmConfig = field(default_factory=GbmConfig)
     histogram_gbm: HistogramGbmConfig = field(default_factory=HistogramGbmConfig)
     ebm: EbmConfig = field(default_factory=EbmConfig)
     symbolic: SymbolicConfig = field(default_factory=SymbolicConfig)
-    n_jobs: int = 2
+    n_jobs: Jobs = 2
 
     def __post_init__(self) -> None:
-        where = "distillation"
-        refuse_empty(where, self, ("students", "speeds"))
-        counts = ("episodes", "episodes_per_level", "alone_steps", "episode_steps")
-        set_by_hand = ("alone_episodes",) if self.alone_episodes is not None else ()
-        refuse_below_one(where, self, (*counts, *set_by_hand))
-        if self.alone_levels < 0:
-            raise InputError(f"{where}: alone_levels is {self.alone_levels}; it must be 0 or more")
+        super().__post_init__()
+        for kind in self.students:
+            if self._least_episodes(kind) < HELD_OUT_EVERY:
+                raise InputError(
+                    f"distillation: of fewer than {HELD_OUT_EVERY} episodes none is held out to "
+                    f"score {kind} with; raise episodes or alone_levels"
+                )
 
     @property
     def curriculum_levels(self) -> int:
@@ -243,7 +284,16 @@ class DistillationConfig:
         return self.curriculum_levels + self.alone_levels
 
     def for_gait(self, gait: Gait) -> "DistillationConfig":
-        """Returns the settings with a gait's episodes alone, unless they are set."""
+        """Returns the settings with a gait's episodes alone, unless they are set.
+
+        Raises:
+            InputError: if a speed is further backward than the gait walks.
+        """
+        if min(self.speeds) < -gait.max_speed:
+            raise InputError(
+                f"distillation: speeds is {self.speeds}; name speeds of the {gait.name} from "
+                f"{-gait.max_speed} to {gait.max_speed} m/s"
+            )
         usual = 16 if gait.n_states <= 2 else 48
         return replace(self, alone_episodes=self.alone_episodes or usual)
 
@@ -272,6 +322,10 @@ class DistillationConfig:
         return {"alternation": level, "student_only": 0, "expert_only": 1, "half": 2}[
             self.curriculum
         ]
+
+    def _least_episodes(self, kind: StudentKind) -> int:
+        alone = self.symbolic.alone_episodes if kind in FORMULAS else self.alone_episodes
+        return self.episodes + self.alone_levels * (alone or HELD_OUT_EVERY)
 
     def for_levels(self) -> "DistillationConfig":
         """Returns the settings of the students that collect samples: small models, quickly made."""

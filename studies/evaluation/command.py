@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import pandas as pd
 import tyro
+from annotated_types import MinLen
 
-from models.errors import InputError, refuse_empty
+from models.errors import InputError
 from models.policies.library import load_expert, shipped_experts, shipped_students
+from models.settings import DISTINCT, Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console
 from studies.distillation.library import distillation_folder, find_student, load_students
@@ -25,7 +27,7 @@ ALL_GAITS = "all"
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Settings):
     """Roll policies out in closed loop and score them.
 
     Attributes:
@@ -42,9 +44,11 @@ class Evaluate:
         output: Folder of the results; runs/evaluation/<gait>/<policy> by default.
     """
 
+    title: ClassVar[str] = "evaluate"
+
     gait: str = "trot"
     policy: str = "expert"
-    worlds: tuple[WorldName | Literal["all"], ...] = ("all",)
+    worlds: Annotated[tuple[WorldName | Literal["all"], ...], MinLen(1), DISTINCT] = ("all",)
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
@@ -52,9 +56,6 @@ class Evaluate:
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
-
-    def __post_init__(self) -> None:
-        refuse_empty("evaluate", self, ("worlds",))
 
     def run(self) -> None:
         """Runs the study."""

@@ -1,10 +1,11 @@
 """The settings of an evaluation: its command line and its record."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 from diagrams.station import StationConfig
-from models.errors import refuse_below_one
+from models.errors import InputError
+from models.settings import Count, Seed, Settings
 from models.task import EPISODE_STEPS
 from models.task.gait import Gait
 
@@ -76,7 +77,7 @@ def distilled_speeds(gait: Gait) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class RolloutConfig:
+class RolloutConfig(Settings):
     """How robots are rolled out.
 
     Attributes:
@@ -87,18 +88,37 @@ class RolloutConfig:
         speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
     """
 
-    n_robots: int = 26
-    n_steps: int = EPISODE_STEPS
-    seed: int = 1000
-    n_seeds: int = 5
+    title: ClassVar[str] = "rollouts"
+
+    n_robots: Count = 26
+    n_steps: Count = EPISODE_STEPS
+    seed: Seed = 1000
+    n_seeds: Count = 5
     speed_range: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        refuse_below_one("rollouts", self, ("n_robots", "n_steps", "n_seeds"))
+        super().__post_init__()
+        if self.speed_range and self.speed_range[0] > self.speed_range[1]:
+            slowest, fastest = self.speed_range
+            raise InputError(
+                f"rollouts: speed_range is {slowest} {fastest}; name the least speed first"
+            )
 
     def at_distilled_speeds(self, gait: Gait) -> "RolloutConfig":
         """Returns the settings with a gait's speeds of distillation, unless speeds are set."""
         return replace(self, speed_range=self.speed_range or distilled_speeds(gait))
+
+    def refuse_speeds_beyond(self, gait: Gait) -> None:
+        """Refuses commanded speeds that the gait is not made for.
+
+        Raises:
+            InputError: if a speed is greater than the gait's greatest, forward or backward.
+        """
+        if any(abs(speed) > gait.max_speed for speed in self.speed_range or ()):
+            raise InputError(
+                f"rollouts: speed_range is {self.speed_range}; name speeds of the {gait.name} "
+                f"from {-gait.max_speed} to {gait.max_speed} m/s"
+            )
 
     @property
     def seeds(self) -> range:

@@ -39,6 +39,9 @@ class RolloutJob:
     world: World
     config: RolloutConfig
 
+    def __post_init__(self) -> None:
+        self.config.refuse_speeds_beyond(self.gait)
+
     @property
     def name(self) -> str:
         """What progress and files call it."""

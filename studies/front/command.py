@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
 import tyro
+from annotated_types import MinLen
 
-from models.errors import refuse_below_one, refuse_empty
 from models.policies.library import load_expert, load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.symbolic import FormulaPolicy
+from models.settings import DISTINCT, Count, Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.distillation.collection import Dataset, level_paths, load_levels
@@ -35,7 +36,7 @@ MIN_RHYTHM = 0.9
 
 
 @dataclass(frozen=True)
-class Front:
+class Front(Settings):
     """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
 
     Attributes:
@@ -49,19 +50,17 @@ class Front:
         output: Folder of the results; runs/front/<gait> by default.
     """
 
+    title: ClassVar[str] = "front"
+
     gait: str = "trot"
     samples: Path | None = None
-    lengths: tuple[int, ...] = LENGTHS
+    lengths: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = LENGTHS
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
-
-    def __post_init__(self) -> None:
-        refuse_empty("front", self, ("lengths",))
-        refuse_below_one("front", self, ("lengths",))
 
     def run(self) -> None:
         """Runs the study."""

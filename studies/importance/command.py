@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
+from annotated_types import Ge, MinLen
 
 from models.a1.robot import joint_index
-from models.errors import InputError, refuse_below_one, refuse_empty
+from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.policy import Policy
+from models.settings import DISTINCT, Count, Settings
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.collection import level_paths
@@ -27,7 +29,7 @@ from studies.tables import print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
-class Importance:
+class Importance(Settings):
     """Measure what each student looks at, and take it away to see whether that is true.
 
     Attributes:
@@ -43,8 +45,10 @@ class Importance:
         output: Folder of the results; runs/importance/<gait> by default.
     """
 
+    title: ClassVar[str] = "importance"
+
     gait: str = "trot"
-    policies: tuple[StudentKind, ...] = (
+    policies: Annotated[tuple[StudentKind, ...], MinLen(1), DISTINCT] = (
         "gbm",
         "ebm",
         "statewise_linear",
@@ -53,18 +57,14 @@ class Importance:
     )
     joint: str = "FL_hip"
     students: Path | None = None
-    n_samples: int = 1000
-    repeats: int = 10
+    n_samples: Annotated[Count, Ge(2)] = 1000
+    repeats: Count = 10
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
     )
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
-
-    def __post_init__(self) -> None:
-        refuse_empty("importance", self, ("policies",))
-        refuse_below_one("importance", self, ("n_samples", "repeats"))
 
     def run(self) -> None:
         """Runs the study."""

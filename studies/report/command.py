@@ -4,10 +4,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, ClassVar
+
+from annotated_types import MinLen
 
 from models.errors import InputError
 from models.files import write_atomically
 from models.policies.library import load_expert, shipped_experts
+from models.settings import DISTINCT, Settings
 from studies.console import console, say
 from studies.pages import inline_image, page_template
 from studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
@@ -20,7 +24,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Settings):
     """Distil, evaluate and explain the shipped experts, and write one report beside the paper.
 
     Attributes:
@@ -30,7 +34,9 @@ class Report:
         output: Folder of the report; runs/report, or runs/report_quick, by default.
     """
 
-    gaits: tuple[str, ...] = PAPER_GAITS
+    title: ClassVar[str] = "report"
+
+    gaits: Annotated[tuple[str, ...], MinLen(1), DISTINCT] = PAPER_GAITS
     quick: bool = False
     resume: bool = False
     output: Path | None = None

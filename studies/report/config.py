@@ -1,7 +1,11 @@
 """How thoroughly the report is made: in full, or in minutes."""
 
 from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
 
+from annotated_types import Ge
+
+from models.settings import Count, Settings
 from studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
@@ -19,7 +23,7 @@ PAPER_GAITS = ("walk", "trot", "pace", "bound")
 
 
 @dataclass(frozen=True)
-class ReportConfig:
+class ReportConfig(Settings):
     """How much is computed for each gait.
 
     Attributes:
@@ -29,12 +33,14 @@ class ReportConfig:
         repeats: Shuffles of each observation.
     """
 
+    title: ClassVar[str] = "report"
+
     distillation: DistillationConfig = field(
         default_factory=lambda: DistillationConfig(students=PAPER_STUDENTS)
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
-    n_samples: int = 1000
-    repeats: int = 10
+    n_samples: Annotated[Count, Ge(2)] = 1000
+    repeats: Count = 10
 
 
 FULL = ReportConfig()

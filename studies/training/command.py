@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 
 from models.errors import InputError
+from models.settings import Settings
 from models.task.gait import load_gait
 from studies.console import console, progress_bar
 from studies.run_folder import open_run
@@ -19,7 +20,7 @@ LINES_EVERY = 10
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(Settings):
     """Train a neural expert by PPO.
 
     Attributes:
@@ -28,6 +29,8 @@ class Train:
         output: Folder of the run; runs/training/<gait> by default.
         resume: Continue from the folder's checkpoint.
     """
+
+    title: ClassVar[str] = "train"
 
     config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(
         default_factory=TrainingConfig

@@ -1,15 +1,22 @@
 """The settings of a training run: its command line and its record."""
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar
+
+from annotated_types import Le, MinLen
 
 from diagrams.station import StationConfig
 from models.errors import InputError
+from models.settings import Count, Natural, NotNegative, Positive, Seed, Settings, Share
 from models.task.randomization import Randomization
 from models.task.termination import TerminationLimits
 
+Fraction = Annotated[NotNegative, Le(1.0)]
+Layers = Annotated[tuple[Count, ...], MinLen(1)]
+
 
 @dataclass(frozen=True)
-class CurriculumConfig:
+class CurriculumConfig(Settings):
     """How the reward machine's demands grow during training.
 
     An ease scales the dwell and the clearance that a transition asks for, and divides its grace. It
@@ -22,13 +29,15 @@ class CurriculumConfig:
         required_rhythm: Share of the commanded rhythm that lets the ease grow.
     """
 
-    initial_ease: float = 0.2
-    rise: float = 0.02
-    required_rhythm: float = 0.5
+    title: ClassVar[str] = "training: curriculum"
+
+    initial_ease: Share = 0.2
+    rise: Fraction = 0.02
+    required_rhythm: Fraction = 0.5
 
 
 @dataclass(frozen=True)
-class PpoConfig:
+class PpoConfig(Settings):
     """Settings of PPO (rsl-rl).
 
     Attributes:
@@ -52,27 +61,39 @@ class PpoConfig:
         critic_layers: Widths of the critic's hidden layers.
     """
 
-    steps_per_update: int = 24
-    epochs: int = 5
-    mini_batches: int = 4
-    clip: float = 0.2
-    discount: float = 0.99
-    trace_decay: float = 0.95
-    entropy: float = 0.01
-    final_entropy: float = 0.001
-    entropy_decay: tuple[int, int] = (400, 600)
-    learning_rate: float = 1e-3
-    desired_kl: float = 0.01
-    final_kl: float = 0.002
-    kl_decay: tuple[int, int] = (1300, 1400)
-    initial_std: float = 1.0
-    reward_scale: float = 1.0 / 30.0
-    actor_layers: tuple[int, ...] = (256, 128, 64)
-    critic_layers: tuple[int, ...] = (256, 128, 64)
+    title: ClassVar[str] = "training: ppo"
+
+    steps_per_update: Count = 24
+    epochs: Count = 5
+    mini_batches: Count = 4
+    clip: Positive = 0.2
+    discount: Fraction = 0.99
+    trace_decay: Fraction = 0.95
+    entropy: NotNegative = 0.01
+    final_entropy: NotNegative = 0.001
+    entropy_decay: tuple[Natural, Natural] = (400, 600)
+    learning_rate: Positive = 1e-3
+    desired_kl: Positive = 0.01
+    final_kl: Positive = 0.002
+    kl_decay: tuple[Natural, Natural] = (1300, 1400)
+    initial_std: Positive = 1.0
+    reward_scale: Positive = 1.0 / 30.0
+    actor_layers: Layers = (256, 128, 64)
+    critic_layers: Layers = (256, 128, 64)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("entropy_decay", "kl_decay"):
+            first, last = getattr(self, name)
+            if first > last:
+                raise InputError(
+                    f"{self.title}: {name} is {first} {last}; name the update where the fall "
+                    "begins, then the one where it ends"
+                )
 
 
 @dataclass(frozen=True)
-class EstimatorConfig:
+class EstimatorConfig(Settings):
     """Settings of the learned state estimator.
 
     Attributes:
@@ -82,14 +103,16 @@ class EstimatorConfig:
         mini_batches: Mini-batches of a pass.
     """
 
-    layers: tuple[int, ...] = (128, 128)
-    learning_rate: float = 1e-3
-    epochs: int = 1
-    mini_batches: int = 4
+    title: ClassVar[str] = "training: estimator"
+
+    layers: Layers = (128, 128)
+    learning_rate: Positive = 1e-3
+    epochs: Count = 1
+    mini_batches: Count = 4
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
+class TrainingConfig(Settings):
     """Settings of a training run.
 
     Attributes:
@@ -111,15 +134,17 @@ class TrainingConfig:
         estimator: Settings of the state estimator.
     """
 
+    title: ClassVar[str] = "training"
+
     gait: str = "trot"
-    seed: int = 0
-    updates: int = 1450
-    n_robots: int = 256
-    n_groups: int = 8
-    payloads: tuple[float, ...] = (2.0, 2.0)
-    fine_steps: tuple[float, ...] = (0.005, 0.0025)
-    friction_updates: int = 20
-    checkpoint_updates: int = 50
+    seed: Seed = 0
+    updates: Count = 1450
+    n_robots: Count = 256
+    n_groups: Count = 8
+    payloads: tuple[NotNegative, ...] = (2.0, 2.0)
+    fine_steps: tuple[Positive, ...] = (0.005, 0.0025)
+    friction_updates: Count = 20
+    checkpoint_updates: Count = 50
     station: StationConfig = field(default_factory=StationConfig)
     randomization: Randomization = field(default_factory=Randomization)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
@@ -128,12 +153,24 @@ class TrainingConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         special = len(self.payloads) + len(self.fine_steps)
         if special > self.n_groups:
             raise InputError(
                 f"training: {special} payloads and fine steps do not fit in n_groups = "
                 f"{self.n_groups}; raise n_groups or name fewer"
             )
+        if self.n_groups > self.n_robots:
+            raise InputError(
+                f"training: n_robots is {self.n_robots}, fewer than n_groups = {self.n_groups}, "
+                "and a group would have none; raise n_robots or lower n_groups"
+            )
+        if any(step >= self.station.time_step for step in self.fine_steps):
+            raise InputError(
+                f"training: fine_steps is {self.fine_steps}; name steps that are shorter than the "
+                f"station's time_step, {self.station.time_step}"
+            )
+        self._check_batch()
 
     def stations(self) -> tuple[StationConfig, ...]:
         """Returns the physics of every group of robots."""
@@ -141,3 +178,12 @@ class TrainingConfig:
         fine = [replace(self.station, time_step=step) for step in self.fine_steps]
         ordinary = [self.station] * (self.n_groups - len(loaded) - len(fine))
         return (*ordinary, *loaded, *fine)
+
+    def _check_batch(self) -> None:
+        # PPO divides by the spread of an update's advantages, which one step does not have.
+        steps = self.n_robots * self.ppo.steps_per_update
+        if steps < max(2, self.ppo.mini_batches):
+            raise InputError(
+                f"training: an update of {steps} steps does not fill {self.ppo.mini_batches} "
+                "mini_batches of PPO, nor is one step enough; raise n_robots or steps_per_update"
+            )

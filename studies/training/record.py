@@ -11,7 +11,7 @@ import yaml
 from models.errors import InputError
 from models.files import write_atomically
 from models.task import CONTROL_PERIOD
-from studies.records import from_plain, read_yaml, to_plain
+from studies.records import read_yaml, to_plain
 from studies.training.config import TrainingConfig
 
 if TYPE_CHECKING:
@@ -73,4 +73,4 @@ def read_config(path: Path) -> TrainingConfig:
     record = read_yaml(path)
     if not isinstance(record, dict) or "config" not in record:
         raise InputError(f"{path}: is not an expert's record; it has no key 'config'")
-    return from_plain(TrainingConfig, record["config"], str(path))
+    return TrainingConfig.from_plain(record["config"], str(path))

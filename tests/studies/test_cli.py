@@ -41,6 +41,77 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "holds no students" in refused(["evaluate", "--policy", "students", *students])
 
 
+REFUSED = {
+    "train --n-robots 0": "n_robots is 0; it must be 1 or more",
+    "train --n-robots 4": "n_robots is 4, fewer than n_groups = 8",
+    "train --updates -3": "updates is -3; it must be 1 or more",
+    "train --seed -1": "seed is -1; it must be 0 or more",
+    "train --seed 4294967296": "seed is 4294967296; it must be less than",
+    "train --friction-updates 0": "friction_updates is 0",
+    "train --checkpoint-updates 0": "checkpoint_updates is 0",
+    "train --payloads -1": "payloads is (-1.0,); it must be 0 or more",
+    "train --payloads nan": "payloads is (nan,); it must be a finite number",
+    "train --fine-steps 0": "fine_steps is (0.0,); it must be more than 0",
+    "train --fine-steps 0.02": "name steps that are shorter than the station's",
+    "train --curriculum.initial-ease 0": "initial_ease is 0.0; it must be more than 0",
+    "train --curriculum.rise -0.1": "rise is -0.1; it must be 0 or more",
+    "train --ppo.mini-batches 0": "mini_batches is 0",
+    "train --ppo.mini-batches 7000": "does not fill 7000 mini_batches",
+    "train --ppo.clip 0": "clip is 0.0; it must be more than 0",
+    "train --ppo.discount 1.1": "discount is 1.1; it must be 1 or less",
+    "train --ppo.learning-rate inf": "learning_rate is inf; it must be a finite number",
+    "train --ppo.initial-std 0": "initial_std is 0.0; it must be more than 0",
+    "train --ppo.kl-decay 1400 1300": "name the update where the fall begins",
+    "train --ppo.actor-layers": "actor_layers is empty; name one or more",
+    "train --estimator.layers 0": "layers is (0,); it must be 1 or more",
+    "train --estimator.epochs 0": "epochs is 0",
+    "distill --episodes 2 --alone-levels 0": "of fewer than 5 episodes none is held out",
+    "distill --episode-steps 1": "episode_steps is 1; it must be 2 or more",
+    "distill --speeds nan": "speeds is (nan,); it must be a finite number",
+    "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
+    "distill --students linear linear": "it must be a list that names nothing twice",
+    "distill --n-jobs 0": "it must be 1 or more, or -1",
+    "distill --gbm.n-trees 0": "n_trees is 0",
+    "distill --gbm.depth 40": "depth is 40; it must be 16 or less",
+    "distill --gbm.subsample 0": "subsample is 0.0; it must be more than 0",
+    "distill --gbm.feature-share 1.5": "feature_share is 1.5; it must be 1 or less",
+    "distill --histogram-gbm.leaves 1": "leaves is 1; it must be 2 or more",
+    "distill --ebm.max-bins 2": "max_bins is 2; it must be 3 or more",
+    "distill --ebm.max-bins 16": "max_interaction_bins is 24, more than max_bins = 16",
+    "distill --ebm.outer-bags 0": "outer_bags is 0",
+    "distill --ebm.interactions -1": "interactions is -1; it must be 0 or more",
+    "distill --ebm.learning-rate 0": "learning_rate is 0.0; it must be more than 0",
+    "distill --symbolic.max-length 6": "max_length is 6; it must be 7 or more",
+    "distill --symbolic.population 1": "population is 1; it must be 2 or more",
+    "distill --symbolic.max-samples 0": "max_samples is 0",
+    "distill --symbolic.generations 0": "generations is 0",
+    "evaluate --n-steps 0": "n_steps is 0",
+    "evaluate --seed -1": "seed is -1; it must be 0 or more",
+    "evaluate --speed-range 1 0": "name the least speed first",
+    "evaluate --speed-range 0 inf": "it must be a finite number",
+    "evaluate --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
+    "evaluate --worlds training training": "it must be a list that names nothing twice",
+    "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
+    "report --gaits trot trot": "it must be a list that names nothing twice",
+    "report --gaits": "gaits is empty; name one or more",
+    "demo --n-robots -1": "n_robots is -1",
+    "benchmark --repeats 0": "repeats is 0",
+    "benchmark --gym-steps 0": "gym_steps is 0",
+    "convergence --n-steps 0": "n_steps is 0",
+    "curricula --rollouts.n-seeds 0": "n_seeds is 0",
+    "curricula --episodes 2 --alone-levels 1 --episodes-per-level 2": (
+        "of fewer than 5 episodes none is held out"
+    ),
+}
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_refuses_settings_out_of_range(command, refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert REFUSED[command] in refused(command.split())
+    assert not list(tmp_path.iterdir())
+
+
 def test_nothing_is_left_behind_by_a_refusal(refused, tmp_path):
     output = tmp_path / "run"
     refused(["train", "--gait", "gallop", "--output", str(output)])
