@@ -4,9 +4,10 @@ from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import yaml
+from models.errors import InputError, shown
+from models.files import read_yaml
 
-from models.errors import InputError
+__all__ = ["from_plain", "read_yaml", "to_plain"]
 
 T = TypeVar("T")
 
@@ -35,27 +36,13 @@ def from_plain(kind: type[T], values: Any, where: str) -> T:
     for key, value in values.items():
         if key not in known:
             raise InputError(
-                f"{where}: unknown key {key!r}; the keys are {', '.join(sorted(known))}"
+                f"{where}: unknown key {shown(key)}; the keys are {', '.join(sorted(known))}"
             )
-        arguments[key] = _fitted(hints[key], value, f"{where}: key {key!r}")
+        arguments[key] = _fitted(hints[key], value, f"{where}: key {shown(key)}")
     try:
         return kind(**arguments)
     except (InputError, TypeError, ValueError) as error:
         raise InputError(f"{where}: {error}") from error
-
-
-def read_yaml(path: Path) -> Any:
-    """Reads a YAML file without ever making objects from it.
-
-    Raises:
-        InputError: if it cannot be read.
-    """
-    try:
-        return yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not valid YAML; mend it") from error
 
 
 def _fitted(hint: Any, value: Any, where: str) -> Any:
@@ -66,7 +53,7 @@ def _fitted(hint: Any, value: Any, where: str) -> Any:
     if hint in (int, float, str, bool):
         number = hint is float and type(value) is int
         if type(value) is not hint and not number:
-            raise InputError(f"{where}: must be {hint.__name__}, not {value!r}")
+            raise InputError(f"{where}: must be {hint.__name__}, not {shown(value)}")
         return hint(value)
     return value
 

@@ -49,7 +49,7 @@ class Report:
         folder = self.output or Path("runs") / ("report_quick" if self.quick else "report")
         results = []
         for place, gait in enumerate(self.gaits, start=1):
-            say(f"[bold]{gait}[/bold], gait {place} of {len(self.gaits)}")
+            say(f"{gait}, gait {place} of {len(self.gaits)}")
             results.append(study_gait(gait, config, folder / gait, resume=self.resume))
         write_atomically(folder / "config.yaml", yaml.safe_dump(to_plain(config), sort_keys=False))
         items = contents(results)
