@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 
 from rich.console import Console
 from rich.progress import (
@@ -51,6 +52,10 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
 @contextmanager
 def told_plainly() -> Iterator[None]:
     """Turns bad input into one sentence and exit code 2, and Ctrl-C into exit code 130."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # What a terminal cannot write, such as a path that is not UTF-8, goes by its codes.
+            stream.reconfigure(errors="backslashreplace")
     try:
         yield
     except InputError as error:

@@ -38,11 +38,11 @@ def write_metrics(values: Any, path: Path) -> None:
 def to_markdown(frame: pd.DataFrame) -> str:
     """Formats a table in Markdown."""
     lines = [
-        "| " + " | ".join(_in_markdown(str(column)) for column in frame.columns) + " |",
+        "| " + " | ".join(escape_markdown(str(column)) for column in frame.columns) + " |",
         "|" + "|".join(" --- " for _ in frame.columns) + "|",
     ]
     for row in frame.itertuples(index=False):
-        lines.append("| " + " | ".join(_in_markdown(format_cell(cell)) for cell in row) + " |")
+        lines.append("| " + " | ".join(escape_markdown(format_cell(cell)) for cell in row) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -67,6 +67,6 @@ def format_cell(value: Any) -> str:
     return str(value)
 
 
-def _in_markdown(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Escapes what would end a cell, or be read as code or HTML, in a table in Markdown."""
     return re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(text.splitlines()))

@@ -196,7 +196,11 @@ def _values(data: bytes) -> Any:
 
 
 def _dumped(values: Any) -> bytes:
-    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode(errors="replace")
+    try:
+        text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    except ValueError:  # a number of thousands of digits, which Python reads but does not write
+        return b"{}"
+    return text.encode(errors="replace")
 
 
 def _places(values: Any) -> Iterator[tuple[Any, Any]]:
