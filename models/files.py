@@ -24,6 +24,9 @@ from models.plain_yaml import LONGEST_NUMBER, parse_yaml
 TEXT_BYTES = 1_000_000
 """Greatest size of a text file that a person writes."""
 
+YAML_BYTES = 100_000
+"""Greatest size of a YAML file, which takes about a second to read."""
+
 RECORD_BYTES = 100_000_000
 """Greatest size of a record that a run writes."""
 
@@ -127,7 +130,7 @@ def read_yaml(path: Path) -> Any:
     Raises:
         InputError: if it cannot be read, is not valid, or holds more than plain values.
     """
-    text = read_text(path)
+    text = read_text(path, YAML_BYTES)
     try:
         return parse_yaml(text)
     except InputError as error:

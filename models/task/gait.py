@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from models.errors import InputError, brief, shown
-from models.files import parse_yaml, read_text
+from models.files import YAML_BYTES, parse_yaml, read_text
 from models.task.formula import N_STANCES, Formula, parse_formula
 
 GAIT_DIRECTORY = Path(__file__).parent / "gaits"
-
-GAIT_BYTES = 100_000
-"""Greatest size of a gait file."""
 
 LONGEST_STATE = 40
 """Greatest number of characters of a state's name."""
@@ -140,7 +137,7 @@ def load_gait(gait: str | Path) -> Gait:
             file, the key and the remedy.
     """
     path = gait_path(gait)
-    text = read_text(path, GAIT_BYTES)
+    text = read_text(path, YAML_BYTES)
     try:
         return parse_gait(text, name=path.stem)
     except InputError as error:

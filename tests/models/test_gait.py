@@ -5,9 +5,8 @@ import os
 import pytest
 
 from models.errors import InputError
-from models.files import digest
+from models.files import YAML_BYTES, digest
 from models.task.gait import (
-    GAIT_BYTES,
     GAIT_DIRECTORY,
     gait_names,
     gait_path,
@@ -202,5 +201,5 @@ def test_the_largest_machine_is_read_at_once():
         .replace("q0", "state 0")
     )
     text = "\n".join([head, "transitions:", *lines])
-    assert len(text) < GAIT_BYTES
+    assert len(text) < YAML_BYTES
     assert len(parse_gait(text, name="largest").transitions) == 512
