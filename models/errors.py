@@ -3,6 +3,9 @@
 import reprlib
 from typing import Any
 
+LONGEST = 120
+"""Greatest number of characters of a value in an error's sentence."""
+
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxother = 80
@@ -16,10 +19,16 @@ class InputError(Exception):
     """
 
 
+def brief(text: str) -> str:
+    """Cuts what a library or a person wrote to a short line, for an error's sentence."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}…"
+
+
 def shown(value: Any) -> str:
     """Writes a value that a person gave into an error's sentence, cut where it is long."""
     try:
-        return _SHORT.repr(value)
+        return brief(_SHORT.repr(value))
     except ValueError:
         # Python refuses to write whole numbers of thousands of digits.
         return f"a {type(value).__name__} too long to write"

@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -17,10 +18,19 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from models.errors import InputError
+from models.errors import InputError, brief, shown
+from models.plain_yaml import LONGEST_NUMBER, parse_yaml
+
+TEXT_BYTES = 1_000_000
+"""Greatest size of a text file that a person writes."""
+
+YAML_BYTES = 100_000
+"""Greatest size of a YAML file, which takes about a second to read."""
 
 RECORD_BYTES = 100_000_000
 """Greatest size of a record that a run writes."""
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f]")
 
 _PARTIAL = re.compile(r"\..+\.(\d+)\.partial")
 
@@ -92,6 +102,68 @@ def digest(path: Path) -> str:
         raise _unreadable(path, error) from error
 
 
+def read_text(path: Path, limit: int = TEXT_BYTES) -> str:
+    """Reads a text file that a person wrote.
+
+    Args:
+        path: The file.
+        limit: Greatest size (bytes).
+
+    Raises:
+        InputError: if it cannot be read, is larger, is not UTF-8 or holds control characters.
+    """
+    try:
+        text = _read_bytes(path, limit).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        ) from error
+    if found := _CONTROL.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise InputError(f"{path}: line {line} holds the control character {found[0]!r}; remove it")
+    return text
+
+
+def read_yaml(path: Path) -> Any:
+    """Reads plain values from a YAML file.
+
+    Raises:
+        InputError: if it cannot be read, is not valid, or holds more than plain values.
+    """
+    text = read_text(path, YAML_BYTES)
+    try:
+        return parse_yaml(text)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def read_json(path: Path, *, nan: bool = False) -> Any:
+    """Reads values from a JSON file.
+
+    Args:
+        path: The file.
+        nan: Whether it may hold NaN and infinities.
+
+    Raises:
+        InputError: if it cannot be read, is not valid, is nested too deeply, gives a key twice or
+            holds a number that is too large.
+    """
+    text = read_text(path, RECORD_BYTES)
+    constant = float if nan else _refused_constant
+    try:
+        return json.loads(
+            text,
+            parse_int=_whole_number,
+            parse_float=lambda digits: _float(digits, nan),
+            parse_constant=constant,
+            object_pairs_hook=_unique_keys,
+        )
+    except RecursionError as error:
+        raise InputError(f"{path}: is nested too deeply; mend it") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid JSON ({brief(str(error))}); mend it") from error
+
+
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
     """Writes named arrays, a JSON header and their checksum to one safetensors file, atomically.
 
@@ -155,6 +227,32 @@ def read_record(path: Path) -> Any:
     raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew")
 
 
+def _whole_number(digits: str) -> int:
+    if len(digits) > LONGEST_NUMBER:
+        raise ValueError(f"a number of more than {LONGEST_NUMBER} characters")
+    return int(digits)
+
+
+def _float(digits: str, nan: bool) -> float:
+    value = float(digits)
+    if not nan and not math.isfinite(value):
+        raise ValueError(f"number {brief(digits)} is too large")
+    return value
+
+
+def _refused_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"key {shown(twice)} is given twice")
+    return values
+
+
 def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:
     names = sorted(arrays)
     kinds = [(name, arrays[name].dtype.str, arrays[name].shape) for name in names]
@@ -188,7 +286,7 @@ def _read_bytes(path: Path, limit: int) -> bytes:
 
 def _unreadable(path: Path, error: OSError) -> InputError:
     if isinstance(error, FileNotFoundError):
-        return InputError(f"{path}: no such file; check the path")
+        return InputError(f"{path}: cannot be read, no such file; check the path")
     return InputError(f"{path}: cannot be read ({error.strerror}); check the path")
 
 

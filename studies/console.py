@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 
 from rich.console import Console
 from rich.progress import (
@@ -13,13 +14,17 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 from models.errors import InputError
 
 FILE_WIDTH = 160
 """Width of lines where the output goes to a file (characters)."""
 
-console = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
+# Paths and the names of gaits are a person's own words: no brackets in them are markup.
+console = Console(
+    markup=False, emoji=False, highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH
+)
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -27,7 +32,7 @@ INTERRUPTED = 130
 
 def say(line: str) -> None:
     """Prints a line of progress."""
-    console.print(f"[dim]·[/dim] {line}")
+    console.print(Text.assemble(("·", "dim"), " ", line))
 
 
 @contextmanager
@@ -36,7 +41,7 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
     columns = (
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[text]}"),
+        TextColumn("{task.fields[text]}", markup=False),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
@@ -47,6 +52,10 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
 @contextmanager
 def told_plainly() -> Iterator[None]:
     """Turns bad input into one sentence and exit code 2, and Ctrl-C into exit code 130."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # What a terminal cannot write, such as a path that is not UTF-8, goes by its codes.
+            stream.reconfigure(errors="backslashreplace")
     try:
         yield
     except InputError as error:

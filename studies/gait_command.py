@@ -31,7 +31,7 @@ class ShowGait:
         gait = load_gait(self.gait)
         drawing = to_mermaid(gait) if self.format == "mermaid" else to_graphviz(gait)
         if self.output is None:
-            console.print(drawing, markup=False, soft_wrap=True)
+            console.print(drawing, soft_wrap=True)
         else:
             write_atomically(self.output, drawing)
             console.print(f"{gait.name}: {gait.n_states} states, drawn in {self.output}")

@@ -13,8 +13,8 @@ import yaml
 from filelock import FileLock, Timeout
 
 from models.errors import InputError, shown
-from models.files import remove_litter, write_atomically
-from studies.records import read_yaml, to_plain
+from models.files import digest, read_yaml, remove_litter, write_atomically
+from studies.records import to_plain
 
 CONFIG_NAME = "config.yaml"
 LOCK_NAME = ".lock"
@@ -106,10 +106,7 @@ def digest_of_files(paths: Collection[Path]) -> str:
     """
     whole = hashlib.sha256()
     for path in sorted(paths, key=lambda path: path.name):
-        try:
-            whole.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        whole.update(f"{path.name} {digest(path)}".encode())
     return whole.hexdigest()[:16]
 
 

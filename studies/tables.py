@@ -1,6 +1,7 @@
 """Tables: on the terminal, and as CSV and Markdown files."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,11 @@ def write_metrics(values: Any, path: Path) -> None:
 def to_markdown(frame: pd.DataFrame) -> str:
     """Formats a table in Markdown."""
     lines = [
-        "| " + " | ".join(str(column) for column in frame.columns) + " |",
+        "| " + " | ".join(escape_markdown(str(column)) for column in frame.columns) + " |",
         "|" + "|".join(" --- " for _ in frame.columns) + "|",
     ]
     for row in frame.itertuples(index=False):
-        lines.append("| " + " | ".join(format_cell(value) for value in row) + " |")
+        lines.append("| " + " | ".join(escape_markdown(format_cell(cell)) for cell in row) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -64,3 +65,8 @@ def format_cell(value: Any) -> str:
             else f"{value:,.0f}"
         )
     return str(value)
+
+
+def escape_markdown(text: str) -> str:
+    """Escapes what would end a cell, or be read as code or HTML, in a table in Markdown."""
+    return re.sub(r"[\\|`<]", r"\\\g<0>", " ".join(text.splitlines()))

@@ -1,4 +1,9 @@
-"""Drawings of a reward machine: Graphviz and Mermaid text."""
+"""Drawings of a reward machine: Graphviz and Mermaid text.
+
+Names are a person's own words, so they are quoted as each language asks.
+"""
+
+import re
 
 from models.task.gait import Gait, Transition
 from models.task.palette import STATE_COLORS
@@ -7,30 +12,47 @@ from models.task.palette import STATE_COLORS
 def to_graphviz(gait: Gait) -> str:
     """Draws the reward machine in Graphviz's language."""
     lines = [
-        f'digraph "{gait.name}" {{',
+        f"digraph {_quoted(gait.name)} {{",
         "  rankdir=LR;",
         '  node [shape=circle, style=filled, fontname="Helvetica", fontcolor=white];',
         '  edge [fontname="Helvetica", fontsize=10];',
-        "  start [shape=point, fillcolor=black];",
-        f'  start -> "{gait.initial}";',
+        # No state has an empty name.
+        '  "" [shape=point, fillcolor=black];',
+        f'  "" -> {_quoted(gait.initial)};',
     ]
     for i, state in enumerate(gait.states):
         shape = ", shape=doublecircle" if state == gait.sink else ""
         color = STATE_COLORS[i % len(STATE_COLORS)]
-        lines.append(f'  "{state}" [fillcolor="{color}"{shape}];')
+        lines.append(f'  {_quoted(state)} [fillcolor="{color}"{shape}];')
     for edge in gait.transitions:
         label = f"{edge.when.text}\\n{_conditions(gait, edge)}"
-        lines.append(f'  "{edge.source}" -> "{edge.target}" [label="{label}"];')
+        arrow = f"{_quoted(edge.source)} -> {_quoted(edge.target)}"
+        lines.append(f'  {arrow} [label="{label}"];')
     return "\n".join([*lines, "}"]) + "\n"
 
 
 def to_mermaid(gait: Gait) -> str:
     """Draws the reward machine in Mermaid's language."""
-    lines = ["stateDiagram-v2", "  direction LR", f"  [*] --> {gait.initial}"]
+    # Some names, such as "end", are words of the language, so that states go by their numbers.
+    ids = {state: f"s{i}" for i, state in enumerate(gait.states)}
+    lines = ["stateDiagram-v2", "  direction LR"]
+    lines += [f'  state "{_coded(state)}" as {ids[state]}' for state in gait.states]
+    lines.append(f"  [*] --> {ids[gait.initial]}")
     for edge in gait.transitions:
         label = f"{edge.when.text}, {_conditions(gait, edge)}"
-        lines.append(f"  {edge.source} --> {edge.target}: {label}")
+        lines.append(f"  {ids[edge.source]} --> {ids[edge.target]}: {label}")
     return "\n".join(lines) + "\n"
+
+
+def _quoted(name: str) -> str:
+    """Quotes a name for Graphviz, which reads escapes and HTML's entities in it."""
+    escaped = name.replace("&", "&amp;").replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def _coded(name: str) -> str:
+    """Writes a name for Mermaid: all but letters, digits and spaces by their codes."""
+    return re.sub(r"[^\w ]", lambda found: f"#{ord(found[0])};", name)
 
 
 def _conditions(gait: Gait, edge: Transition) -> str:

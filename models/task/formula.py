@@ -5,6 +5,7 @@ A formula such as `FL & RR & ~FR & ~RL` is read by Python's grammar, restricted 
 """
 
 import ast
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.a1 import robot
-from models.errors import InputError
+from models.errors import InputError, shown
 
 N_STANCES: Final = 2**robot.N_LEGS
 
@@ -20,6 +21,14 @@ STANCES: Final[NDArray[np.bool_]] = (
     np.arange(N_STANCES)[:, None] >> np.arange(robot.N_LEGS) & 1
 ).astype(bool)
 """The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
+
+LONGEST_FORMULA = 1000
+"""Greatest number of characters of a formula; every one over four feet can be written in fewer."""
+
+DEEPEST_FORMULA = 50
+"""Greatest nesting of a formula's parentheses."""
+
+_FOREIGN = re.compile(r"[^A-Za-z_&|~()\s]")
 
 
 @dataclass(frozen=True)
@@ -52,18 +61,43 @@ def parse_formula(text: str) -> Formula:
     Raises:
         InputError: if the text is not a formula over FL, FR, RL and RR, or can never hold.
     """
+    # Line breaks would end the formula early, and break the drawings that hold it.
+    text = " ".join(text.split())
+    _check_text(text)
     try:
         tree = ast.parse(text, mode="eval")
         table = _evaluate(tree.body)
     except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(
-            f"formula {text!r} cannot be read; write it like 'FL & RR & ~FR & ~RL'"
+            f"formula {shown(text)} cannot be read; write it like 'FL & RR & ~FR & ~RL'"
         ) from error
     if not table.any():
-        raise InputError(f"formula {text!r} can never hold; remove a contradiction from it")
+        raise InputError(f"formula {shown(text)} can never hold; remove a contradiction from it")
     return Formula(text, tuple(bool(value) for value in table))
+
+
+def _check_text(text: str) -> None:
+    """Refuses what Python's parser, which reads whole programs, had better never see."""
+    if len(text) > LONGEST_FORMULA:
+        raise InputError(
+            f"formula {shown(text)} is longer than {LONGEST_FORMULA} characters; simplify it"
+        )
+    if foreign := _FOREIGN.search(text):
+        raise _foreign(foreign[0])
+    depth = 0
+    for character in text:
+        depth += (character == "(") - (character == ")")
+        if depth > DEEPEST_FORMULA:
+            raise InputError(
+                f"formula {shown(text)} nests more than {DEEPEST_FORMULA} parentheses; simplify it"
+            )
+
+
+def _foreign(text: str) -> InputError:
+    return InputError(
+        f"{shown(text)} does not belong in a formula; "
+        "use foot names with & (and), | (or), ~ (not) and parentheses"
+    )
 
 
 def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
@@ -71,7 +105,7 @@ def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
         case ast.Name(id=foot) if foot in robot.LEGS:
             return STANCES[:, robot.LEGS.index(foot)]
         case ast.Name(id=name):
-            raise InputError(f"unknown foot {name!r}; the feet are {', '.join(robot.LEGS)}")
+            raise InputError(f"unknown foot {shown(name)}; the feet are {', '.join(robot.LEGS)}")
         case ast.UnaryOp(op=ast.Invert(), operand=operand):
             return ~_evaluate(operand)
         case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
@@ -79,7 +113,4 @@ def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
         case ast.BinOp(left=left, op=ast.BitOr(), right=right):
             return _evaluate(left) | _evaluate(right)
         case _:
-            raise InputError(
-                f"{ast.unparse(node)!r} does not belong in a formula; "
-                "use foot names with & (and), | (or), ~ (not) and parentheses"
-            )
+            raise _foreign(ast.unparse(node))

@@ -8,12 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from models.errors import InputError
-from models.task.formula import Formula, parse_formula
+from models.errors import InputError, brief, shown
+from models.files import YAML_BYTES, parse_yaml, read_text
+from models.task.formula import N_STANCES, Formula, parse_formula
 
 GAIT_DIRECTORY = Path(__file__).parent / "gaits"
+
+LONGEST_STATE = 40
+"""Greatest number of characters of a state's name."""
+
+LONGEST_NAME = 80
+"""Greatest number of characters of a gait's name, which stands in the names of its files."""
+
+LONGEST_DESCRIPTION = 500
+"""Greatest number of characters of a description."""
+
+MOST_STATES = 32
+"""Greatest number of states; each is an entry of the observation."""
+
+GREATEST_DWELL = 1000
+"""Greatest commanded number of iterations in a state (control steps)."""
+
+GREATEST_GRACE = 100_000
+"""Greatest grace of a transition (control steps)."""
+
+_GREATEST = {"clearance": 1.0, "max_speed": 100.0, "max_yaw_rate": 100.0}
 
 _KEYS = {
     "description": str,
@@ -93,6 +113,27 @@ def gait_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in GAIT_DIRECTORY.glob("*.yaml")))
 
 
+def gait_path(gait: str | Path) -> Path:
+    """Returns the file of a gait that ships with the project, or of one of one's own.
+
+    Args:
+        gait: Name of a gait that ships, or path of a gait file.
+
+    Raises:
+        InputError: if there is no such gait, or the file's name can name no gait.
+    """
+    path = Path(gait)
+    if path.suffix in (".yaml", ".yml"):
+        _check_name(path)
+        return path
+    if str(gait) not in gait_names():
+        raise InputError(
+            f"unknown gait {shown(str(gait))}; the gaits are {', '.join(gait_names())}, "
+            "or give the path of a gait file ending in .yaml"
+        )
+    return GAIT_DIRECTORY / f"{gait}.yaml"
+
+
 def load_gait(gait: str | Path) -> Gait:
     """Loads a gait by its name, or from a YAML file of one's own.
 
@@ -100,18 +141,8 @@ def load_gait(gait: str | Path) -> Gait:
         InputError: if there is no such gait, or its file breaks a rule; the message names the
             file, the key and the remedy.
     """
-    path = Path(gait)
-    if path.suffix not in (".yaml", ".yml"):
-        path = GAIT_DIRECTORY / f"{gait}.yaml"
-        if not path.exists():
-            raise InputError(
-                f"unknown gait {str(gait)!r}; the gaits are {', '.join(gait_names())}, "
-                "or give the path of a gait file ending in .yaml"
-            )
-    try:
-        text = path.read_text()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    path = gait_path(gait)
+    text = read_text(path, YAML_BYTES)
     try:
         return parse_gait(text, name=path.stem)
     except InputError as error:
@@ -122,21 +153,17 @@ def parse_gait(text: str, *, name: str) -> Gait:
     """Reads a gait from YAML text and checks its reward machine.
 
     Raises:
-        InputError: if a key is missing, unknown or of the wrong kind, a formula or state is
-            unknown, a state cannot be reached, or two transitions can fire together.
+        InputError: if a key is missing, unknown, of the wrong kind or out of range, a formula or
+            state is unknown, a state cannot be reached, or two transitions can fire together.
     """
-    try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"is not valid YAML ({_first_line(error)}); mend that line") from error
-    data = _checked_keys(data)
+    data = _checked_keys(parse_yaml(text))
     gait = Gait(
         name=name,
-        description=data["description"],
+        description=_description(data["description"]),
         states=_state_names(data["states"]),
         initial=data["initial"],
         sink=data.get("sink"),
-        transitions=tuple(_transition(entry, i) for i, entry in enumerate(data["transitions"])),
+        transitions=_transitions(data["transitions"]),
         clearance=_positive(data, "clearance"),
         dwell=_dwell_range(data["dwell"]),
         max_speed=_positive(data, "max_speed"),
@@ -148,13 +175,27 @@ def parse_gait(text: str, *, name: str) -> Gait:
     return gait
 
 
+def _check_name(path: Path) -> None:
+    """Refuses names of files that cannot name a gait and, after it, the files of its runs."""
+    name = path.stem
+    if not _is_plain(name, LONGEST_NAME) or name.startswith("."):
+        raise InputError(
+            f"gait file {shown(str(path))}: the gait takes its name from the file; rename it to "
+            f"printable characters, {LONGEST_NAME} at most, that start with no dot"
+        )
+
+
+def _is_plain(name: str, longest: int) -> bool:
+    return 0 < len(name) <= longest and name.isprintable() and name == name.strip()
+
+
 def _checked_keys(data: Any) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError("is not a mapping; start from one of the shipped gait files")
     known = _KEYS | _OPTIONAL_KEYS
     for key in data:
         if key not in known:
-            raise InputError(f"unknown key {key!r}; the keys are {', '.join(known)}")
+            raise InputError(f"unknown key {shown(key)}; the keys are {', '.join(known)}")
     for key, kind in _KEYS.items():
         if key not in data:
             raise InputError(f"missing key {key!r}; add it")
@@ -168,30 +209,59 @@ def _checked_keys(data: Any) -> dict[str, Any]:
 def _check_kind(data: dict[str, Any], key: str, kind: Any) -> None:
     if not isinstance(data[key], kind) or isinstance(data[key], bool):
         wanted = {str: "text", list: "a list"}.get(kind, "a number")
-        raise InputError(f"key {key!r} must be {wanted}, not {data[key]!r}")
+        raise InputError(f"key {key!r} must be {wanted}, not {shown(data[key])}")
 
 
 def _positive(data: dict[str, Any], key: str) -> float:
-    value = float(data[key])
-    if not 0 < value < float("inf"):
-        raise InputError(f"key {key!r} is {value:g}; it must be a number greater than 0")
-    return value
+    value, greatest = data[key], _GREATEST[key]
+    if not 0 < value <= greatest:
+        raise InputError(
+            f"key {key!r} is {shown(value)}; it must be greater than 0 and at most {greatest:g}"
+        )
+    return float(value)
+
+
+def _description(text: str) -> str:
+    line = " ".join(text.split())
+    if len(line) > LONGEST_DESCRIPTION or not line.isprintable():
+        raise InputError(
+            f"key 'description' is {shown(line)}; write printable characters, "
+            f"{LONGEST_DESCRIPTION} at most"
+        )
+    return line
 
 
 def _state_names(states: list[Any]) -> tuple[str, ...]:
     for state in states:
         if not isinstance(state, str):
-            raise InputError(f"key 'states' holds {state!r}; states are named by text")
-    if len(states) < 2 or len(set(states)) != len(states):
-        raise InputError("key 'states' must name at least two different states")
+            raise InputError(f"key 'states' holds {shown(state)}; states are named by text")
+        if not _is_plain(state, LONGEST_STATE):
+            raise InputError(
+                f"key 'states' holds {shown(state)}; name states by printable characters, "
+                f"{LONGEST_STATE} at most, with no space at the ends"
+            )
+    if not 2 <= len(states) <= MOST_STATES or len(set(states)) != len(states):
+        raise InputError(
+            f"key 'states' must name at least two different states, and {MOST_STATES} at most"
+        )
     return tuple(states)
 
 
 def _dwell_range(dwell: list[Any]) -> tuple[int, int]:
     whole = all(isinstance(value, int) and not isinstance(value, bool) for value in dwell)
-    if not (whole and len(dwell) == 2 and 1 <= dwell[0] <= dwell[1]):
-        raise InputError(f"key 'dwell' is {dwell}; give the least and greatest, such as [6, 11]")
+    if not (whole and len(dwell) == 2 and 1 <= dwell[0] <= dwell[1] <= GREATEST_DWELL):
+        raise InputError(
+            f"key 'dwell' is {shown(dwell)}; give the least and greatest, such as [6, 11], "
+            f"{GREATEST_DWELL} at most"
+        )
     return dwell[0], dwell[1]
+
+
+def _transitions(entries: list[Any]) -> tuple[Transition, ...]:
+    most = MOST_STATES * N_STANCES
+    if len(entries) > most:
+        raise InputError(f"key 'transitions' holds {len(entries)}; {most} are the most")
+    return tuple(_transition(entry, i) for i, entry in enumerate(entries))
 
 
 def _transition(entry: Any, index: int) -> Transition:
@@ -201,17 +271,21 @@ def _transition(entry: Any, index: int) -> Transition:
     known = _TRANSITION_KEYS | _OPTIONAL_TRANSITION_KEYS
     for key in entry:
         if key not in known:
-            raise InputError(f"{where}: unknown key {key!r}; the keys are {sorted(known)}")
+            raise InputError(f"{where}: unknown key {shown(key)}; the keys are {sorted(known)}")
     for key in sorted(_TRANSITION_KEYS):
         if key not in entry:
             raise InputError(f"{where}: missing key {key!r}; add it")
         if not isinstance(entry[key], str):
-            raise InputError(f"{where}: key {key!r} must be text, not {entry[key]!r}")
+            raise InputError(f"{where}: key {key!r} must be text, not {shown(entry[key])}")
     dwell, grace = entry.get("dwell", 1.0), entry.get("grace", 0)
     if isinstance(dwell, bool) or not isinstance(dwell, (int, float)) or not 0 <= dwell <= 1:
-        raise InputError(f"{where}: key 'dwell' is {dwell!r}; it is a fraction from 0 to 1")
-    if isinstance(grace, bool) or not isinstance(grace, int) or grace < 0:
-        raise InputError(f"{where}: key 'grace' is {grace!r}; it is a whole number of steps")
+        raise InputError(f"{where}: key 'dwell' is {shown(dwell)}; it is a fraction from 0 to 1")
+    whole = isinstance(grace, int) and not isinstance(grace, bool)
+    if not whole or not 0 <= grace <= GREATEST_GRACE:
+        raise InputError(
+            f"{where}: key 'grace' is {shown(grace)}; it is a whole number of steps, "
+            f"from 0 to {GREATEST_GRACE}"
+        )
     try:
         formula = parse_formula(entry["when"])
     except InputError as error:
@@ -227,11 +301,12 @@ def _check_states(gait: Gait) -> None:
         named.append((f"transitions[{i}]: key 'from'", transition.source))
         named.append((f"transitions[{i}]: key 'to'", transition.target))
         if transition.source == gait.sink:
-            raise InputError(f"transitions[{i}] leaves the sink {gait.sink!r}; remove it")
+            raise InputError(f"transitions[{i}] leaves the sink {shown(gait.sink)}; remove it")
     for where, state in named:
         if state not in gait.states:
             raise InputError(
-                f"{where} names unknown state {state!r}; the states are {', '.join(gait.states)}"
+                f"{where} names unknown state {shown(state)}; the states are "
+                f"{brief(', '.join(gait.states))}"
             )
 
 
@@ -246,20 +321,18 @@ def _check_reachability(gait: Gait) -> None:
     for state in gait.states:
         if state not in reached:
             raise InputError(
-                f"state {state!r} cannot be reached from {gait.initial!r}; "
+                f"state {shown(state)} cannot be reached from {shown(gait.initial)}; "
                 "add a transition to it or remove it"
             )
 
 
 def _check_determinism(gait: Gait) -> None:
     for (i, first), (j, second) in combinations(enumerate(gait.transitions), 2):
-        both = np.array(first.when.table) & np.array(second.when.table)
-        if first.source == second.source and both.any():
+        if first.source != second.source:
+            continue
+        if (np.array(first.when.table) & np.array(second.when.table)).any():
             raise InputError(
-                f"transitions[{i}] and transitions[{j}] leave {first.source!r} and can fire "
-                f"together; make {first.when.text!r} and {second.when.text!r} exclude each other"
+                f"transitions[{i}] and transitions[{j}] leave {shown(first.source)} and can fire "
+                f"together; make {shown(first.when.text)} and {shown(second.when.text)} exclude "
+                "each other"
             )
-
-
-def _first_line(error: yaml.YAMLError) -> str:
-    return " ".join(str(error).split())

@@ -15,6 +15,7 @@ from models.policies.expression import Expression
 from models.policies.gates import GATE_MEANINGS, named_gates
 from models.policies.symbolic import FormulaPolicy
 from models.task.observation import machine_state_entries, unit_of
+from studies.tables import escape_markdown
 
 DIGITS = 3
 
@@ -96,7 +97,7 @@ def write_formulas(policy: FormulaPolicy, stem: Path) -> None:
 def _markdown(policy: FormulaPolicy) -> str:
     names = policy.observation_names
     lines = [
-        f"# {policy.gait}: {policy.kind.replace('_', ' ')} policy",
+        f"# {escape_markdown(policy.gait)}: {policy.kind.replace('_', ' ')} policy",
         "",
         f"Each action is a formula; a joint's target is its default plus {robot.ACTION_SCALE} rad "
         "times the action. Constants are rounded to three digits here.",

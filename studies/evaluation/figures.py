@@ -105,8 +105,9 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     axes.set_yticks(range(robot.N_LEGS), robot.LEGS)
     axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
     axes.grid(visible=False)
+    # A person's own names are no mathematics.
     handles = [
-        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
+        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name.replace("$", r"\$"))
         for i, name in enumerate(gait.states)
     ]
     handles.insert(0, Patch(color="0.15", label="contact"))

@@ -9,9 +9,9 @@ import pandas as pd
 import yaml
 
 from models.errors import InputError
-from models.files import write_atomically
+from models.files import read_yaml, write_atomically
 from models.task import CONTROL_PERIOD
-from studies.records import read_yaml, to_plain
+from studies.records import to_plain
 from studies.training.config import TrainingConfig
 
 if TYPE_CHECKING:

@@ -1,20 +1,85 @@
 """Files that are whole or not there."""
 
+import errno
+import hashlib
+import json
+import math
+import os
+import random
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from models.errors import InputError
-from models.files import load_arrays, save_arrays, write_atomically
+from models.files import (
+    digest,
+    load_arrays,
+    read_json,
+    read_record,
+    read_text,
+    read_yaml,
+    remove_litter,
+    save_arrays,
+    write_atomically,
+    write_record,
+)
+
+ARRAYS = {"a": np.arange(6.0).reshape(2, 3).T, "flags": np.array([True, False])}
+HEADER = {"name": "x", "big": 2**100, "none": math.nan}
+
+
+@pytest.fixture(scope="module")
+def dead():
+    """Number of a process that lives no more."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def file_of(header: str, dtype: str = "F64", n_bytes: int = 8) -> bytes:
+    """Writes a safetensors file by hand."""
+    array = {"dtype": dtype, "shape": [1], "data_offsets": [0, n_bytes]}
+    text = json.dumps({"__metadata__": {"header": header}, "a": array}).encode()
+    return struct.pack("<Q", len(text)) + text + bytes(n_bytes)
 
 
 def test_arrays_and_header_come_back(tmp_path):
     path = tmp_path / "deep" / "file.safetensors"
-    arrays = {"a": np.arange(6.0).reshape(2, 3).T, "flags": np.array([True, False])}
+    arrays = {
+        "a": np.arange(6.0).reshape(2, 3).T,
+        "flags": np.array([True, False]),
+        "none": np.zeros((0, 3), dtype=np.float32),
+        "foreign": np.array([1, 2], dtype=">i4"),
+    }
     save_arrays(path, arrays, {"name": "x", "big": 2**100})
     found, header = load_arrays(path)
-    np.testing.assert_array_equal(found["a"], arrays["a"])
-    np.testing.assert_array_equal(found["flags"], arrays["flags"])
+    assert list(found) == sorted(arrays)
+    for name, value in arrays.items():
+        np.testing.assert_array_equal(found[name], value)
     assert header == {"name": "x", "big": 2**100}
+
+
+def test_equal_arrays_give_equal_files(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; import numpy as np\n"
+        "from models.files import save_arrays\n"
+        "save_arrays(Path(sys.argv[1]), {'b': np.ones(2), 'a': np.ones(3)}, {'k': 1, 'j': 2})"
+    )
+    paths = [tmp_path / f"{i}.safetensors" for i in range(3)]
+    for path in paths:
+        subprocess.run([sys.executable, "-c", program, str(path)], check=True)
+    assert len({digest(path) for path in paths}) == 1
+
+
+def test_files_of_before_the_checksum_are_read(tmp_path):
+    path = tmp_path / "old.safetensors"
+    path.write_bytes(file_of('{"name": "x"}'))
+    arrays, header = load_arrays(path)
+    assert (arrays["a"].tolist(), header) == ([0.0], {"name": "x"})
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -26,6 +91,88 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize(
+    ("code", "remedy"), [(errno.ENOSPC, "free some space"), (errno.EIO, "choose another place")]
+)
+def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, code, remedy):
+    path = tmp_path / "file"
+    write_atomically(path, "old")
+
+    def full(_: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=remedy) as raised:
+        write_atomically(path, "new" * 1000)
+    assert str(raised.value).startswith(f"{path}: cannot be written ({os.strerror(code)}); ")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(_: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "file", "new")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_places_that_cannot_be_written_are_told_in_one_sentence(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("kept")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, remedy in (
+        (file / "below", "choose another folder"),
+        (file / "far" / "below", "choose another folder"),
+        (folder, "path of a file, not of a folder"),
+        (pipe, "path of a file, not of a folder"),
+        (tmp_path / ("x" * 300), "choose a shorter name"),
+        (tmp_path / "x".join(["y" * 200] * 30) / "z", "choose a shorter name"),
+    ):
+        with pytest.raises(InputError, match=f"cannot be written .*; .*{remedy}") as raised:
+            write_atomically(path, "new")
+        assert "\n" not in str(raised.value)
+    assert file.read_text() == "kept"
+    assert sorted(tmp_path.rglob("*")) == [file, folder, pipe]
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="this system has no /proc")
+def test_a_system_folder_cannot_be_written():
+    with pytest.raises(InputError, match="cannot be written"):
+        write_atomically(Path("/proc/glassgait/file"), "new")
+
+
+def test_litter_of_dead_processes_is_removed_and_that_of_living_ones_kept(tmp_path, dead):
+    deep = tmp_path / "a" / "b"
+    deep.mkdir(parents=True)
+    ours = [deep / f".file.json.{dead}.partial", tmp_path / f".x.{dead}.partial"]
+    kept = [
+        deep / f".file.json.{os.getpid()}.partial",
+        deep / ".file.json.x.partial",
+        deep / f"file.json.{dead}.partial",
+        deep / f".{dead}.partial",
+        deep / "file.json",
+    ]
+    for path in (*ours, *kept):
+        path.write_text("")
+    remove_litter(tmp_path)
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(kept)
+    remove_litter(tmp_path / "none")
+
+
+def test_a_write_removes_the_litter_of_its_own_file_alone(tmp_path, dead):
+    mine, other = tmp_path / f".[f].{dead}.partial", tmp_path / f".f.{dead}.partial"
+    for path in (mine, other):
+        path.write_text("half")
+    write_atomically(tmp_path / "[f]", "whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["[f]", other.name])
+
+
 def test_missing_and_damaged_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_arrays(tmp_path / "none.safetensors")
@@ -34,3 +181,162 @@ def test_missing_and_damaged_files_are_refused(tmp_path):
     damaged.write_bytes(damaged.read_bytes()[:200])
     with pytest.raises(InputError, match="damaged"):
         load_arrays(damaged)
+
+
+def test_every_cut_and_every_flipped_byte_of_arrays_is_noticed(tmp_path):
+    path = tmp_path / "file.safetensors"
+    save_arrays(path, ARRAYS, HEADER)
+    whole, (arrays, header) = path.read_bytes(), load_arrays(path)
+    generator = random.Random(0)
+    noticed = 0
+    for i in range(len(whole)):
+        flipped = bytearray(whole)
+        flipped[i] ^= generator.choice((1, 4, 128, 255))
+        for hurt in (whole[:i], bytes(flipped)):
+            path.write_bytes(hurt)
+            try:
+                found, seen = load_arrays(path)
+            except InputError as error:
+                noticed += 1
+                assert str(error).startswith(f"{path}: is damaged")
+            else:
+                # The name of the checksum itself was hurt, and nothing else.
+                assert repr(header)[:-1] in repr(seen)
+                assert found.keys() == arrays.keys()
+                assert all(np.array_equal(found[name], arrays[name]) for name in arrays)
+    assert noticed >= 2 * len(whole) - len("sha256")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\xff" * 100,
+        file_of("[]"),
+        file_of("null"),
+        file_of('"text"'),
+        file_of("{"),
+        file_of("[" * 100_000),
+        file_of('{"a": ' + "9" * 5000 + "}"),
+        file_of('{"sha256": 7}'),
+        file_of("{}", dtype="BF16", n_bytes=2),
+        file_of("{}", dtype="F8_E4M3", n_bytes=1),
+        file_of("{}", dtype="F8_E5M2", n_bytes=1),
+        file_of("{}", n_bytes=2**20)[: -(2**19)],
+        struct.pack("<Q", 2**62) + b"{}",
+        struct.pack("<Q", 2) + b"{}",
+    ],
+)
+def test_containers_of_other_kinds_are_refused(tmp_path, data):
+    path = tmp_path / "file.safetensors"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="is damaged") as raised:
+        load_arrays(path)
+    assert str(path) in str(raised.value)
+    assert len(str(raised.value)) < 300
+
+
+def test_folders_and_pipes_are_never_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "pipe"):
+        for read in (load_arrays, read_record, read_text, read_yaml, read_json, digest):
+            with pytest.raises(InputError, match=f"^{path}: cannot be read .*regular file"):
+                read(path)
+
+
+def test_digest_is_that_of_the_bytes(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"abc" * 100_000)
+    assert digest(path) == hashlib.sha256(b"abc" * 100_000).hexdigest()
+    with pytest.raises(InputError, match="no such file"):
+        digest(tmp_path / "none")
+
+
+def test_records_come_back_with_every_digit(tmp_path):
+    path = tmp_path / "record.json"
+    values = {
+        "scores": [0.1 + 0.2, math.nan, math.inf, -0.0, 5e-324, 2**70],
+        "text": 'é "\n\ud800',
+        "none": None,
+        "nested": {"a": [True, {}]},
+    }
+    write_record(path, values)
+    assert repr(read_record(path)) == repr(values)
+
+
+def test_every_cut_and_every_flipped_byte_of_a_record_is_noticed(tmp_path):
+    path = tmp_path / "record.json"
+    values = {"scores": [0.1, math.nan], "name": "x", "n": 12}
+    write_record(path, values)
+    whole = path.read_bytes()
+    generator = random.Random(0)
+    noticed = 0
+    for i in range(len(whole)):
+        flipped = bytearray(whole)
+        flipped[i] ^= generator.choice((1, 4, 128, 255))
+        for hurt in (whole[:i], bytes(flipped)):
+            path.write_bytes(hurt)
+            try:
+                assert repr(read_record(path)) == repr(values)
+            except InputError as error:
+                noticed += 1
+                assert str(error) == f"{path}: is damaged; delete it, and --resume makes it anew"
+    # Spaces between values may be hurt without harm.
+    assert noticed >= 2 * len(whole) - 10
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "1", "null", "{}", '{"sha256": "x"}', '{"sha256": [], "values": 1}', "[" * 100_000,
+     '{"sha256": "x", "values": ' + "9" * 5000 + "}"],
+)  # fmt: skip
+def test_records_of_other_kinds_are_damaged(tmp_path, text):
+    path = tmp_path / "record.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[" * 100_000, "nested too deeply"),
+        ("9" * 101, "more than 100 characters"),
+        ('{"a": 1, "a": 2}', "key 'a' is given twice"),
+        ("[NaN]", "NaN is no number"),
+        ("1e999", "number 1e999 is too large"),
+        ("{", "not valid JSON"),
+        ("\x00", "control character"),
+    ],
+)
+def test_json_that_is_no_plain_data_is_refused(tmp_path, text, message):
+    path = tmp_path / "file.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as raised:
+        read_json(path)
+    assert str(raised.value).startswith(str(path))
+    assert len(str(raised.value)) < 300
+
+
+def test_json_holds_nan_where_that_is_asked_for(tmp_path):
+    path = tmp_path / "file.json"
+    path.write_text('\ufeff{"a": [NaN, -Infinity, 1e999, 7, 0.5]}')
+    assert repr(read_json(path, nan=True)) == repr({"a": [math.nan, -math.inf, math.inf, 7, 0.5]})
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [("a: [1, 2.5, yes, ~, b]", {"a": [1, 2.5, True, None, "b"]}), ("2020-01-01", "2020-01-01")],
+)
+def test_yaml_holds_plain_values(tmp_path, text, values):
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    assert read_yaml(path) == values
+
+
+def test_texts_may_be_as_long_as_the_bound(tmp_path):
+    path = tmp_path / "file.txt"
+    path.write_text("é" * 50)
+    assert read_text(path, limit=100) == "é" * 50
+    with pytest.raises(InputError, match="larger than 99 bytes"):
+        read_text(path, limit=99)

@@ -33,9 +33,31 @@ def test_codes_number_the_stances():
         ("__import__('os')", "does not belong"),
         ("FL if FR else RL", "does not belong"),
         ("1", "does not belong"),
+        ("", "cannot be read"),
+        ("(FL", "cannot be read"),
+        ("FL FR", "cannot be read"),
+        ("FL and FR", "does not belong"),
+        ("ＦＬ", "does not belong"),
+        ("'\\d'", "does not belong"),
+        ("1if 1else 1", "does not belong"),
+        ("FX" * 300, "unknown foot"),
+        ("FL | " * 5000 + "FL", "longer than 1000 characters"),
+        ("(" * 51 + "FL" + ")" * 51, "nests more than 50 parentheses"),
+        ("~" * 998 + "FX", "cannot be read"),
     ],
 )
 def test_bad_formulas_are_refused_in_one_sentence(text, message):
     with pytest.raises(InputError, match=message.replace("'", ".")) as raised:
         parse_formula(text)
-    assert "\n" not in str(raised.value)
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 300
+
+
+def test_formulas_up_to_the_bounds_are_read():
+    everything = " | ".join(["FL & ~FR & RL & ~RR"] * 45)
+    assert parse_formula(everything).table == parse_formula("FL & ~FR & RL & ~RR").table
+    assert parse_formula("(" * 50 + "FL" + ")" * 50).table == parse_formula("FL").table
+
+
+def test_line_breaks_in_a_formula_are_spaces():
+    assert parse_formula("FL &\n  ~FR\n").text == "FL & ~FR"

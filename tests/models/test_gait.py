@@ -1,9 +1,18 @@
 """Gait files: those that ship, and those that a person gets wrong."""
 
+import os
+
 import pytest
 
 from models.errors import InputError
-from models.task.gait import gait_names, load_gait, parse_gait
+from models.files import YAML_BYTES, digest
+from models.task.gait import (
+    GAIT_DIRECTORY,
+    gait_names,
+    gait_path,
+    load_gait,
+    parse_gait,
+)
 
 GOOD = """
 description: Two diagonals.
@@ -57,6 +66,34 @@ def test_a_gait_of_ones_own_is_loaded_by_its_path(tmp_path):
         (("states: [q0, q1]", "states: [q0, 1]"), "named by text"),
         (("when: FL", "grace: -1, when: FL"), "key 'grace'"),
         (("when: FL", "dwell: 2, when: FL"), "key 'dwell'"),
+        (("dwell: [6, 11]", "dwell: [6, 1001]"), "1000 at most"),
+        (("max_speed: 1.0", "max_speed: 101"), "'max_speed' is 101"),
+        (("max_speed: 1.0", "max_speed: .nan"), "'max_speed' is nan"),
+        (("max_yaw_rate: 1.0", "max_yaw_rate: " + "9" * 90), "'max_yaw_rate' is 9"),
+        (("max_yaw_rate: 1.0", "max_yaw_rate: " + "9" * 400), "number of more than 100"),
+        (("max_yaw_rate: 1.0", "max_yaw_rate: " + "1:" * 9000 + "1"), "number of more than 100"),
+        (("max_yaw_rate: 1.0", "max_yaw_rate: 0b_"), "number that cannot be read"),
+        (("clearance: 0.03", "clearance: 1.5"), "at most 1"),
+        (("when: FL", "grace: 100001, when: FL"), "key 'grace'"),
+        (("dwell: [6, 11]", "dwell: &a [6, 11]"), "line 5: anchors and aliases"),
+        (("dwell: [6, 11]", "dwell: *a"), "line 5: anchors and aliases"),
+        (("dwell: [6, 11]", "dwell: !!int x"), "line 5: tags are not allowed"),
+        (("dwell: [6, 11]", "dwell: !!timestamp x"), "line 5: tags are not allowed"),
+        (("dwell: [6, 11]", "<<: {dwell: [6, 11]}"), "unknown key '<<'"),
+        (("dwell: [6, 11]", "dwell: [6, 11]\ndwell: [6, 11]"), "key 'dwell' is given twice"),
+        (("dwell: [6, 11]", "[6, 11]: dwell"), "line 5: a key is not a text"),
+        (("dwell: [6, 11]", "6: dwell"), "line 5: a key is not a text"),
+        (("dwell: [6, 11]", "dwell: " + "[" * 5000), "nested more than 20 levels"),
+        (("dwell: [6, 11]", "dwell:\n" + "- " * 5000), "nested more than 20 levels"),
+        (("states: [q0, q1]", "states: [q0, '']"), "printable characters"),
+        (("states: [q0, q1]", "states: [q0, 'q1 ']"), "no space at the ends"),
+        (("states: [q0, q1]", "states: [q0, 'a\u202eb']"), "printable characters"),
+        (("states: [q0, q1]", "states: [q0, " + "q" * 41 + "]"), "40 at most"),
+        (("states: [q0, q1]", f"states: [{', '.join(f's{i}' for i in range(33))}]"), "32 at most"),
+        (("Two diagonals.", "x" * 501), "500 at most"),
+        (("from: q1,", "? [q1],"), "not valid YAML"),
+        (("to: q1,", "to: " + "q" * 9000 + ","), "unknown state 'qqq"),
+        (("to: q1,", "to: [" + "q, " * 9000 + "],"), "key 'to' must be text"),
     ],
 )  # fmt: skip
 def test_bad_files_are_refused_in_one_sentence_that_names_the_file(tmp_path, change, message):
@@ -65,7 +102,8 @@ def test_bad_files_are_refused_in_one_sentence_that_names_the_file(tmp_path, cha
     with pytest.raises(InputError, match=message) as raised:
         load_gait(path)
     assert str(path) in str(raised.value)
-    assert "\n" not in str(raised.value)
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 500
 
 
 def test_unknown_gait_lists_the_known_ones():
@@ -81,3 +119,87 @@ def test_missing_file_is_refused(tmp_path):
 def test_yaml_cannot_make_objects():
     with pytest.raises(InputError, match="not valid YAML"):
         parse_gait("!!python/object/apply:os.system ['true']", name="evil")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"description: \xff", "is not UTF-8 text .byte 13.; save it as UTF-8"),
+        (b"a: b\nc: \x1b[31m", r"line 2 holds the control character '\\x1b'; remove it"),
+        (b"# " + b"x" * 100_000, "is larger than 100,000 bytes"),
+    ],
+)
+def test_files_that_are_no_gaits_text_are_refused(tmp_path, content, message):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        load_gait(path)
+
+
+def test_a_folder_and_a_pipe_are_refused(tmp_path):
+    (tmp_path / "folder.yaml").mkdir()
+    os.mkfifo(tmp_path / "pipe.yaml")
+    for name in ("folder.yaml", "pipe.yaml"):
+        with pytest.raises(InputError, match="no regular file"):
+            load_gait(tmp_path / name)
+
+
+def test_aliases_that_unfold_to_gigabytes_are_refused_at_once(tmp_path):
+    path = tmp_path / "laughs.yaml"
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10)]
+    path.write_text("\n".join([*lines, "states: *a9"]))
+    with pytest.raises(InputError, match="anchors and aliases are not allowed"):
+        load_gait(path)
+
+
+@pytest.mark.parametrize("name", ["...yaml", ".x.yaml", " x.yaml", "a\nb.yaml", f"{'x' * 81}.yaml"])
+def test_files_whose_name_can_name_no_gait_are_refused(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match="takes its name from the file") as raised:
+        load_gait(path)
+    assert str(raised.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../gaits/trot", "x" * 5000, "a\nb", "\udcff"])
+def test_names_that_are_no_gaits_are_refused(name):
+    with pytest.raises(InputError, match="unknown gait") as raised:
+        load_gait(name)
+    assert str(raised.value).isprintable()
+
+
+def test_the_path_of_a_gait_is_that_of_its_file(tmp_path):
+    assert gait_path("trot") == GAIT_DIRECTORY / "trot.yaml"
+    mine = tmp_path / "mine.yaml"
+    assert gait_path(mine) == gait_path(str(mine)) == mine
+    assert digest(gait_path("trot")) != digest(gait_path("pace"))
+    with pytest.raises(InputError, match="unknown gait 'gallop'"):
+        gait_path("gallop")
+
+
+def test_words_of_a_gait_may_be_any_language_and_a_date():
+    gait = parse_gait(
+        GOOD.replace("Two diagonals.", "2020-01-01").replace("q1", "Füße links"), name="mine"
+    )
+    assert gait.states == ("q0", "Füße links")
+    assert gait.description == "2020-01-01"
+
+
+def test_the_largest_machine_is_read_at_once():
+    stance = "({}) & ({}) & ({}) & ({})"
+    states = [f"state {i}" for i in range(32)]
+    lines = []
+    for i, state in enumerate(states):
+        for code in range(16):
+            feet = [f if code >> k & 1 else f"~{f}" for k, f in enumerate(("FL", "FR", "RL", "RR"))]
+            when, to = stance.format(*feet), states[(i + 1) % 32]
+            lines.append(f"  - {{from: {state}, to: {to}, when: {when}}}")
+    head = (
+        GOOD.split("transitions:", maxsplit=1)[0]
+        .replace("[q0, q1]", str(states))
+        .replace("q0", "state 0")
+    )
+    text = "\n".join([head, "transitions:", *lines])
+    assert len(text) < YAML_BYTES
+    assert len(parse_gait(text, name="largest").transitions) == 512

@@ -121,7 +121,7 @@ def test_nothing_is_left_behind_by_a_refusal(refused, tmp_path):
 
 def test_gait_command_draws_the_machine(capsys, tmp_path):
     main(["gait", "trot"])
-    assert "q0 --> q1: FL & RR & ~FR & ~RL" in capsys.readouterr().out
+    assert "s0 --> s1: FL & RR & ~FR & ~RL" in capsys.readouterr().out
     path = tmp_path / "trot.dot"
     main(["gait", "trot", "--format", "graphviz", "--output", str(path)])
     assert path.read_text().startswith("digraph")

@@ -3,13 +3,13 @@
 import pandas as pd
 import pytest
 
+from models.files import read_yaml
 from models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from models.task.gait import load_gait
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts
 from studies.evaluation.team import Team
-from studies.records import read_yaml
 from studies.tables import to_markdown
 from studies.training.record import read_config
 from studies.training.tables import training_table

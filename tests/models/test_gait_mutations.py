@@ -1,0 +1,218 @@
+"""Gait files hurt in every way that a person, an editor or a disk could think of."""
+
+import random
+import resource
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from models.a1 import robot
+from models.errors import InputError
+from models.task.drawing import to_graphviz, to_mermaid
+from models.task.formula import STANCES
+from models.task.gait import GAIT_DIRECTORY, Gait, gait_names, load_gait
+from models.task.reward_machine import RewardMachine
+
+LONGEST_MESSAGE = 500
+SECONDS = 10.0
+GROWTH = 300_000
+"""Memory that all cases together may take (KiB)."""
+
+HOSTILE = (
+    None, True, False, 0, -1, 1e300, 10**400, float("nan"), float("inf"), -0.0, "", " ", "~", "[]",
+    "q0", "q0\nq1", "\x00", "\x1b[31m", "\u202e", "\ud7ff", "[bold]", "</script>", '"', "\\", "|",
+    "x" * 5000, [], {}, [[]], ["q0"] * 500, [f"q{i}" for i in range(5000)], {"q0": 1}, [None],
+    {"from": "q0"}, [{"from": "q0", "to": "q1", "when": "FL"}] * 1000,
+)  # fmt: skip
+SNIPPETS = (
+    b"\xff", b"\xc3\x28", b"\xef\xbb\xbf", b"\x00", b"\x1b", b"\t", b"\r", b"\xe2\x80\xae",
+    b"!!python/object/apply:os.system ['true']", b"!!timestamp x", b"!!int x", b"!!binary =",
+    b"!!float .", b"!!set {a}", b"!!omap [a]", b"!x ", b"! ", b"&a ", b"*a", b"<<: {a: 1}",
+    b"<<: *a",
+    b"? [a, b]\n: c\n", b"{a: {b: c}}: 1\n", b"0b_", b"1:" * 5000 + b"1", b"9" * 400, b"9" * 5000,
+    b"0x" + b"f" * 3000, b"[" * 3000, b"{a: " * 3000, b"- " * 3000, b"? " * 3000, b"(" * 3000,
+    b"~" * 3000, b"FL & " * 3000, b"'", b'"', b'"\\x"', b"|\n", b">\n", b"%YAML 9.9\n---\n",
+    b"---\n",
+    b"...\n", b"# ", b"2020-01-01", b".nan", b".inf", b"1e400", b"=", b"@", b"`", b":", b": ",
+    b"- ",
+)  # fmt: skip
+FORMULAS = (
+    "FL", "~FL", "FL & ~FL", "FL | FR", "(FL", "FL)", "FL FR", "FL & & FR", "fl", "FX", "FL + FR",
+    "FL if FR else RL", "lambda: FL", "FL and FR", "FL()", "FL.FR", "FL[FR]", "'FL'", "f'{FL}'",
+    "1", "9" * 5000, "0x" + "f" * 900, "\\d", "ＦＬ", "FL\n& FR", "(" * 60 + "FL" + ")" * 60,
+    "(" * 5000, "~" * 999 + "FL", "~(" * 40 + "FL" + ")" * 40, "FL|" * 300 + "FR",
+    "__import__('os')",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(0, 300), pytest.param(1, 3000, marks=pytest.mark.slow)]
+)
+def test_hurt_files_are_refused_in_one_line_or_are_sound(tmp_path, seed, count):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    generator = random.Random(seed)
+    refused = 0
+    for case in range(count):
+        path = tmp_path / "hurt.yaml"
+        path.write_bytes(mutated(generator))
+        with within(SECONDS):
+            try:
+                check_sound(load_gait(path))
+            except InputError as error:
+                refused += 1
+                told = str(error)
+                assert told.isprintable(), (case, told)
+                assert len(told.replace(str(path), "")) < LONGEST_MESSAGE, (case, told)
+    # Both ends are met: neither is everything refused, nor is nothing.
+    assert count / 2 < refused < count
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < GROWTH
+
+
+def check_sound(gait: Gait) -> None:
+    """Steps the gait's machine in every stance, and draws it."""
+    machine = RewardMachine(gait)
+    state = machine.initial((len(STANCES),))
+    for _ in range(gait.dwell[1] + 1):
+        step = machine.step(
+            state, STANCES, np.full((len(STANCES), robot.N_LEGS), 2.0), gait.dwell[0]
+        )
+        state = step.machine
+        assert np.all((state.state >= 0) & (state.state < gait.n_states))
+        assert np.all(np.isfinite(step.multiplier))
+    assert 0 < gait.clearance < 10 and 0 < gait.max_speed < 1000 and 0 < gait.max_yaw_rate < 1000
+    assert to_mermaid(gait).count("-->") == len(gait.transitions) + 1
+    assert to_graphviz(gait).count("->") == len(gait.transitions) + 1
+
+
+@contextmanager
+def within(seconds: float) -> Iterator[None]:
+    """Fails where something hangs."""
+
+    def fail(*_: Any) -> None:
+        raise TimeoutError(f"more than {seconds} s")
+
+    previous = signal.signal(signal.SIGALRM, fail)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
+
+
+def mutated(generator: random.Random) -> bytes:
+    """Hurts a gait that ships, in one to three ways."""
+    path: Path = GAIT_DIRECTORY / f"{generator.choice(gait_names())}.yaml"
+    data = path.read_bytes()
+    for _ in range(generator.randint(1, 3)):
+        data = generator.choice(MUTATIONS)(data, generator)
+    return data
+
+
+def flip_bytes(data: bytes, generator: random.Random) -> bytes:
+    hurt = bytearray(data or b" ")
+    for _ in range(generator.randint(1, 4)):
+        hurt[generator.randrange(len(hurt))] = generator.randrange(256)
+    return bytes(hurt)
+
+
+def cut(data: bytes, generator: random.Random) -> bytes:
+    start, stop = sorted(generator.choices(range(len(data) + 1), k=2))
+    return data[:start] + data[stop:]
+
+
+def insert_snippet(data: bytes, generator: random.Random) -> bytes:
+    place = generator.randrange(len(data) + 1)
+    return data[:place] + generator.choice(SNIPPETS) + data[place:]
+
+
+def replace_value_by_snippet(data: bytes, generator: random.Random) -> bytes:
+    lines = data.splitlines(keepends=True) or [b"a: b\n"]
+    i = generator.randrange(len(lines))
+    lines[i] = lines[i].split(b":")[0] + b": " + generator.choice(SNIPPETS) + b"\n"
+    return b"".join(lines)
+
+
+def repeat_lines(data: bytes, generator: random.Random) -> bytes:
+    lines = data.splitlines(keepends=True) or [b"a: b\n"]
+    i = generator.randrange(len(lines))
+    return b"".join([*lines[:i], *[lines[i]] * generator.choice((2, 600)), *lines[i + 1 :]])
+
+
+def bomb(data: bytes, generator: random.Random) -> bytes:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10)]
+    key = generator.choice(("states", "description", "dwell", "bomb"))
+    return ("\n".join([*lines, f"{key}: *a9"]) + "\n").encode() + data
+
+
+def change_value(data: bytes, generator: random.Random) -> bytes:
+    values = _values(data)
+    holder, key = generator.choice(list(_places(values)) or [({}, "a")])
+    holder[key] = generator.choice(HOSTILE)
+    return _dumped(values)
+
+
+def change_formula(data: bytes, generator: random.Random) -> bytes:
+    values = _values(data)
+    places = [place for place in _places(values) if place[1] == "when"]
+    if places:
+        holder, key = generator.choice(places)
+        holder[key] = generator.choice(FORMULAS)
+    return _dumped(values)
+
+
+def rename_key(data: bytes, generator: random.Random) -> bytes:
+    values = _values(data)
+    places = [place for place in _places(values) if isinstance(place[0], dict)]
+    if places:
+        holder, key = generator.choice(places)
+        new = generator.choice([value for value in HOSTILE if not isinstance(value, (list, dict))])
+        holder[new] = holder.pop(key)
+    return _dumped(values)
+
+
+def rename_state(data: bytes, generator: random.Random) -> bytes:
+    name = generator.choice(
+        ('"', "a b", "end", "s0", "q|r", "{q", "q;", "/", "[*]", "é", "\\", "#")
+    )
+    return data.replace(b"q1", yaml.safe_dump(name).splitlines()[0].encode())
+
+
+def _values(data: bytes) -> Any:
+    if len(data) > 20_000 or b"*a" in data:
+        return {}
+    try:
+        values = yaml.safe_load(data)
+    except Exception:  # whatever it is, it cannot be changed any more by its values
+        values = None
+    return values if isinstance(values, dict) else {}
+
+
+def _dumped(values: Any) -> bytes:
+    try:
+        text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    except ValueError:  # a number of thousands of digits, which Python reads but does not write
+        return b"{}"
+    return text.encode(errors="replace")
+
+
+def _places(values: Any) -> Iterator[tuple[Any, Any]]:
+    """Walks over all that can be replaced: holders and their keys or indices."""
+    entries = enumerate(values) if isinstance(values, list) else values.items()
+    for key, value in list(entries):
+        yield values, key
+        if isinstance(value, (list, dict)):
+            yield from _places(value)
+
+
+MUTATIONS: tuple[Callable[[bytes, random.Random], bytes], ...] = (
+    flip_bytes, cut, insert_snippet, replace_value_by_snippet, repeat_lines, bomb, change_value,
+    change_value, change_formula, rename_key, rename_state, rename_state,
+)  # fmt: skip
