@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from filelock import FileLock, Timeout
 
-from models.errors import InputError, shown
+from models.errors import InputError, brief, shown
 from models.files import digest, read_yaml, remove_litter, write_atomically
 from studies.records import to_plain
 
@@ -31,6 +31,9 @@ PACKAGES = (
     "torch",
 )
 """The software that results depend on."""
+
+N_TOLD = 3
+"""Differences between a run and its continuation that are told."""
 
 PLACES = ("output", "resume")
 """Settings that say where and how a run is kept, not what it is."""
@@ -130,9 +133,11 @@ def _check(folder: Path, whole: dict[str, Any], resume: bool, free: Collection[s
         )
     differences = _differences(made_with, whole, free)
     if differences:
+        told = "; with ".join(brief(difference) for difference in differences[:N_TOLD])
+        more = f"; and {len(differences) - N_TOLD} more" if len(differences) > N_TOLD else ""
         raise InputError(
-            f"{path}: was made with {'; with '.join(differences)}; continue it with the same, or "
-            "name another folder with --output"
+            f"{path}: was made with {told}{more}; continue it with the same, or name another "
+            "folder with --output"
         )
 
 

@@ -13,7 +13,7 @@ from models.errors import InputError, brief, shown
 from models.files import YAML_BYTES, parse_yaml, read_text
 from models.task.formula import N_STANCES, Formula, parse_formula
 
-GAIT_DIRECTORY = Path(__file__).parent / "gaits"
+GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 
 LONGEST_STATE = 40
 """Greatest number of characters of a state's name."""
@@ -144,9 +144,17 @@ def load_gait(gait: str | Path) -> Gait:
     path = gait_path(gait)
     text = read_text(path, YAML_BYTES)
     try:
-        return parse_gait(text, name=path.stem)
+        loaded = parse_gait(text, name=path.stem)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    shipped = GAIT_DIRECTORY / f"{path.stem}.yaml"
+    if shipped.exists() and path.resolve() != shipped and loaded != load_gait(path.stem):
+        # Policies know their gait by its name.
+        raise InputError(
+            f"{path}: is called like the gait {path.stem!r} that ships, and differs from it; give "
+            "the file another name"
+        )
+    return loaded
 
 
 def parse_gait(text: str, *, name: str) -> Gait:

@@ -203,3 +203,13 @@ def test_the_largest_machine_is_read_at_once():
     text = "\n".join([head, "transitions:", *lines])
     assert len(text) < YAML_BYTES
     assert len(parse_gait(text, name="largest").transitions) == 512
+
+
+def test_a_file_does_not_pass_for_a_gait_that_ships(tmp_path):
+    text = (GAIT_DIRECTORY / "trot.yaml").read_text()
+    path = tmp_path / "trot.yaml"
+    path.write_text(text)
+    assert load_gait(path) == load_gait("trot")
+    path.write_text(text.replace("clearance: 0.03", "clearance: 0.05"))
+    with pytest.raises(InputError, match="called like the gait 'trot' that ships"):
+        load_gait(path)
