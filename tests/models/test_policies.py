@@ -312,7 +312,7 @@ def test_files_of_unknown_kind_or_with_parts_missing_are_refused(tmp_path):
     with pytest.raises(InputError, match="unknown kind of policy, 'oracle'"):
         load_policy(path)
     save_arrays(path, {}, header)
-    with pytest.raises(InputError, match="lacks part of a linear policy"):
+    with pytest.raises(InputError, match="linear policy: lacks the array 'weights'"):
         load_policy(path)
     save_arrays(path, arrays, header | {"format": 99})
     with pytest.raises(InputError, match="not a policy of format 1"):
