@@ -26,6 +26,9 @@ MAX_TEXT = 200_000
 MAX_TERMS = 1000
 """Greatest number of terms that products of sums are multiplied out to."""
 
+SIMPLIFIED_NESTING = 4
+"""Greatest number of functions inside one another that sympy is asked to simplify."""
+
 _BINARY_NODES = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
 _POWERS = {2: "square", 3: "cube"}
 
@@ -66,6 +69,12 @@ class Expression:
         if self.operator == "variable":
             return frozenset([self.variable])
         return frozenset().union(*(operand.variables for operand in self.operands))
+
+    @cached_property
+    def nesting(self) -> int:
+        """Number of functions that stand inside one another, the formula itself included."""
+        inner = max((operand.nesting for operand in self.operands), default=0)
+        return inner + (self.operator in UNARY)
 
     @cached_property
     def n_terms(self) -> int:
@@ -168,10 +177,10 @@ class Expression:
                 return operands[0] ** 2
             case "cube":
                 return operands[0] ** 3
-            case "abs":
-                return sympy.Abs(operands[0])
             case operator:
-                return getattr(sympy, operator)(operands[0])
+                function = sympy.Abs if operator == "abs" else getattr(sympy, operator)
+                # Looking for a simpler form takes twice as long with every function inside.
+                return function(operands[0], evaluate=self.nesting <= SIMPLIFIED_NESTING)
 
 
 def constant(value: float) -> Expression:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.a1.robot import Array
 from models.errors import InputError
-from models.policies.arrays import ArraySpec, Reals, refuse_other_arrays, take_arrays
+from models.policies.arrays import ArraySpec, Reals, take_arrays
 from models.policies.policy import Policy
 from models.task.observation import N_ESTIMATED
 
@@ -53,12 +53,12 @@ class Network:
         return {name: layer.astype(np.float32) for name, layer in self.layers(prefix).items()}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], prefix: str) -> Self:
+    def from_arrays(cls, arrays: Mapping[str, Array], prefix: str) -> Self:
         """Rebuilds the network that `to_arrays` named."""
         layers = range(_count_layers(arrays, prefix))
         return cls(
-            tuple(arrays[f"{prefix}.{i}.weight"].astype(float) for i in layers),
-            tuple(arrays[f"{prefix}.{i}.bias"].astype(float) for i in layers),
+            tuple(arrays[f"{prefix}.{i}.weight"] for i in layers),
+            tuple(arrays[f"{prefix}.{i}.bias"] for i in layers),
         )
 
 
@@ -97,11 +97,7 @@ class NeuralPolicy(Policy):
         self, gait: str, observation_names: tuple[str, ...], actor: Network, estimator: Network
     ) -> None:
         super().__init__(gait, observation_names)
-        layers = actor.layers("actor") | estimator.layers("estimator")
-        n_measured = len(self.observation_names) - N_ESTIMATED
-        sizes = {"proprioception": n_measured, "estimated": N_ESTIMATED}
-        with self._naming_this_kind():
-            take_arrays(layers, _specs(layers), self._sizes(observation_names) | sizes)
+        self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
         self.actor = actor
         self.estimator = estimator
 
@@ -119,7 +115,16 @@ class NeuralPolicy(Policy):
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
     ) -> Self:
+        layers = cls._taken(arrays, observation_names)
+        actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
+        return cls(gait, observation_names, actor, estimator)
+
+    @classmethod
+    def _taken(
+        cls, layers: Mapping[str, NDArray[Any]], observation_names: tuple[str, ...]
+    ) -> dict[str, Array]:
+        """Checks the layers of both networks and returns them in double precision."""
         with cls._naming_this_kind():
-            refuse_other_arrays(arrays, _specs(arrays))
-        actor = Network.from_arrays(arrays, "actor")
-        return cls(gait, observation_names, actor, Network.from_arrays(arrays, "estimator"))
+            sizes = cls._sizes(observation_names)
+            sizes["proprioception"] = sizes["observations"] - N_ESTIMATED
+            return take_arrays(layers, _specs(layers), sizes | {"estimated": N_ESTIMATED})
