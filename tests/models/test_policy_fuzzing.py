@@ -102,7 +102,9 @@ def neural(generator: np.random.Generator) -> Policy:
         shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
         return Network(
             # Single precision is what files hold.
-            tuple(generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes),
+            tuple(
+                generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes
+            ),
             tuple(np.zeros(n_out) for n_out, _ in shapes),
         )
 
