@@ -1,9 +1,12 @@
 """Acts by a policy, neural or glass-box."""
 
+import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from models.a1 import robot
-from models.policies.policy import Policy
+from models.errors import InputError
+from models.policies.policy import Policy, first_not_finite
+from models.task import CONTROL_PERIOD
 
 
 class PolicySystem(LeafSystem):
@@ -20,6 +23,8 @@ class PolicySystem(LeafSystem):
     Inputs: observation (47 + n_states), in the order of the policy's `observation_names`.
     Outputs: action (12), FL FR RL RR, hip thigh calf; 0.25 rad of joint target a unit.
     State: none; the policy is an immutable member that clones share. Feedthrough: yes.
+    Raises: InputError where the action of a finite observation is not finite; the plant would fail
+    on it with an error that does not tell the cause.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -44,4 +49,14 @@ class PolicySystem(LeafSystem):
         return self._action_port
 
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._policy(self._observation_port.Eval(context)))
+        observation = self._observation_port.Eval(context)
+        action = self._policy(observation)
+        found = first_not_finite(action)
+        # An observation that is not finite is a fault of the simulation, not of the policy.
+        if found is not None and np.isfinite(observation).all():
+            step = round(context.get_time() / CONTROL_PERIOD)
+            raise InputError(
+                f"the {self._policy.kind} policy's action of {robot.JOINTS[found[-1]]} is not "
+                f"finite at control step {step}; give a policy that is"
+            )
+        output.SetFromVector(action)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError
+from models.errors import InputError, shown
 
 Array = NDArray[np.float64]
 
@@ -68,15 +68,25 @@ for _constant in (LOWER_LIMITS, UPPER_LIMITS, DEFAULT_STANCE):
     _constant.flags.writeable = False
 
 
-def joint_index(name: str) -> int:
-    """Returns the index of a joint such as FL_hip.
+def joint_index(joint: str | int) -> int:
+    """Returns the index of a joint such as FL_hip; an index stays one.
 
     Raises:
         InputError: if there is no such joint.
     """
-    if name not in JOINTS:
-        raise InputError(f"unknown joint {name!r}; the joints are {', '.join(JOINTS)}")
-    return JOINTS.index(name)
+    if isinstance(joint, str) and joint in JOINTS:
+        return JOINTS.index(joint)
+    # True and False are of type int as well.
+    if (
+        isinstance(joint, bool)
+        or not isinstance(joint, int | np.integer)
+        or not 0 <= joint < N_JOINTS
+    ):
+        raise InputError(
+            f"unknown joint {shown(joint)}; the joints are {', '.join(JOINTS)}, or 0 to "
+            f"{N_JOINTS - 1}"
+        )
+    return int(joint)
 
 
 def joint_targets(action: Array) -> Array:

@@ -1,12 +1,13 @@
 """Explainable boosting machines, compiled to look-up tables for all joints at once."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
+from models.policies.arrays import Indices, Reals
 from models.policies.policy import INTERCEPT, Contributions, Policy
 
 if TYPE_CHECKING:
@@ -33,17 +34,26 @@ class AdditivePolicy(Policy):
     """
 
     kind = "additive"
-    array_names = (
-        "cuts",
-        "pair_cuts",
-        "tables",
-        "pairs",
-        "pair_joints",
-        "pair_tables",
-        "deviations",
-        "pair_deviations",
-        "intercepts",
-    )
+    array_specs: ClassVar = {
+        "cuts": Reals("observations cuts", most=np.inf, ascending=True),
+        "pair_cuts": Reals("observations pair_cuts", most=np.inf, ascending=True),
+        "tables": Reals("joints observations cuts+1"),
+        "pairs": Indices("pairs? 2", of="observations"),
+        "pair_joints": Indices("pairs", of="joints"),
+        "pair_tables": Reals("pairs pair_cuts+1 pair_cuts+1"),
+        "deviations": Reals("joints observations cuts+1", least=0.0),
+        "pair_deviations": Reals("pairs pair_cuts+1 pair_cuts+1", least=0.0),
+        "intercepts": Reals("joints"),
+    }
+    cuts: Array
+    pair_cuts: Array
+    tables: Array
+    pairs: NDArray[np.integer]
+    pair_joints: NDArray[np.integer]
+    pair_tables: Array
+    deviations: Array
+    pair_deviations: Array
+    intercepts: Array
 
     def __init__(
         self,
@@ -53,23 +63,26 @@ class AdditivePolicy(Policy):
         cuts: Array,
         pair_cuts: Array,
         tables: Array,
-        pairs: NDArray[np.int64],
-        pair_joints: NDArray[np.int64],
+        pairs: NDArray[np.integer],
+        pair_joints: NDArray[np.integer],
         pair_tables: Array,
         deviations: Array,
         pair_deviations: Array,
         intercepts: Array,
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.cuts = cuts
-        self.pair_cuts = pair_cuts
-        self.tables = tables
-        self.pairs = pairs
-        self.pair_joints = pair_joints
-        self.pair_tables = pair_tables
-        self.deviations = deviations
-        self.pair_deviations = pair_deviations
-        self.intercepts = intercepts
+        super().__init__(
+            gait,
+            observation_names,
+            cuts=cuts,
+            pair_cuts=pair_cuts,
+            tables=tables,
+            pairs=pairs,
+            pair_joints=pair_joints,
+            pair_tables=pair_tables,
+            deviations=deviations,
+            pair_deviations=pair_deviations,
+            intercepts=intercepts,
+        )
         self._feature = np.arange(len(cuts))
         self._pair = np.arange(len(pairs))
         # Sums the pairs of each joint: (p, 12).
@@ -150,7 +163,7 @@ class AdditivePolicy(Policy):
         singles = np.moveaxis(self.tables[:, self._feature, single], 0, 1)
         return singles, self.pair_tables[self._pair, first, second]
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         rows = observation.reshape(-1, observation.shape[-1])
         single, paired = self.term_values(rows)
         mine = np.flatnonzero(self.pair_joints == joint)

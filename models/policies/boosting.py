@@ -1,13 +1,15 @@
 """Gradient-boosted trees, compiled to flat arrays and evaluated for all joints at once."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
 from models.a1.robot import Array
+from models.errors import InputError
+from models.policies.arrays import Indices, Reals
 from models.policies.policy import Policy
 
 
@@ -28,34 +30,54 @@ class BoostedTreesPolicy(Policy):
     """
 
     kind = "boosted_trees"
-    array_names = ("features", "thresholds", "leaves", "intercepts", "importances")
+    array_specs: ClassVar = {
+        "features": Indices("joints trees nodes", of="observations"),
+        # A branch that ends early goes left of infinity.
+        "thresholds": Reals("joints trees nodes", most=np.inf),
+        "leaves": Reals("joints trees nodes+1"),
+        "intercepts": Reals("joints"),
+        "importances": Reals("joints observations", least=0.0),
+    }
+    features: NDArray[np.integer]
+    thresholds: Array
+    leaves: Array
+    intercepts: Array
+    importances: Array
 
     def __init__(
         self,
         gait: str,
         observation_names: tuple[str, ...],
-        features: NDArray[np.int32],
+        features: NDArray[np.integer],
         thresholds: Array,
         leaves: Array,
         intercepts: Array,
         importances: Array,
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.features = features
-        self.thresholds = thresholds
-        self.leaves = leaves
-        self.intercepts = intercepts
-        self.importances = importances
-        n_joints, n_trees, n_inner = features.shape
+        super().__init__(
+            gait,
+            observation_names,
+            features=features,
+            thresholds=thresholds,
+            leaves=leaves,
+            intercepts=intercepts,
+            importances=importances,
+        )
+        n_joints, n_trees, n_inner = self.features.shape
         self.depth = (n_inner + 1).bit_length() - 1
+        if n_inner + 1 != 2**self.depth:
+            raise InputError(
+                f"{self.kind} policy: its trees have {n_inner} inner nodes, and a complete tree "
+                "2**depth - 1; make it anew"
+            )
         self._trees = np.arange(n_joints * n_trees)
         # Level by level, all trees beside one another: where node i of a level goes to is node
         # 2 i or 2 i + 1 of the next, and what the first levels ask for stays in the cache.
         levels = [slice(2**level - 1, 2 ** (level + 1) - 1) for level in range(self.depth)]
         small = np.min_scalar_type(len(observation_names))
-        self._features = [features[..., nodes].ravel().astype(small) for nodes in levels]
-        self._thresholds = [thresholds[..., nodes].ravel() for nodes in levels]
-        self._leaves = leaves.ravel()
+        self._features = [self.features[..., nodes].ravel().astype(small) for nodes in levels]
+        self._thresholds = [self.thresholds[..., nodes].ravel() for nodes in levels]
+        self._leaves = self.leaves.ravel()
 
     @classmethod
     def compile(

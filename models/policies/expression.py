@@ -1,15 +1,33 @@
 """Formulas as trees: read from text by a strict grammar, never evaluated by Python."""
 
 import ast
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import sympy
 
-from models.errors import InputError
+from models.errors import InputError, shown
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
+
+_ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromkeys(UNARY, 1)
+
+MAX_DEPTH = 100
+"""Greatest depth of a formula: what walks through formulas, or pickles them, calls itself."""
+
+MAX_NODES = 5000
+"""Greatest number of nodes of a formula."""
+
+MAX_TEXT = 200_000
+"""Greatest number of characters of a formula's text."""
+
+MAX_TERMS = 1000
+"""Greatest number of terms that products of sums are multiplied out to."""
+
+SIMPLIFIED_NESTING = 4
+"""Greatest number of functions inside one another that sympy is asked to simplify."""
 
 _BINARY_NODES = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
 _POWERS = {2: "square", 3: "cube"}
@@ -45,24 +63,52 @@ class Expression:
             case _:
                 return 1 + sum(operand.length for operand in self.operands)
 
-    @property
+    @cached_property
     def variables(self) -> frozenset[int]:
         """Indices of the variables that the formula uses."""
         if self.operator == "variable":
             return frozenset([self.variable])
         return frozenset().union(*(operand.variables for operand in self.operands))
 
+    @cached_property
+    def nesting(self) -> int:
+        """Number of functions that stand inside one another, the formula itself included."""
+        inner = max((operand.nesting for operand in self.operands), default=0)
+        return inner + (self.operator in UNARY)
+
+    @cached_property
+    def n_terms(self) -> int:
+        """Number of terms of the formula with all products of sums multiplied out."""
+        counts = [operand.n_terms for operand in self.operands]
+        match self.operator:
+            case "add" | "sub":
+                return sum(counts)
+            case "mul" | "neg":
+                return math.prod(counts)
+            case _:
+                return 1
+
     def terms(self) -> tuple["Expression", ...]:
-        """Splits the formula into terms whose sum it is, products of sums multiplied out."""
-        match self:
-            case Expression("add", (left, right)):
-                return left.terms() + right.terms()
-            case Expression("sub", (left, right)):
-                return left.terms() + tuple(negated(term) for term in right.terms())
-            case Expression("neg", (inner,)):
-                return tuple(negated(term) for term in inner.terms())
-            case Expression("mul", (left, right)):
-                return tuple(times(a, b) for a in left.terms() for b in right.terms())
+        """Splits the formula into terms whose sum it is, products of sums multiplied out.
+
+        Products stay whole in a formula that would have more than `MAX_TERMS` terms.
+        """
+        return self._terms(multiply_out=self.n_terms <= MAX_TERMS)
+
+    def _terms(self, multiply_out: bool) -> tuple["Expression", ...]:
+        operands = self.operands if self.operator in ("add", "sub", "neg", "mul") else ()
+        if self.operator == "mul" and not multiply_out:
+            operands = ()
+        parts = [operand._terms(multiply_out) for operand in operands]
+        match self.operator, parts:
+            case "add", (left, right):
+                return left + right
+            case "sub", (left, right):
+                return left + tuple(negated(term) for term in right)
+            case "neg", (inner,):
+                return tuple(negated(term) for term in inner)
+            case "mul", (left, right):
+                return tuple(times(a, b) for a in left for b in right)
             case _:
                 return (self,)
 
@@ -131,10 +177,10 @@ class Expression:
                 return operands[0] ** 2
             case "cube":
                 return operands[0] ** 3
-            case "abs":
-                return sympy.Abs(operands[0])
             case operator:
-                return getattr(sympy, operator)(operands[0])
+                function = sympy.Abs if operator == "abs" else getattr(sympy, operator)
+                # Looking for a simpler form takes twice as long with every function inside.
+                return function(operands[0], evaluate=self.nesting <= SIMPLIFIED_NESTING)
 
 
 def constant(value: float) -> Expression:
@@ -211,14 +257,50 @@ def parse_expression(text: str, names: tuple[str, ...]) -> Expression:
     Understood are numbers, names, + - * /, whole powers 2 and 3, and the functions of `UNARY`.
 
     Raises:
-        InputError: if the text holds anything else.
+        InputError: if the text holds anything else, or more of it than a formula may.
     """
+    if len(text) > MAX_TEXT:
+        raise InputError(
+            f"formula {shown(text)} has {len(text)} characters, more than {MAX_TEXT}; fit a "
+            "shorter one"
+        )
     index = {name: i for i, name in enumerate(names)}
     try:
         tree = ast.parse(text.strip().replace("^", "**"), mode="eval")
-        return _expression(tree.body, index)
-    except (SyntaxError, RecursionError, MemoryError) as error:
-        raise InputError(f"formula {text[:80]!r} cannot be read; fit it again") from error
+        formula = _expression(tree.body, index)
+    except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
+        raise InputError(f"formula {shown(text)} cannot be read; fit it again") from error
+    refuse_unfit(formula, len(names))
+    return formula
+
+
+def refuse_unfit(formula: Expression, n_variables: int) -> None:
+    """Refuses a formula that is too large, or no formula of so many variables.
+
+    Raises:
+        InputError: if it is.
+    """
+    # A list of what is still to visit, since a formula may be deeper than Python's stack.
+    pending, n_nodes = [(formula, 1)], 0
+    while pending:
+        node, depth = pending.pop()
+        n_nodes += 1
+        if depth > MAX_DEPTH:
+            raise InputError(f"a formula is nested more than {MAX_DEPTH} deep; fit a shorter one")
+        if n_nodes > MAX_NODES:
+            raise InputError(f"a formula has more than {MAX_NODES} nodes; fit a shorter one")
+        if len(node.operands) != _ARITY.get(node.operator):
+            raise InputError(
+                f"a formula applies {shown(node.operator)} to {len(node.operands)} operands; fit "
+                "it again"
+            )
+        if node.operator == "constant" and not math.isfinite(node.value):
+            raise InputError(f"a formula holds the number {node.value}; fit it again")
+        if node.operator == "variable" and not 0 <= node.variable < n_variables:
+            raise InputError(
+                f"a formula asks for observation {node.variable} of {n_variables}; fit it again"
+            )
+        pending += [(operand, depth + 1) for operand in node.operands]
 
 
 def _expression(node: ast.expr, index: dict[str, int]) -> Expression:
@@ -245,4 +327,4 @@ def _expression(node: ast.expr, index: dict[str, int]) -> Expression:
             return Expression(_BINARY_NODES[type(operator)], operands)
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in UNARY:
             return Expression(name, (_expression(argument, index),))
-    raise InputError(f"{ast.unparse(node)!r} does not belong in a formula; fit it again")
+    raise InputError(f"{shown(ast.unparse(node))} does not belong in a formula; fit it again")

@@ -60,7 +60,7 @@ def lateness_gate(names: tuple[str, ...]) -> Expression:
 
 def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
     """Returns for each foot a function that goes from -1 on the ground to 1 in the air."""
-    feet = [index for index, name in enumerate(names) if name.startswith("Foot Height")]
+    feet = [names.index(f"Foot Height {leg}") for leg in robot.LEGS]
     return tuple(_turning(variable(foot), LIFTED, 100.0) for foot in feet)
 
 

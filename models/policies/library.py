@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from models.errors import InputError
+from models.errors import InputError, shown
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
@@ -33,19 +33,20 @@ def load_policy(path: Path) -> Policy:
     """Loads a policy of any kind.
 
     Raises:
-        InputError: if the file is missing, damaged or of an unknown kind.
+        InputError: if the file is missing, damaged, of an unknown kind, or holds anything that a
+            policy of its kind must not.
     """
     arrays, header = read_policy_file(path)
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None:
         raise InputError(
-            f"{path}: holds an unknown kind of policy, {header['kind']!r}; make it anew"
+            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew"
         )
+    names = tuple(header["observation_names"])
     try:
-        names = tuple(header["observation_names"])
         return policy.from_arrays(header["gait"], names, arrays, header["values"])
-    except (KeyError, IndexError) as error:
-        raise InputError(f"{path}: lacks part of a {policy.kind} policy; make it anew") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def shipped_experts() -> tuple[str, ...]:

@@ -1,10 +1,13 @@
 """Linear policies: one weight vector a joint, or one a joint and state of the reward machine."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from models.a1.robot import Array
+from models.policies.arrays import Reals
 from models.policies.policy import INTERCEPT, Contributions, Policy
-from models.task.observation import machine_state_entries
+from models.task.observation import STATE_ENTRY, machine_state_entries
 
 
 class LinearPolicy(Policy):
@@ -16,19 +19,19 @@ class LinearPolicy(Policy):
     """
 
     kind = "linear"
-    array_names = ("weights", "intercepts")
+    array_specs: ClassVar = {"weights": Reals("joints observations"), "intercepts": Reals("joints")}
+    weights: Array
+    intercepts: Array
 
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.weights = weights
-        self.intercepts = intercepts
+        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
 
     def __call__(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         intercepts = np.full(observation.shape[:-1], self.intercepts[joint])
         return _contributions(self.observation_names, intercepts, self.weights[joint] * observation)
 
@@ -42,14 +45,18 @@ class StatewiseLinearPolicy(Policy):
     """
 
     kind = "statewise_linear"
-    array_names = ("weights", "intercepts")
+    array_specs: ClassVar = {
+        "weights": Reals("states joints observations"),
+        "intercepts": Reals("states joints"),
+    }
+    needed_observations = (f"{STATE_ENTRY}0",)
+    weights: Array
+    intercepts: Array
 
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
     ) -> None:
-        super().__init__(gait, observation_names)
-        self.weights = weights
-        self.intercepts = intercepts
+        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
         self._one_hot = machine_state_entries(observation_names)
 
     def __call__(self, observation: Array) -> Array:
@@ -61,7 +68,7 @@ class StatewiseLinearPolicy(Policy):
         """Returns the share of observations (m, n) in each state of the machine (n_states,)."""
         return observations[:, self._one_hot].mean(axis=0)
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         parts = self.weights[state, joint] * observation
         return _contributions(self.observation_names, self.intercepts[state, joint], parts)

@@ -2,13 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.a1.robot import Array
+from models.errors import InputError
+from models.policies.arrays import ArraySpec, Reals, take_arrays
 from models.policies.policy import Policy
+from models.task.observation import N_ESTIMATED
+
+MAX_LAYERS = 8
 
 
 def elu(x: Array) -> Array:
@@ -37,22 +43,44 @@ class Network:
                 x = elu(x)
         return x
 
+    def layers(self, prefix: str) -> dict[str, Array]:
+        """Returns the layers by name."""
+        weights = {f"{prefix}.{i}.weight": weight for i, weight in enumerate(self.weights)}
+        return weights | {f"{prefix}.{i}.bias": bias for i, bias in enumerate(self.biases)}
+
     def to_arrays(self, prefix: str) -> dict[str, NDArray[Any]]:
         """Returns the layers by name, in single precision as they were trained."""
-        arrays = {}
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays[f"{prefix}.{i}.weight"] = weight.astype(np.float32)
-            arrays[f"{prefix}.{i}.bias"] = bias.astype(np.float32)
-        return arrays
+        return {name: layer.astype(np.float32) for name, layer in self.layers(prefix).items()}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], prefix: str) -> Self:
+    def from_arrays(cls, arrays: Mapping[str, Array], prefix: str) -> Self:
         """Rebuilds the network that `to_arrays` named."""
-        count = sum(name.startswith(f"{prefix}.") for name in arrays) // 2
+        layers = range(_count_layers(arrays, prefix))
         return cls(
-            tuple(arrays[f"{prefix}.{i}.weight"].astype(float) for i in range(count)),
-            tuple(arrays[f"{prefix}.{i}.bias"].astype(float) for i in range(count)),
+            tuple(arrays[f"{prefix}.{i}.weight"] for i in layers),
+            tuple(arrays[f"{prefix}.{i}.bias"] for i in layers),
         )
+
+
+def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
+    return next(i for i in range(len(arrays) + 1) if f"{prefix}.{i}.weight" not in arrays)
+
+
+def _specs(arrays: Mapping[str, NDArray[Any]]) -> dict[str, ArraySpec]:
+    """Says what the networks' arrays must be: each layer takes what the one before it gives."""
+    specs: dict[str, ArraySpec] = {}
+    for prefix, n_in, n_out in (
+        ("actor", "observations", "joints"),
+        ("estimator", "proprioception", "estimated"),
+    ):
+        count = _count_layers(arrays, prefix)
+        if count > MAX_LAYERS:
+            raise InputError(f"its {prefix} has {count} layers; train one of {MAX_LAYERS} or fewer")
+        widths = (n_in, *(f"{prefix}_{i}" for i in range(count - 1)), n_out)
+        for i, (before, after) in enumerate(pairwise(widths)):
+            specs[f"{prefix}.{i}.weight"] = Reals(f"{after} {before}")
+            specs[f"{prefix}.{i}.bias"] = Reals(after)
+    return specs
 
 
 class NeuralPolicy(Policy):
@@ -69,6 +97,7 @@ class NeuralPolicy(Policy):
         self, gait: str, observation_names: tuple[str, ...], actor: Network, estimator: Network
     ) -> None:
         super().__init__(gait, observation_names)
+        self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
         self.actor = actor
         self.estimator = estimator
 
@@ -86,5 +115,16 @@ class NeuralPolicy(Policy):
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
     ) -> Self:
-        actor = Network.from_arrays(arrays, "actor")
-        return cls(gait, observation_names, actor, Network.from_arrays(arrays, "estimator"))
+        layers = cls._taken(arrays, observation_names)
+        actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
+        return cls(gait, observation_names, actor, estimator)
+
+    @classmethod
+    def _taken(
+        cls, layers: Mapping[str, NDArray[Any]], observation_names: tuple[str, ...]
+    ) -> dict[str, Array]:
+        """Checks the layers of both networks and returns them in double precision."""
+        with cls._naming_this_kind():
+            sizes = cls._sizes(observation_names)
+            sizes["proprioception"] = sizes["observations"] - N_ESTIMATED
+            return take_arrays(layers, _specs(layers), sizes | {"estimated": N_ESTIMATED})

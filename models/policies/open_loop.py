@@ -1,10 +1,13 @@
 """Open-loop policies: a table of actions by the machine's state and the time in it."""
 
+from typing import ClassVar
+
 import numpy as np
 
 from models.a1.robot import Array
+from models.policies.arrays import Reals
 from models.policies.policy import Policy
-from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from models.task.observation import ITERATIONS_SCALE, STATE_ENTRY, machine_state_entries
 
 
 class OpenLoopPolicy(Policy):
@@ -15,13 +18,14 @@ class OpenLoopPolicy(Policy):
     """
 
     kind = "open_loop"
-    array_names = ("table",)
+    array_specs: ClassVar = {"table": Reals("states iterations joints")}
+    needed_observations = (f"{STATE_ENTRY}0", "RM Iters")
+    table: Array
 
     def __init__(self, gait: str, observation_names: tuple[str, ...], table: Array) -> None:
-        super().__init__(gait, observation_names)
-        self.table = table
+        super().__init__(gait, observation_names, table=table)
         self._one_hot = machine_state_entries(observation_names)
-        self._iterations = observation_names.index("RM Iters")
+        self._iterations = self.observation_names.index("RM Iters")
 
     def __call__(self, observation: Array) -> Array:
         state = np.argmax(observation[..., self._one_hot], axis=-1)

@@ -3,7 +3,8 @@
 import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -11,14 +12,29 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from models.a1 import robot
 from models.a1.robot import Array
-from models.errors import InputError
+from models.errors import InputError, shown
 from models.files import load_arrays, save_arrays
+from models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
+from models.task.observation import STATE_ENTRY
 
 FORMAT_VERSION = 1
 
+MAX_OBSERVATIONS = 256
+MAX_NAME_LENGTH = 80
+"""Characters of the name of a gait or of an observation."""
+
 INTERCEPT = "intercept"
 """The constant among the terms of an action."""
+
+_HEADER = {
+    "kind": (str, "text"),
+    "gait": (str, "text"),
+    "observation_names": (list, "a list of names"),
+    "values": (dict, "a mapping"),
+}
+"""Keys of a policy file's header, with what each must be; other keys are left alone."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +55,9 @@ class Policy(ABC):
 
     Policies are immutable: a systems diagram may share one between contexts and clones.
 
+    A policy that was built is sound: its names and its arrays are checked here, for every kind and
+    for every source alike.
+
     Attributes:
         kind: Name of the sort of policy, as in files and on the command line.
         gait: Name of the gait it was made for.
@@ -46,12 +65,51 @@ class Policy(ABC):
     """
 
     kind: ClassVar[str]
-    array_names: ClassVar[tuple[str, ...]] = ()
-    """Attributes, and arguments of the constructor, that are the policy's arrays."""
+    array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
+    """What the policy's arrays must be; their names are its attributes and its arguments."""
+    needed_observations: ClassVar[tuple[str, ...]] = ()
+    """Observations that this kind of policy asks for by name."""
 
-    def __init__(self, gait: str, observation_names: tuple[str, ...]) -> None:
+    def __init__(self, gait: str, observation_names: Sequence[str], **arrays: NDArray[Any]) -> None:
+        """
+        Args:
+            gait: Name of the gait.
+            observation_names: Names of the observations, in order.
+            arrays: What `array_specs` lists.
+
+        Raises:
+            InputError: if a name or an array is not what it must be.
+        """
+        with self._naming_this_kind():
+            _refuse_other_than_names("the gait", [gait])
+            taken = take_arrays(arrays, self.array_specs, self._sizes(observation_names))
         self.gait = gait
-        self.observation_names = observation_names
+        self.observation_names = tuple(observation_names)
+        for name, array in taken.items():
+            setattr(self, name, array)
+
+    @classmethod
+    def _sizes(cls, observation_names: Sequence[str]) -> dict[str, int]:
+        """Returns the sizes that the arrays of any policy may have.
+
+        Raises:
+            InputError: if the names cannot be those of the observations.
+        """
+        _refuse_other_than_observations(observation_names, cls.needed_observations)
+        return {
+            "joints": robot.N_JOINTS,
+            "observations": len(observation_names),
+            "states": sum(name.startswith(STATE_ENTRY) for name in observation_names),
+        }
+
+    @classmethod
+    @contextmanager
+    def _naming_this_kind(cls) -> Iterator[None]:
+        """Puts the kind of policy before what is wrong with it."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{cls.kind} policy: {error}") from error
 
     @abstractmethod
     def __call__(self, observation: Array) -> Array:
@@ -59,7 +117,7 @@ class Policy(ABC):
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Returns what distinguishes this policy: named arrays, and values that JSON can hold."""
-        return {name: getattr(self, name) for name in self.array_names}, {}
+        return {name: getattr(self, name) for name in self.array_specs}, {}
 
     @classmethod
     def from_arrays(
@@ -69,19 +127,28 @@ class Policy(ABC):
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
     ) -> Self:
-        """Rebuilds the policy that `to_arrays` took apart."""
-        return cls(gait, observation_names, **{name: arrays[name] for name in cls.array_names})
+        """Rebuilds the policy that `to_arrays` took apart.
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+        Raises:
+            InputError: if a part is missing, left over, or not what it must be.
+        """
+        with cls._naming_this_kind():
+            refuse_other_arrays(arrays, cls.array_specs)
+        return cls(gait, observation_names, **arrays)
+
+    def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's actions into contributions that add up to them.
 
         Args:
             observation: Observations (..., n).
-            joint: Index of the joint.
+            joint: Index of the joint, or its name.
 
         Raises:
-            InputError: if this kind of policy has no such parts.
+            InputError: if there is no such joint, or this kind of policy has no such parts.
         """
+        return self._explain(observation, robot.joint_index(joint))
+
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         raise InputError(
             f"policies of kind {self.kind!r} do not split into contributions; take an additive, "
             "a linear or a symbolic one"
@@ -133,9 +200,63 @@ def read_policy_file(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any
     """Reads the arrays and the header of a policy file.
 
     Raises:
-        InputError: if the file is missing, damaged or of another format.
+        InputError: if the file is missing, damaged or of another format, or its header lacks a key
+            or holds something else in one.
     """
     arrays, header = load_arrays(path)
-    if header.get("format") != FORMAT_VERSION or "kind" not in header:
+    version = header.get("format") if isinstance(header, dict) else None
+    if type(version) is not int or version != FORMAT_VERSION:
         raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")
+    for key, (kind, told) in _HEADER.items():
+        if key not in header:
+            raise InputError(f"{path}: its header lacks the key {key!r}; make it anew")
+        if not isinstance(header[key], kind):
+            found = type(header[key]).__name__
+            raise InputError(
+                f"{path}: key {key!r} of its header is of type {found}; it must be {told}, so make "
+                "the policy anew"
+            )
     return arrays, header
+
+
+def first_not_finite(values: Array) -> tuple[int, ...] | None:
+    """Finds the first entry that is not finite.
+
+    Returns:
+        Its index along each axis, or None.
+    """
+    found = np.argwhere(~np.isfinite(values))
+    return tuple(int(index) for index in found[0]) if len(found) else None
+
+
+def _refuse_other_than_names(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME_LENGTH:
+            told = shown(name) if isinstance(name, str) else f"of type {type(name).__name__}"
+            raise InputError(
+                f"{what} is {told}; it must be text of 1 to {MAX_NAME_LENGTH} characters, so make "
+                "the policy anew"
+            )
+        if not name.isprintable():
+            raise InputError(f"{what} is {shown(name)}; it must be printable, so make it anew")
+
+
+def _refuse_other_than_observations(names: Sequence[str], needed: tuple[str, ...]) -> None:
+    if not isinstance(names, tuple | list) or not 0 < len(names) <= MAX_OBSERVATIONS:
+        raise InputError(
+            f"it must have from 1 to {MAX_OBSERVATIONS} names of observations; make it anew"
+        )
+    _refuse_other_than_names("the name of an observation", names)
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"observes {shown(twice)} twice; make it anew")
+    for name in needed:
+        if name not in names:
+            raise InputError(f"does not observe {name!r}, which it needs; make it anew")
+    states = [name for name in names if name.startswith(STATE_ENTRY)]
+    start = names.index(states[0]) if states else 0
+    in_a_row = names[start : start + len(states)]
+    if list(in_a_row) != [f"{STATE_ENTRY}{i}" for i in range(len(states))]:
+        raise InputError(
+            f"does not observe {STATE_ENTRY}0, {STATE_ENTRY}1, … in a row; make it anew"
+        )

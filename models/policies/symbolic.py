@@ -2,18 +2,28 @@
 
 from abc import abstractmethod
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Self
+from functools import reduce
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.a1 import robot
 from models.a1.robot import Array
-from models.policies.expression import Expression, parse_expression, variable_names
+from models.errors import InputError
+from models.policies.arrays import refuse_other_arrays
+from models.policies.expression import (
+    Expression,
+    parse_expression,
+    refuse_unfit,
+    variable_names,
+)
 from models.policies.gates import named_gates
 from models.policies.policy import Contributions, Policy
-from models.task.observation import machine_state_entries
+from models.task.observation import STATE_ENTRY, machine_state_entries
 
 TERM_DIGITS = 3
 """Digits of the constants in the terms that an action is split into."""
@@ -46,6 +56,47 @@ class _Instruction:
     stop: int
 
 
+class _Nodes:
+    """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
+
+    Attributes:
+        keys: Operator of each, and what it is applied to: the numbers of its operands, the value of
+            a constant, the index of a variable.
+        heights: Operators on the longest way down from each.
+    """
+
+    def __init__(self) -> None:
+        self.keys: list[tuple[str, Any]] = []
+        self.heights: list[int] = []
+        self._number_of_key: dict[tuple[str, Any], int] = {}
+        self._number_of_object: dict[int, int] = {}
+
+    def add(self, formula: Expression) -> int:
+        """Adds a formula, which must outlive this object, and returns its number."""
+        # A list of what is still to visit: derivatives may be deeper than Python's stack. Their
+        # parts are shared, so that a part that was met before is not walked through again.
+        numbers, pending = self._number_of_object, [formula]
+        while pending:
+            node = pending[-1]
+            missing = [operand for operand in node.operands if id(operand) not in numbers]
+            if missing:
+                pending += reversed(missing)
+                continue
+            pending.pop()
+            numbers[id(node)] = self._number(node)
+        return numbers[id(formula)]
+
+    def _number(self, node: Expression) -> int:
+        operands = tuple(self._number_of_object[id(operand)] for operand in node.operands)
+        leaf = {"variable": node.variable, "constant": node.value}
+        key = (node.operator, leaf.get(node.operator, operands))
+        if key not in self._number_of_key:
+            self._number_of_key[key] = len(self.keys)
+            self.keys.append(key)
+            self.heights.append(max((1 + self.heights[operand] for operand in operands), default=0))
+        return self._number_of_key[key]
+
+
 class Tape:
     """Formulas compiled to a short list of vectorised instructions.
 
@@ -55,42 +106,32 @@ class Tape:
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
         self._n_variables = n_variables
-        self._slots: dict[Any, int] = {}
+        nodes = _Nodes()
+        roots = [nodes.add(expression) for expression in expressions]
+        # The slot of each node among the values: variables first, then constants, then the rest.
+        slots = np.zeros(len(nodes.keys), dtype=np.int64)
         constants: list[float] = []
-        by_height: dict[tuple[int, str], list[tuple]] = defaultdict(list)
-        heights: dict[Any, int] = {}
-
-        def visit(expression: Expression) -> Any:
-            if expression.operator == "variable":
-                return ("variable", expression.variable)
-            if expression.operator == "constant":
-                key = ("constant", expression.value)
-                if key not in self._slots:
-                    self._slots[key] = n_variables + len(constants)
-                    constants.append(expression.value)
-                return key
-            operands = tuple(visit(operand) for operand in expression.operands)
-            key = (expression.operator, operands)
-            if key not in heights:
-                heights[key] = 1 + max(heights.get(operand, 0) for operand in operands)
-                by_height[heights[key], expression.operator].append(key)
-            return key
-
-        roots = [visit(expression) for expression in expressions]
+        by_height: dict[tuple[int, str], list[int]] = defaultdict(list)
+        for number, (operator, operands) in enumerate(nodes.keys):
+            if operator == "variable":
+                slots[number] = operands
+            elif operator == "constant":
+                slots[number] = n_variables + len(constants)
+                constants.append(operands)
+            else:
+                by_height[nodes.heights[number], operator].append(number)
         self._constants = np.array(constants)
         self._instructions: list[_Instruction] = []
         size = n_variables + len(constants)
-        for (_, operator), keys in sorted(by_height.items(), key=lambda item: item[0]):
-            operands = zip(*(key[1] for key in keys), strict=True)
-            sources = tuple(np.array([self._slot(key) for key in side]) for side in operands)
-            for offset, key in enumerate(keys):
-                self._slots[key] = size + offset
+        for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
+            sides = np.array([nodes.keys[number][1] for number in numbers]).T
+            slots[numbers] = np.arange(size, size + len(numbers))
             self._instructions.append(
-                _Instruction(_FUNCTIONS[operator], sources, size, size + len(keys))
+                _Instruction(_FUNCTIONS[operator], tuple(slots[sides]), size, size + len(numbers))
             )
-            size += len(keys)
+            size += len(numbers)
         self._size = size
-        self._outputs = np.array([self._slot(root) for root in roots], dtype=np.int64)
+        self._outputs = slots[roots]
 
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
@@ -106,9 +147,6 @@ class Tape:
                 values[step.start : step.stop] = step.function(*operands)
         return values[self._outputs].T.reshape(*observation.shape[:-1], len(self._outputs))
 
-    def _slot(self, key: Any) -> int:
-        return key[1] if key[0] == "variable" else self._slots[key]
-
 
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
@@ -117,11 +155,22 @@ class FormulaPolicy(Policy):
         expressions: Formulas (12), or (n_states, 12).
     """
 
+    dims: ClassVar[tuple[str, ...]]
+    """Dimensions of `expressions`."""
+    # The gates that formulas are written with are functions of these.
+    needed_observations = ("RM Iters", *(f"Foot Height {leg}" for leg in robot.LEGS))
+
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Any]
     ) -> None:
         super().__init__(gait, observation_names)
-        self.expressions = tuple(expressions)
+        with self._naming_this_kind():
+            shape = self._refuse_other_shape(expressions, Expression, self.observation_names)
+            for place in np.ndindex(*shape):
+                formula: Any = reduce(lambda entries, index: entries[index], place, expressions)
+                with _naming_the_formula(place):
+                    refuse_unfit(formula, len(self.observation_names))
+        self.expressions = _nested(lambda formula: formula, expressions)
 
     @property
     @abstractmethod
@@ -144,9 +193,24 @@ class FormulaPolicy(Policy):
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
     ) -> Self:
-        names = variable_names(len(observation_names))
-        formulas = _nested(lambda text: parse_expression(text, names), values["formulas"])
+        names, texts = variable_names(len(observation_names)), values.get("formulas")
+        with cls._naming_this_kind():
+            refuse_other_arrays(arrays, cls.array_specs)
+            cls._refuse_other_shape(texts, str, observation_names)
+            formulas = _nested(lambda text: parse_expression(text, names), texts)
         return cls(gait, observation_names, expressions=formulas)
+
+    @classmethod
+    def _refuse_other_shape(
+        cls, entries: Any, kind: type, observation_names: tuple[str, ...]
+    ) -> list[int]:
+        """Returns the shape that `expressions` have, and refuses entries of any other."""
+        sizes = cls._sizes(observation_names)
+        shape = [sizes[dim] for dim in cls.dims]
+        if not _has_shape(entries, shape, kind):
+            wanted = ", ".join(f"{size} {dim}" for size, dim in zip(shape, cls.dims, strict=True))
+            raise InputError(f"its formulas must be lists of ({wanted}); fit them again")
+        return shape
 
 
 class SymbolicPolicy(FormulaPolicy):
@@ -157,6 +221,7 @@ class SymbolicPolicy(FormulaPolicy):
     """
 
     kind = "symbolic"
+    dims = ("joints",)
 
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Expression]
@@ -171,7 +236,7 @@ class SymbolicPolicy(FormulaPolicy):
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return (self.expressions,)
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         return _contributions(self.expressions[joint], observation, self.observation_names)
 
     def derivatives(self, observation: Array) -> Array:
@@ -186,6 +251,8 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
     """
 
     kind = "statewise_symbolic"
+    dims = ("states", "joints")
+    needed_observations = (f"{STATE_ENTRY}0", *FormulaPolicy.needed_observations)
 
     def __init__(
         self,
@@ -193,7 +260,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         observation_names: tuple[str, ...],
         expressions: Sequence[Sequence[Expression]],
     ) -> None:
-        super().__init__(gait, observation_names, [tuple(formulas) for formulas in expressions])
+        super().__init__(gait, observation_names, expressions)
         self._one_hot = machine_state_entries(observation_names)
         self._tapes = [Tape(formulas, len(observation_names)) for formulas in self.expressions]
 
@@ -212,7 +279,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return self.expressions
 
-    def explain(self, observation: Array, joint: int) -> Contributions:
+    def _explain(self, observation: Array, joint: int) -> Contributions:
         """Splits a joint's actions into contributions; those of other states' terms are 0."""
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         terms, values = [], []
@@ -239,21 +306,46 @@ def _nested(function: Callable[[Any], Any], entries: Any) -> Any:
     return function(entries)
 
 
+def _has_shape(entries: Any, shape: Sequence[int], kind: type) -> bool:
+    if not shape:
+        return isinstance(entries, kind)
+    return (
+        isinstance(entries, list | tuple)
+        and len(entries) == shape[0]
+        and all(_has_shape(entry, shape[1:], kind) for entry in entries)
+    )
+
+
+@contextmanager
+def _naming_the_formula(place: Sequence[int]) -> Iterator[None]:
+    """Puts the joint, and the state where it counts, before what is wrong with a formula."""
+    try:
+        yield
+    except InputError as error:
+        state = f" in state {place[0]}" if len(place) > 1 else ""
+        raise InputError(f"{robot.JOINTS[place[-1]]}{state}: {error}") from error
+
+
 def _contributions(
     formula: Expression, observation: Array, names: tuple[str, ...]
 ) -> Contributions:
     terms = formula.terms()
     values = Tape(terms, len(names))(observation)
     gates = {gate: title for title, gate in named_gates(names).items()}
-    return Contributions(tuple(_title(term, names, gates) for term in terms), values)
+    # Terms of one product share their factors.
+    titles: dict[int, str] = {}
+    for term in terms:
+        for factor in _factors(term):
+            if id(factor) not in titles:
+                titles[id(factor)] = gates.get(factor) or factor.to_text(names, TERM_DIGITS)
+    return Contributions(tuple(_title(term, titles) for term in terms), values)
 
 
-def _title(term: Expression, names: tuple[str, ...], gates: Mapping[Expression, str]) -> str:
+def _title(term: Expression, titles: Mapping[int, str]) -> str:
     # Weight and observation first: what they are gated by may be long.
     rank = {"constant": 0, "variable": 1}
     factors = sorted(_factors(term), key=lambda factor: rank.get(factor.operator, 2))
-    texts = [gates.get(factor, factor.to_text(names, TERM_DIGITS)) for factor in factors]
-    return " * ".join(texts).replace("+ -", "- ")
+    return " * ".join(titles[id(factor)] for factor in factors).replace("+ -", "- ")
 
 
 def _factors(term: Expression) -> list[Expression]:

@@ -24,6 +24,9 @@ JOINT_NOISE.flags.writeable = False
 N_ESTIMATED = 7
 """Length of the part that a deployed robot has to estimate: base velocity and foot heights."""
 
+STATE_ENTRY = "RM State "
+"""How the names of the machine's states begin; their numbers follow."""
+
 _UNITS = {
     "Command X": "m/s",
     "Command Yaw": "rad/s",
@@ -60,7 +63,7 @@ class ObservationLayout:
             *(f"DoF Pos {joint}" for joint in _JOINT_TITLES),
             *(f"DoF Vel {joint}" for joint in _JOINT_TITLES),
             *(f"Prev Action {joint}" for joint in _JOINT_TITLES),
-            *(f"RM State {i}" for i in range(self.n_machine_states)),
+            *(f"{STATE_ENTRY}{i}" for i in range(self.n_machine_states)),
             "RM Iters",
             "Command RM Iters",
             *(f"Base Lin Vel {axis}" for axis in "XYZ"),
@@ -92,8 +95,8 @@ def unit_of(name: str) -> str:
 
 def machine_state_entries(names: tuple[str, ...]) -> slice:
     """Finds the one-hot machine state among the names of an observation."""
-    start = names.index("RM State 0")
-    return slice(start, start + sum(name.startswith("RM State ") for name in names))
+    start = names.index(f"{STATE_ENTRY}0")
+    return slice(start, start + sum(name.startswith(STATE_ENTRY) for name in names))
 
 
 def proprioception(

@@ -14,7 +14,7 @@ from models.a1.robot import Array
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
 from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
+from models.policies.policy import Policy, first_not_finite
 from models.task import COMMAND_STEPS
 from models.task.alternation import expert_acts
 from models.task.command import Command, sample_commands
@@ -120,6 +120,9 @@ def collect(
         n_steps: Control steps of an episode.
         station: Physics.
         generator: Source of randomness.
+
+    Raises:
+        InputError: if a sample is not finite.
     """
     task = TaskConfig(gait, NOMINAL, episode_steps=n_steps)
     n = len(episodes)
@@ -133,6 +136,7 @@ def collect(
         )
         observation = simulator.observe(expert.estimator)
         label = expert(observation)
+        _refuse_not_finite(expert, step, observation, label)
         action = label if expert_acts(step, period) else student(observation)
         observations.append(observation)
         labels.append(label)
@@ -143,6 +147,17 @@ def collect(
         np.swapaxes(labels, 0, 1).reshape(n * n_steps, -1),
         np.repeat(episodes, n_steps),
     )
+
+
+def _refuse_not_finite(expert: NeuralPolicy, step: int, observation: Array, label: Array) -> None:
+    found = first_not_finite(np.concatenate([observation, label], axis=1))
+    if found is not None:
+        actions = (f"the action of {joint}" for joint in robot.JOINTS)
+        name = (*expert.observation_names, *actions)[found[1]]
+        raise InputError(
+            f"expert: {name} is not finite at control step {step} of its episode; train it again, "
+            "or give another with --expert"
+        )
 
 
 def level_paths(folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from joblib import Parallel, delayed
 from models.a1 import robot
 from models.files import read_record, write_record
 from models.task.gait import Gait
-from studies.console import progress_bar
+from studies.console import progress_bar, say
 from studies.evaluation.config import RolloutConfig, World
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts
@@ -98,9 +98,22 @@ def run_jobs(
         for i, scores in _finished(jobs, pending, processes):
             kept[i] = scores.to_dict(orient="list")
             write_record(paths[i], kept[i])
+            _tell_not_finite(jobs[i], scores)
             progress.update(bar, advance=1, text=jobs[i].name)
     tables = [pd.DataFrame(kept[i]) for i in range(len(jobs))]
     return pd.concat(tables, ignore_index=True)
+
+
+def _tell_not_finite(job: RolloutJob, scores: pd.DataFrame) -> None:
+    """Says where a policy gave no action: among the falls, it would look like any other."""
+    lost = scores[scores["not_finite"] != ""]
+    if len(lost):
+        first = lost.sort_values("steps").iloc[0]
+        say(
+            f"{job.name}: the action of {first['not_finite']} is not finite at control step "
+            f"{first['steps'] - 1}, robot {first['robot']}; so it is for {len(lost)} of "
+            f"{len(scores)} robots, which count as fallen"
+        )
 
 
 def _finished(

@@ -46,6 +46,7 @@ def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
         log["power"].append(_power(simulator.state.plant, simulator.state.action))
+        log["action"].append(action)
         log["command"].append(command)
         log["reward"].append(outcome.reward)
         log["plain_reward"].append(outcome.plain_reward)
@@ -96,6 +97,7 @@ def _to_log(gait: Gait, rollout: Rollout, n_steps: int) -> RolloutLog:
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
         power=_power(rollout["state"][1:], rollout["actions"][:-1]),
+        action=rollout["actions"][:-1],
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=_served_dwell(gait, rollout),

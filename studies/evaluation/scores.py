@@ -9,6 +9,7 @@ from scipy import stats
 
 from models.a1 import robot
 from models.a1.robot import Array
+from models.policies.policy import first_not_finite
 from models.task import COMMAND_STEPS, CONTROL_PERIOD
 from models.task.termination import FAILURES
 
@@ -36,6 +37,7 @@ class RolloutLog:
         velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
         command: Commanded ones (T, n, 2).
         power: Absolute mechanical power of all joints at the control instants (T, n; W).
+        action: Actions (T, n, 12); 0 after a failure.
         reward: Reward with the machine's factor (T, n).
         plain_reward: Reward without it (T, n).
         served_dwell: Control steps of rhythm served by transitions (T, n).
@@ -45,6 +47,7 @@ class RolloutLog:
     velocity: Array
     command: Array
     power: Array
+    action: Array
     reward: Array
     plain_reward: Array
     served_dwell: Array
@@ -55,7 +58,8 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     """Scores every robot up to its first failure.
 
     Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
-    terminations; `failure`, their names; `reward` and `plain_reward`, sums; `rhythm`, the share of
+    terminations; `failure`, their names; `not_finite`, the joint whose action was not finite, if
+    there was one; `reward` and `plain_reward`, sums; `rhythm`, the share of
     the commanded rhythm kept; `speed_error` (m/s) and `yaw_rate_error` (rad/s), means over seconds
     of the absolute difference between a second's average and the command. The first second after a
     new command is left out. `cost_of_transport`, the joints' absolute work per weight and distance,
@@ -74,6 +78,7 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
         alive = slice(0, steps)
         shown = log.failures[steps - 1, i]
         velocity, command = log.velocity[alive, i], log.command[alive, i]
+        not_finite = first_not_finite(log.action[alive, i])
         errors = _tracking_errors(velocity, command)
         rows.append(
             {
@@ -81,6 +86,7 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
                 "steps": steps,
                 "fell": fell,
                 "failure": " ".join(np.array(FAILURES)[shown]),
+                "not_finite": robot.JOINTS[not_finite[1]] if not_finite else "",
                 "reward": log.reward[alive, i].sum(),
                 "plain_reward": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,

@@ -1,5 +1,7 @@
 """Formulas as trees, and compiled."""
 
+import pickle
+
 import numpy as np
 import pytest
 import sympy
@@ -7,7 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.errors import InputError
-from models.policies.expression import UNARY, Expression, parse_expression, variable_names
+from models.policies.expression import (
+    BINARY,
+    MAX_DEPTH,
+    MAX_NODES,
+    MAX_TERMS,
+    UNARY,
+    Expression,
+    parse_expression,
+    refuse_unfit,
+    variable_names,
+)
 from models.policies.symbolic import Tape
 
 NAMES = variable_names(3)
@@ -123,3 +135,85 @@ def test_repeated_parts_are_evaluated_once():
 def test_anything_else_is_refused(text):
     with pytest.raises(InputError, match="fit it again"):
         parse_expression(text, NAMES)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "tanh(" * 10_000 + "x0" + ")" * 10_000,
+        "-" * 10_000 + "x0",
+        "+".join(["x0"] * 20_000),
+        "+".join(["x0"] * (MAX_DEPTH + 1)),
+        "*".join(["tanh(x0 + x1 + x2 + 1 + 2 + 3)"] * 90) + "+ x0" * 500_000,
+        "9" * 400,
+        "9" * 5000,
+        "1e999",
+        "x0 * -1e999",
+        "x0\0",
+        "\ud800",
+        "x0 + " + "open('f') + " * 1000 + "x1",
+    ],
+)
+def test_what_is_too_large_for_a_formula_is_refused_in_one_short_sentence(text):
+    with pytest.raises(InputError) as refused:
+        parse_expression(text, NAMES)
+    assert len(str(refused.value)) < 300
+    assert "\n" not in str(refused.value)
+
+
+def test_formulas_built_in_python_are_held_to_the_same_bounds():
+    shared = Expression("variable", variable=0)
+    for _ in range(60):
+        shared = Expression("add", (shared, shared))
+    with pytest.raises(InputError, match=f"more than {MAX_NODES} nodes"):
+        refuse_unfit(shared, 3)
+    deep = Expression("variable", variable=0)
+    for _ in range(5000):
+        deep = Expression("neg", (deep,))
+    with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep"):
+        refuse_unfit(deep, 3)
+    for formula, told in (
+        (Expression("constant", value=np.nan), "the number nan"),
+        (Expression("variable", variable=3), "observation 3 of 3"),
+        (Expression("add", (shared,)), "'add' to 1 operands"),
+        (Expression("magic"), "'magic' to 0 operands"),
+    ):
+        with pytest.raises(InputError, match=told):
+            refuse_unfit(formula, 3)
+
+
+def deepest(operator: str) -> Expression:
+    leaf = formula = Expression("variable", variable=0)
+    for _ in range(MAX_DEPTH - 1):
+        formula = Expression(operator, (formula,) if operator in UNARY else (formula, leaf))
+    return formula
+
+
+@pytest.mark.parametrize("operator", [*UNARY, *BINARY])
+def test_the_deepest_formulas_can_be_used(operator):
+    formula = deepest(operator)
+    assert parse_expression(formula.to_text(NAMES), NAMES) == formula
+    assert pickle.loads(pickle.dumps(formula)) == formula
+    assert formula.size >= formula.length >= MAX_DEPTH
+    rows = np.random.default_rng(0).normal(size=(5, 3))
+    whole = Tape([formula], 3)(rows)[:, 0]
+    np.testing.assert_allclose(Tape(formula.terms(), 3)(rows).sum(axis=1), whole)
+    assert Tape([formula.derivative(0)], 3)(rows).shape == (5, 1)
+    assert formula.to_sympy(sympy.symbols(NAMES)).free_symbols <= set(sympy.symbols(NAMES))
+
+
+def test_products_of_many_sums_stay_whole():
+    product = " * ".join(f"(x{i % 3} + {i}.5)" for i in range(22))
+    formula = parse_expression(f"x0 + 3 * x1 - {product}", NAMES)
+    assert formula.n_terms == 2 + 2**22
+    terms = formula.terms()
+    assert len(terms) == 3
+    rows = np.random.default_rng(0).normal(size=(5, 3))
+    whole = Tape([formula], 3)(rows)[:, 0]
+    np.testing.assert_allclose(Tape(terms, 3)(rows).sum(axis=1), whole, rtol=1e-12)
+
+
+def test_products_are_multiplied_out_up_to_the_greatest_number_of_terms():
+    factors = " * ".join(["(x0 + 1)"] * 9)
+    formula = parse_expression(factors, NAMES)
+    assert len(formula.terms()) == formula.n_terms == 512 <= MAX_TERMS

@@ -17,6 +17,7 @@ from models.policies.library import load_expert, load_policy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.neural import Network, NeuralPolicy, elu
 from models.policies.open_loop import OpenLoopPolicy
+from models.policies.policy import first_not_finite
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from models.task.observation import ObservationLayout
 
@@ -312,7 +313,7 @@ def test_files_of_unknown_kind_or_with_parts_missing_are_refused(tmp_path):
     with pytest.raises(InputError, match="unknown kind of policy, 'oracle'"):
         load_policy(path)
     save_arrays(path, {}, header)
-    with pytest.raises(InputError, match="lacks part of a linear policy"):
+    with pytest.raises(InputError, match="linear policy: lacks the array 'weights'"):
         load_policy(path)
     save_arrays(path, arrays, header | {"format": 99})
     with pytest.raises(InputError, match="not a policy of format 1"):
@@ -329,3 +330,160 @@ def test_experts_must_be_neural_and_of_the_gait(tmp_path):
         load_expert("walk", path)
     with pytest.raises(InputError, match="no expert for gait 'amble'"):
         load_expert("amble")
+
+
+def small_trees(**changes):
+    arrays = {
+        "features": np.zeros((12, 2, 3), dtype=np.int32),
+        "thresholds": np.full((12, 2, 3), np.inf),
+        "leaves": np.ones((12, 2, 4)),
+        "intercepts": np.zeros(12),
+        "importances": np.zeros((12, N)),
+    }
+    return BoostedTreesPolicy("trot", NAMES, **(arrays | changes))
+
+
+def small_additive(**changes):
+    arrays = {
+        "cuts": np.tile([0.0, 1.0, np.inf], (N, 1)),
+        "pair_cuts": np.tile([0.0], (N, 1)),
+        "tables": np.zeros((12, N, 4)),
+        "pairs": np.array([[0, 1]]),
+        "pair_joints": np.array([3]),
+        "pair_tables": np.zeros((1, 2, 2)),
+        "deviations": np.zeros((12, N, 4)),
+        "pair_deviations": np.zeros((1, 2, 2)),
+        "intercepts": np.zeros(12),
+    }
+    return AdditivePolicy("trot", NAMES, **(arrays | changes))
+
+
+def test_arrays_that_no_policy_can_have_are_refused_in_python_as_well():
+    zeros = np.zeros
+    for make, told in (
+        (lambda: LinearPolicy("trot", NAMES, zeros((2, N)), zeros(2)), r"must be \(12, 49\)"),
+        (lambda: LinearPolicy("trot", NAMES, zeros((12, N)), zeros((12, 1))), "'intercepts' is of"),
+        (lambda: LinearPolicy("trot", NAMES, zeros((12, N), dtype=int), zeros(12)), "type int64"),
+        (lambda: StatewiseLinearPolicy("trot", NAMES, zeros((3, 12, N)), zeros((3, 12))), "2, 12"),
+        (lambda: OpenLoopPolicy("trot", NAMES, zeros((2, 0, 12))), "iterations, 12"),
+        (lambda: OpenLoopPolicy("trot", NAMES, np.full((2, 5, 12), np.nan)), "holds nan"),
+        (lambda: small_trees(features=np.full((12, 2, 3), 300)), "holds 300; .* from 0 to 48"),
+        (lambda: small_trees(features=np.full((12, 2, 3), -1)), "holds -1"),
+        (lambda: small_trees(leaves=zeros((12, 2, 3))), r"must be \(12, 2, 4\)"),
+        (lambda: small_trees(thresholds=np.full((12, 2, 3), np.nan)), "holds nan"),
+        (
+            lambda: small_trees(
+                features=zeros((12, 2, 4), dtype=int),
+                thresholds=zeros((12, 2, 4)),
+                leaves=zeros((12, 2, 5)),
+            ),
+            "4 inner nodes",
+        ),
+        (lambda: small_additive(cuts=np.tile([0.0, np.inf, 1.0], (N, 1))), "does not ascend"),
+        (lambda: small_additive(pairs=np.array([[0, N]])), "holds 49"),
+        (lambda: small_additive(pair_joints=np.array([12])), "holds 12; .* from 0 to 11"),
+        (lambda: small_additive(deviations=np.full((12, N, 4), -1.0)), "holds -1"),
+        (lambda: NeuralPolicy("trot", NAMES, neural().estimator, neural().estimator), "actor.0.w"),
+        (lambda: NeuralPolicy("trot", NAMES, neural().actor, neural().actor), r"must be \(8, 42\)"),
+        (
+            lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural().estimator),
+            "lacks the array",
+        ),
+        (lambda: SymbolicPolicy("trot", NAMES, symbolic().expressions[:2]), "12 joints"),
+        (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic().expressions), "2 states"),
+    ):
+        with pytest.raises(InputError, match=told):
+            make()
+    assert small_trees().depth == 2
+    assert small_additive(
+        pairs=zeros((0, 2), dtype=int),
+        pair_joints=zeros(0, dtype=int),
+        pair_tables=zeros((0, 2, 2)),
+        pair_deviations=zeros((0, 2, 2)),
+    )(zeros(N)).shape == (12,)
+
+
+def test_names_that_no_policy_can_have_are_refused():
+    weights, intercepts = np.zeros((12, N)), np.zeros(12)
+    iterations = NAMES.index("RM Iters")
+    for gait, names, told in (
+        (5, NAMES, "the gait is of type int"),
+        ("", NAMES, "the gait is ''"),
+        ("trot", "x" * N, "names of observations"),
+        ("trot", (), "names of observations"),
+        ("trot", (5, *NAMES[1:]), "observation is of type int"),
+        ("trot", (NAMES[1], *NAMES[1:]), "observes 'Command Yaw' twice"),
+        ("trot", ("RM State 2", *NAMES[1:]), "in a row"),
+    ):
+        with pytest.raises(InputError, match=told):
+            LinearPolicy(gait, names, weights, intercepts)
+    without = (*NAMES[:iterations], "Clock", *NAMES[iterations + 1 :])
+    with pytest.raises(InputError, match="does not observe 'RM Iters', which it needs"):
+        OpenLoopPolicy("trot", without, open_loop().table)
+    with pytest.raises(InputError, match="does not observe 'RM Iters', which it needs"):
+        SymbolicPolicy("trot", without, symbolic().expressions)
+
+
+def test_header_fields_of_another_kind_are_refused(tmp_path):
+    path = tmp_path / "policy.safetensors"
+    linear().save(path)
+    arrays, header = load_arrays(path)
+    for key, value, told in (
+        ("format", True, "not a policy of format 1"),
+        ("kind", ["linear"], "'kind' of its header is of type list; it must be text"),
+        ("observation_names", "x" * N, "of type str; it must be a list of names"),
+        ("values", None, "of type NoneType; it must be a mapping"),
+    ):
+        save_arrays(path, arrays, header | {key: value})
+        with pytest.raises(InputError, match=told) as refused:
+            load_policy(path)
+        assert str(refused.value).startswith(f"{path}: ")
+    save_arrays(path, arrays, header | {"made by": "hand"})
+    assert load_policy(path).kind == "linear"
+
+
+@pytest.mark.parametrize("real", [np.float16, np.float32])
+@pytest.mark.parametrize("whole", [np.uint8, np.uint16, np.int64])
+def test_small_types_of_numbers_are_taken(real, whole, tmp_path):
+    for policy in (linear(), open_loop(), small_trees(), small_additive(), neural()):
+        path = tmp_path / "policy.safetensors"
+        policy.save(path)
+        arrays, header = load_arrays(path)
+        small = {
+            name: array.astype(real if array.dtype.kind == "f" else whole)
+            for name, array in arrays.items()
+        }
+        save_arrays(path, small, header)
+        action = load_policy(path)(samples(5)[0])
+        assert action.dtype == np.float64
+        np.testing.assert_allclose(action, policy(samples(5)[0]), rtol=0, atol=0.1)
+
+
+def test_joints_are_explained_by_name_or_index():
+    observation = samples(1)[0][0]
+    for policy in (linear(), statewise(), symbolic(), statewise_symbolic(), small_additive()):
+        named, numbered = policy.explain(observation, "FL_calf"), policy.explain(observation, 2)
+        assert named.terms == numbered.terms
+        np.testing.assert_array_equal(named.values, numbered.values)
+    for policy in (linear(), small_trees(), neural()):
+        for bad in ("FL_knee", 12, -1, True):
+            with pytest.raises(InputError, match="unknown joint"):
+                policy.explain(observation, bad)
+
+
+def test_products_of_many_sums_are_explained_in_one_term():
+    product = " * ".join(f"(x{i} + {i}.5)" for i in range(22))
+    formula = parse_expression(f"x0 + {product}", variable_names(N))
+    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
+    observations, _ = samples(5)
+    parts = policy.explain(observations, "FL_calf")
+    assert len(parts.terms) == 2
+    np.testing.assert_allclose(parts.values.sum(axis=1), policy(observations)[:, 2])
+
+
+def test_the_first_entry_that_is_not_finite_is_found():
+    values = np.zeros((2, 12))
+    assert first_not_finite(values) is None
+    values[1, 3], values[1, 7] = np.inf, np.nan
+    assert first_not_finite(values) == (1, 3)
+    assert first_not_finite(values[1]) == (3,)

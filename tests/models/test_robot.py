@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models.a1 import robot
+from models.errors import InputError
 
 
 def test_joints_are_ordered_by_leg():
@@ -29,3 +30,10 @@ def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
     np.testing.assert_allclose(robot.joint_torque(zero + 0.1, zero, zero + 2.0), 1.0)
     np.testing.assert_allclose(robot.joint_torque(zero + 5.0, zero, zero), robot.EFFORT_LIMIT)
+
+
+def test_joints_are_found_by_name_and_by_index():
+    assert robot.joint_index("FL_calf") == robot.joint_index(2) == robot.joint_index(np.int64(2))
+    for bad in ("FL_knee", "", 12, -1, 2.0, True, None, ["FL_hip"], np.zeros(2)):
+        with pytest.raises(InputError, match=r"unknown joint .*; the joints are FL_hip, "):
+            robot.joint_index(bad)

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import shutil
 import sys
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -384,6 +385,34 @@ def test_labels_are_the_experts_whoever_acts(expert):
     acted = samples.actions[:19]
     by_expert = np.all(np.isclose(previous, acted), axis=1)
     assert by_expert.tolist() == [step % 3 == 0 for step in range(19)]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        ("actor", "the action of FL_calf is not finite"),
+        ("estimator", "Base Lin Vel Z is not finite"),
+    ],
+)
+def test_samples_that_are_not_finite_are_refused(expert, network, told):
+    last = getattr(expert, network).biases[-1].copy()
+    last[2] = np.nan
+    own = getattr(expert, network)
+    broken = copy(expert)
+    setattr(broken, network, replace(own, biases=(*own.biases[:-1], last)))
+    with pytest.raises(InputError, match=f"{told} at control step 0 of its episode"):
+        collect(
+            load_gait("trot"),
+            broken,
+            untrained_student("trot", expert.observation_names),
+            period=1,
+            episodes=np.array([1, 2]),
+            speeds=np.array([0.0, 0.5]),
+            n_steps=3,
+            station=StationConfig(),
+            generator=np.random.default_rng(0),
+        )
 
 
 def test_r2_is_scikit_learns(generator):

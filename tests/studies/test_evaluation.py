@@ -10,14 +10,17 @@ from diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
 from models.a1 import robot
 from models.errors import InputError
+from models.policies.expression import parse_expression, variable_names
 from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy
+from models.policies.symbolic import SymbolicPolicy
 from models.task.gait import load_gait
+from models.task.observation import ITERATIONS_SCALE
 from studies.distillation.students import untrained_student
 from studies.evaluation.alternation import alternation_jobs
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.figures import gait_figure, reward_figure
-from studies.evaluation.jobs import run_jobs
+from studies.evaluation.jobs import RolloutJob, run_jobs
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scorecard import scorecard_jobs
 from studies.evaluation.scores import (
@@ -38,6 +41,7 @@ def log(n_steps=200, n_robots=2):
         velocity=np.zeros((*shape, 2)),
         command=np.zeros((*shape, 2)),
         power=np.zeros(shape),
+        action=np.zeros((*shape, 12)),
         reward=np.ones(shape),
         plain_reward=np.full(shape, 0.5),
         served_dwell=np.full(shape, 0.9),
@@ -118,6 +122,24 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     assert values.reward.shape == (800, 3)
     assert scores["steps"].max() < 100
     np.testing.assert_array_equal(values.reward[200:], np.repeat(values.reward[199:200], 600, 0))
+
+
+def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, capsys):
+    names = expert.observation_names
+    # Of no value at the third control step in a state of the machine.
+    bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE!r})"
+    texts = ["0", "0", bad, *["0"] * 9]
+    formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
+    student = SymbolicPolicy("trot", names, formulas)
+    config = RolloutConfig(n_robots=3, n_steps=10)
+    team = Team(expert, student, 0)
+    job = RolloutJob({"policy": "formula"}, load_gait("trot"), team, WORLDS["training"], config)
+    scores = run_jobs([job], tmp_path, processes=1)
+    assert scores["failure"].tolist() == ["not_finite"] * 3
+    assert scores["not_finite"].tolist() == ["FL_calf"] * 3
+    assert scores["steps"].tolist() == [3] * 3
+    told = " ".join(capsys.readouterr().out.split())
+    assert "the action of FL_calf is not finite at control step 2, robot 0" in told
 
 
 def test_shares_compare_robot_with_robot(generator):
