@@ -7,9 +7,16 @@ and nowhere else: whether settings come from the command line, from a file or fr
 import json
 from dataclasses import fields
 from functools import cache
-from typing import Any, ClassVar, Self, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
 
 from models.errors import InputError, shown
 
@@ -18,6 +25,16 @@ _KEYS = {
     "missing_argument": "missing key {key!r}; add it",
     "unexpected_keyword_argument": "unknown key {key!r}; remove it",
 }
+
+
+def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ValueError("the least, then the greatest")
+    return ends
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]
+"""The least and the greatest of a range; they may be the same."""
 
 
 class Settings:
