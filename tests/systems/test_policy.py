@@ -28,3 +28,7 @@ def test_contexts_share_the_policy_but_not_the_observation(trot, make_policy, fi
     fix_inputs(system, clone, observation=np.zeros(49))
     np.testing.assert_array_equal(system.get_action_output_port().Eval(clone), 0)
     assert system.get_action_output_port().Eval(context).any()
+
+
+def test_refuses_wrong_sizes(trot, make_policy, assert_sizes_are_checked):
+    assert_sizes_are_checked(PolicySystem(make_policy(trot)))
