@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from diagrams.locomotion import find_locomotion, set_plant_state
 from models.a1.robot import Array
-from models.errors import InputError
+from models.errors import InputError, shown
 from models.task import CONTROL_PERIOD
 from models.task.termination import FAILURES
 
@@ -157,9 +157,11 @@ def record(
             advance between two control instants ends the recording as well.
 
     Raises:
-        InputError: if the simulator is between two control instants, or its diagram does not hold
-            exactly one robot.
+        InputError: if n_steps is negative, the simulator is between two control instants, or its
+            diagram does not hold exactly one robot.
     """
+    if n_steps is not None and n_steps < 0:
+        raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
     locomotion, context = find_locomotion(simulator.get_system()), simulator.get_context()
     own = locomotion.GetMyContextFromRoot(context)
     first = _control_step(context)

@@ -73,6 +73,11 @@ def test_starts_at_control_instants_alone(trotting, time):
         record(simulator, 1)
 
 
+def test_a_negative_number_of_steps_is_refused(trotting):
+    with pytest.raises(InputError, match="n_steps is -1"):
+        record(make_simulator(trotting), -1)
+
+
 def test_times_that_a_sum_makes_a_little_short_are_control_instants(trotting):
     simulator = make_simulator(trotting)
     simulator.AdvanceTo(0.7)
