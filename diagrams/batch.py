@@ -6,14 +6,16 @@ systems diagram calls for one robot.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from diagrams.batch_physics import BatchPhysics
 from models.a1 import robot
 from models.a1.robot import Array
+from models.settings import Interval, Settings
 from models.task import COMMAND_STEPS, EPISODE_STEPS
 from models.task.command import Command, sample_commands
 from models.task.contact import sense_feet
@@ -28,7 +30,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class TaskConfig:
+class TaskConfig(Settings):
     """The task that the batch simulator plays.
 
     Attributes:
@@ -40,12 +42,14 @@ class TaskConfig:
         speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
     """
 
+    title: ClassVar[str] = "task"
+
     gait: Gait
     randomization: Randomization = field(default_factory=Randomization)
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
-    episode_steps: int = EPISODE_STEPS
-    speed_range: tuple[float, float] | None = None
+    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
+    speed_range: Interval | None = None
 
 
 @dataclass

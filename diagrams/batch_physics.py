@@ -123,7 +123,8 @@ class _Group:
         return BatchEvalUniquePeriodicDiscreteUpdate(
             self._diagram,
             self._context,
-            times=np.zeros((1, len(states))),
+            # Flat: newer Drake takes a row of one for a column.
+            times=np.zeros(len(states)),
             states=states.T,
             inputs=desired.T,
             num_time_steps=self._n_steps,

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from diagrams.batch import BatchSimulator, TaskConfig
 from diagrams.batch_physics import BatchPhysics
-from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
+from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, push
 from diagrams.rollout import make_simulator
-from diagrams.station import StationConfig
+from diagrams.station import StationConfig, set_friction
 from models.a1 import robot
 from models.a1.robot import Array
 from models.task import CONTROL_PERIOD, EPISODE_STEPS
@@ -43,6 +43,9 @@ class LocomotionEnv(gym.Env[Array, Array]):
     The body state is observed by its true values. An episode is terminated by the task's failures,
     which `info["failures"]` names, and truncated after 20 s.
 
+    As in `LocomotionVectorEnv`, each episode draws a state, a friction, commands and noise, and
+    pushes come between two control steps: the next observation shows them, the reward does not.
+
     `pydrake.gym.DrakeGymEnv` would serve, were it not that it adds up time step by step: once the
     sum passes a control instant by a rounding error, the diagram latches the action before.
     """
@@ -58,8 +61,8 @@ class LocomotionEnv(gym.Env[Array, Array]):
         """
         Args:
             gait: The gait.
-            station: Physics.
-            randomization: What initial states are drawn from, and whether sensors are noisy.
+            station: Physics; its friction is drawn anew for each episode.
+            randomization: What differs between episodes.
         """
         self.action_space = action_space()
         self.observation_space = observation_space(gait)
@@ -68,7 +71,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self._config = LocomotionConfig(
             station=station or StationConfig(),
             command=DrawnCommands(),
-            sensor_noise=self._randomization.observation_noise > 0,
+            sensor_noise=self._randomization.observation_noise,
         )
         self._steps = 0
         # A diagram that is built again for every episode would leak; this one is used for all.
@@ -91,6 +94,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
             seed=int(generator.integers(2**31)),
         )
         self._context = self._simulator.get_mutable_context()
+        self._set_friction(generator.uniform(*self._randomization.friction))
         return self._eval("observations"), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -101,7 +105,15 @@ class LocomotionEnv(gym.Env[Array, Array]):
         info = self._info()
         truncated = self._steps >= EPISODE_STEPS
         reward = float(self._eval("reward")[0])
+        if self._randomization.push_speed > 0:
+            push(self._diagram, self._context, self._randomization.pushes(1, self.np_random)[0])
         return self._eval("observations"), reward, bool(info["failures"]), truncated, info
+
+    def _set_friction(self, friction: float) -> None:
+        plant = self._diagram.GetSubsystemByName("plant")
+        scene_graph = self._diagram.GetSubsystemByName("scene_graph")
+        context = scene_graph.GetMyMutableContextFromRoot(self._context)
+        set_friction(plant, scene_graph, friction, context)
 
     def _eval(self, port: str) -> Array:
         return self._ports[port].Eval(self._context).copy()

@@ -1,20 +1,31 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
 
+import numpy as np
+from annotated_types import Ge
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, Multiplexer, PortSwitch, RandomSource
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LinearSystem,
+    Multiplexer,
+    PortSwitch,
+    RandomSource,
+)
 
 from diagrams.station import AddA1Station, StationConfig, actuated_joints
 from diagrams.visualization import AddLocomotionDisplay
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
+from models.errors import InputError, shown
 from models.policies.policy import Policy
-from models.task import CONTROL_PERIOD
+from models.settings import Interval, Settings
+from models.task import COMMAND_STEPS, CONTROL_PERIOD
 from models.task.gait import Gait
 from models.task.observation import N_ESTIMATED, ObservationLayout
 from models.task.reward import RewardWeights
@@ -35,7 +46,7 @@ from systems.state_estimator import StateEstimator
 
 
 @dataclass(frozen=True)
-class FixedCommand:
+class FixedCommand(Settings):
     """One command for the whole rollout.
 
     Attributes:
@@ -44,20 +55,43 @@ class FixedCommand:
         dwell: Iterations to stay in a state of the reward machine (control steps).
     """
 
+    title: ClassVar[str] = "command"
+
     speed: float = 0.5
     yaw_rate: float = 0.0
-    dwell: int = 8
+    dwell: Annotated[int, Ge(1)] = 8
+
+    def check(self, gait: Gait) -> None:
+        """Checks that a gait is made for the command.
+
+        Raises:
+            InputError: if a value is beyond the gait's range.
+        """
+        ranges = {
+            "speed": (-gait.max_speed, gait.max_speed),
+            "yaw_rate": (-gait.max_yaw_rate, gait.max_yaw_rate),
+            "dwell": gait.dwell,
+        }
+        for name, (least, greatest) in ranges.items():
+            value = getattr(self, name)
+            if not least <= value <= greatest:
+                raise InputError(
+                    f"{self.title}: {name} is {shown(value)}; give {least:g} to {greatest:g}, the "
+                    f"range of gait {gait.name!r}"
+                )
 
 
 @dataclass(frozen=True)
-class DrawnCommands:
+class DrawnCommands(Settings):
     """Commands drawn over the gait's range, a new one every 10 s.
 
     Attributes:
         speed_range: Least and greatest forward speed (m/s); the gait's by default.
     """
 
-    speed_range: tuple[float, float] | None = None
+    title: ClassVar[str] = "command"
+
+    speed_range: Interval | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +100,7 @@ class SliderCommand:
 
 
 @dataclass(frozen=True)
-class LocomotionConfig:
+class LocomotionConfig(Settings):
     """How the loop is closed.
 
     Attributes:
@@ -74,15 +108,17 @@ class LocomotionConfig:
         command: Where commands come from.
         alternation_period: Control steps from one action of the expert to the next; 1 is the expert
             alone, 0 the student alone.
-        sensor_noise: Whether the joints' sensors are noisy.
+        sensor_noise: Factor on the noise of the joints' sensors; 0 for none, 1 for the task's.
         weights: Weights of the reward.
         limits: Bounds that the fall monitor watches.
     """
 
+    title: ClassVar[str] = "locomotion"
+
     station: StationConfig = field(default_factory=StationConfig)
     command: FixedCommand | DrawnCommands | SliderCommand = field(default_factory=FixedCommand)
-    alternation_period: int = 1
-    sensor_noise: bool = False
+    alternation_period: Annotated[int, Ge(0)] = 1
+    sensor_noise: Annotated[float, Ge(0)] = 0.0
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
 
@@ -111,6 +147,7 @@ def MakeLocomotion(  # noqa: N802
         - reward_terms
         - rm_state
         - rm_iterations
+        - served_dwell
         - foot_contact
         - foot_height
         - failures
@@ -121,10 +158,13 @@ def MakeLocomotion(  # noqa: N802
     Inputs: actions (12), only where neither expert nor student is given.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
     and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
-    rm_iterations (1). foot_contact (4), foot_height (4, m). failures (6). command (2; m/s, rad/s),
-    commanded_dwell (1, control steps). state (37), the plant's.
+    rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
+    failures (6). command (2; m/s, rad/s), commanded_dwell (1, control steps). state (37), the
+    plant's.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
+    In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
+    sensors' noise and drawn commands.
 
     Args:
         gait: The gait whose reward machine runs.
@@ -135,7 +175,8 @@ def MakeLocomotion(  # noqa: N802
         meshcat: Shows robot, contacts and machine state there.
 
     Raises:
-        InputError: if a policy was made for another gait or observation.
+        InputError: if a policy was made for another gait or observation, or the gait is not made
+            for the command.
         ValueError: if the alternation asks for a policy that is not given.
     """
     layout = ObservationLayout(gait.n_states)
@@ -143,16 +184,24 @@ def MakeLocomotion(  # noqa: N802
         if policy is not None:
             policy.check(gait=gait.name, observation_names=layout.names)
 
+    if isinstance(config.command, FixedCommand):
+        config.command.check(gait)
+
     builder = DiagramBuilder()
+    # What comes first draws first in a random context: a seed gives the same commands with noise
+    # and without, and the same noise whatever the robot's pose is drawn from.
+    command, commanded_dwell = _add_command(builder, gait, config, meshcat)
+    noise = _add_noise(builder) if config.sensor_noise > 0 else None
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddA1Station(builder, config.station)
     state = plant.get_state_output_port()
 
-    command, commanded_dwell = _add_command(builder, gait, config, meshcat)
     foot_sensor, machine = _add_machine(builder, gait, state, commanded_dwell)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     observer = _add_observer(builder, layout, config, machine, hold)
+    if noise is not None:
+        builder.Connect(noise, observer.get_uniform_noise_input_port())
     builder.Connect(state, observer.get_state_input_port())
     builder.Connect(command, observer.get_command_input_port())
     builder.Connect(commanded_dwell, observer.get_commanded_dwell_input_port())
@@ -178,6 +227,7 @@ def MakeLocomotion(  # noqa: N802
         **judged,
         "rm_state": machine.get_rm_state_output_port(),
         "rm_iterations": machine.get_rm_iterations_output_port(),
+        "served_dwell": machine.get_served_dwell_output_port(),
         "foot_contact": foot_sensor.get_foot_contact_output_port(),
         "foot_height": foot_sensor.get_foot_height_output_port(),
         "command": command,
@@ -191,19 +241,88 @@ def MakeLocomotion(  # noqa: N802
     return diagram
 
 
+def find_locomotion(diagram: Diagram) -> Diagram:
+    """Finds what `MakeLocomotion` built: the diagram itself, or a part of it at any depth.
+
+    Raises:
+        InputError: if there is none, or more than one.
+    """
+    found = list(_locomotions(diagram))
+    if len(found) != 1:
+        raise InputError(
+            f"locomotion: diagram {diagram.get_name()!r} holds {len(found)} of what MakeLocomotion "
+            "builds; give one that holds exactly one"
+        )
+    return found[0]
+
+
 def set_plant_state(diagram: Diagram, context: Context, state: Array | None = None) -> None:
     """Puts the robot into a state.
 
     Args:
-        diagram: What `MakeLocomotion` built.
-        context: Its context, to be changed.
+        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
+        context: Its own context, or the root context that its context is part of; to be changed.
         state: The plant's state x (37); standing at rest by default.
+
+    Raises:
+        InputError: if the context is of another diagram.
     """
     if state is None:
         state = kinematics.standing_state(robot.DEFAULT_STANCE)
-    plant = diagram.GetSubsystemByName("plant")
+    plant, plant_context = _find_plant(diagram, context)
+    plant.SetPositionsAndVelocities(plant_context, state)
+
+
+def push(diagram: Diagram, context: Context, velocity: Array) -> None:
+    """Adds to the velocity of the robot's trunk.
+
+    Args:
+        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
+        context: Its own context, or the root context that its context is part of; to be changed.
+        velocity: What is added (3; m/s, world frame).
+
+    Raises:
+        InputError: if the context is of another diagram.
+    """
+    plant, plant_context = _find_plant(diagram, context)
+    state = plant.GetPositionsAndVelocities(plant_context)
+    state[robot.LINEAR_VELOCITY] += velocity
+    plant.SetPositionsAndVelocities(plant_context, state)
+
+
+def _find_plant(diagram: Diagram, context: Context) -> tuple[MultibodyPlant, Context]:
+    """Finds the robot's plant and its part of the diagram's own context, or of the root's."""
+    plant = find_locomotion(diagram).GetSubsystemByName("plant")
     assert isinstance(plant, MultibodyPlant)
-    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+    try:
+        diagram.ValidateContext(context)
+        return plant, diagram.GetMutableSubsystemContext(plant, context)
+    except RuntimeError:
+        pass
+    try:
+        return plant, plant.GetMyMutableContextFromRoot(context)
+    except RuntimeError as error:
+        raise InputError(
+            f"locomotion: the context is not of diagram {diagram.get_name()!r}; give its own "
+            "context, or the root's"
+        ) from error
+
+
+def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
+    # A larger diagram may give it another name; its fall monitor is always there.
+    name = "fall_monitor"
+    if diagram.HasSubsystemNamed(name) and isinstance(
+        diagram.GetSubsystemByName(name), FallMonitor
+    ):
+        yield diagram
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram):
+            yield from _locomotions(system)
+
+
+def _add_noise(builder: DiagramBuilder) -> OutputPort:
+    noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
+    return builder.AddNamedSystem("sensor_noise", noise).get_output_port()
 
 
 def _add_command(
@@ -216,13 +335,30 @@ def _add_command(
             rhythm = builder.AddNamedSystem("commanded_dwell", ConstantVectorSource([dwell]))
             return velocity.get_output_port(), rhythm.get_output_port()
         case DrawnCommands(speed_range=speed_range):
-            source = RandomCommand(gait, speed_range=speed_range)
+            source = _add_random_command(builder, gait, speed_range)
+            return source.get_command_output_port(), source.get_commanded_dwell_output_port()
         case SliderCommand():
             if meshcat is None:
                 raise ValueError("locomotion: commands from sliders need a Meshcat")
             source = MeshcatCommand(gait, meshcat)
     builder.AddNamedSystem("command", source)
     return source.get_command_output_port(), source.get_commanded_dwell_output_port()
+
+
+def _add_random_command(
+    builder: DiagramBuilder, gait: Gait, speed_range: tuple[float, float] | None
+) -> RandomCommand:
+    # A system written in Python cannot draw its own parameters in `SetRandomContext`, but a linear
+    # system draws its initial state. One that stays where it starts gives a seed that holds for the
+    # whole rollout; a RandomSource would draw another one in the first update.
+    nothing = np.zeros((1, 0))
+    seed = LinearSystem(np.eye(1), nothing, np.eye(1), nothing, COMMAND_STEPS * CONTROL_PERIOD)
+    seed.configure_random_state(np.eye(1))
+    source = RandomCommand(gait, speed_range)
+    builder.AddNamedSystem("command_seed", seed)
+    builder.AddNamedSystem("command", source)
+    builder.Connect(seed.get_output_port(), source.get_seed_input_port())
+    return source
 
 
 def _add_machine(
@@ -245,15 +381,11 @@ def _add_observer(
     machine: RewardMachineSystem,
     hold: ActionHold,
 ) -> Observer:
-    observer = builder.AddNamedSystem("observer", Observer(layout))
+    observer = builder.AddNamedSystem("observer", Observer(layout, config.sensor_noise))
     connect = builder.Connect
     connect(hold.get_held_action_output_port(), observer.get_previous_action_input_port())
     connect(machine.get_rm_state_output_port(), observer.get_rm_state_input_port())
     connect(machine.get_rm_iterations_output_port(), observer.get_rm_iterations_input_port())
-    if config.sensor_noise:
-        noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
-        builder.AddNamedSystem("sensor_noise", noise)
-        connect(noise.get_output_port(), observer.get_uniform_noise_input_port())
     return observer
 
 

@@ -1,17 +1,20 @@
 """Rollouts of the locomotion diagram, recorded at every control step."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from diagrams.locomotion import set_plant_state
+from diagrams.locomotion import find_locomotion, set_plant_state
 from models.a1.robot import Array
+from models.errors import InputError, shown
 from models.task import CONTROL_PERIOD
-from systems.command import RandomCommand
+from models.task.termination import FAILURES
 
 RECORDED_PORTS = (
     "actions",
@@ -21,6 +24,7 @@ RECORDED_PORTS = (
     "reward_terms",
     "rm_state",
     "rm_iterations",
+    "served_dwell",
     "foot_contact",
     "foot_height",
     "failures",
@@ -29,13 +33,19 @@ RECORDED_PORTS = (
     "state",
 )
 
+KEPT_STEPS = 3000
+"""Control steps that a recording without an end keeps (one minute), the latest ones."""
+
+_INSTANT_TOLERANCE = 1e-9
+"""Rounding error of times that are sums of control periods (s)."""
+
 
 @dataclass(frozen=True)
 class Rollout:
-    """Values of the diagram's outputs at control steps 0..n, before each step's updates.
+    """Values of the diagram's outputs at n + 1 control instants, before each instant's updates.
 
     Attributes:
-        time: Instants (n + 1; s).
+        time: The instants (n + 1; s).
         values: Outputs by port name, each (n + 1, size).
     """
 
@@ -62,17 +72,20 @@ def make_simulator(
     """Makes a simulator that is ready to advance.
 
     Args:
-        diagram: What `MakeLocomotion` built.
+        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
         state: The plant's initial state x (37); standing at rest by default.
-        seed: Seed of the diagram's random sources and of its drawn commands.
+        seed: Seed of all that the diagram draws at random but the robot's state.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
+
+    Raises:
+        InputError: if the diagram is a part of a larger one, or does not hold exactly one robot.
     """
+    path = diagram.GetSystemPathname()
+    if path.count("::") > 1:
+        raise InputError(f"simulator: {path!r} is part of a larger diagram; give the outermost one")
     context = diagram.CreateDefaultContext()
     diagram.SetRandomContext(context, RandomGenerator(seed))
-    command = diagram.GetSubsystemByName("command")
-    if isinstance(command, RandomCommand):
-        command.set_seed(command.GetMyMutableContextFromRoot(context), seed)
     set_plant_state(diagram, context, state)
     simulator = Simulator(diagram, context)
     if accuracy is not None:
@@ -83,40 +96,106 @@ def make_simulator(
 
 
 def use_error_control(simulator: Simulator, accuracy: float) -> None:
-    """Advances a continuous plant by the error-controlled contact integrator."""
+    """Advances a continuous plant by the error-controlled contact integrator.
+
+    Raises:
+        InputError: if the plant is not in the simulator's outermost diagram.
+    """
+    if not simulator.get_system().HasSubsystemNamed("plant"):
+        raise InputError(
+            "simulator: Drake's error-controlled contact integrator needs the plant in the "
+            "outermost diagram; simulate the robot's diagram by itself, or a discrete plant"
+        )
     config = SimulatorConfig(integration_scheme="cenic", accuracy=accuracy, use_error_control=True)
     ApplySimulatorConfig(config, simulator)
 
 
+def stop_at_falls(simulator: Simulator) -> None:
+    """Ends `Simulator.AdvanceTo` at the first control instant that shows a failure.
+
+    The status that `AdvanceTo` then returns has the reason `kReachedTerminationCondition` and names
+    the failure. The simulator's monitor is replaced.
+
+    Args:
+        simulator: A simulator of what `MakeLocomotion` built, or of a larger diagram that holds it.
+
+    Raises:
+        InputError: if the simulator's diagram does not hold exactly one robot.
+    """
+    locomotion = find_locomotion(simulator.get_system())
+    port = locomotion.GetOutputPort("failures")
+
+    def monitor(root_context: Context) -> EventStatus:
+        # The monitor is called after every step of the plant, also between two control instants.
+        if _control_step(root_context) is None:
+            return EventStatus.DidNothing()
+        shown = port.Eval(locomotion.GetMyContextFromRoot(root_context)) > 0.5
+        if not shown.any():
+            return EventStatus.DidNothing()
+        names = ", ".join(np.array(FAILURES)[shown])
+        return EventStatus.ReachedTermination(locomotion, f"the robot shows {names}")
+
+    simulator.set_monitor(monitor)
+
+
 def record(
     simulator: Simulator,
-    n_steps: int,
+    n_steps: int | None,
     *,
     stop_on_failure: bool = True,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Rollout:
-    """Advances by control steps and records every output.
+    """Advances by control steps and records every output, from where the simulator is.
 
     Args:
-        simulator: A simulator at time 0.
-        n_steps: Control steps to take.
+        simulator: A simulator of what `MakeLocomotion` built, or of a larger diagram that holds it,
+            at a control instant.
+        n_steps: Control steps to take; None for no end but a failure or `stopped`, and then the
+            last `KEPT_STEPS` of them are kept.
         stop_on_failure: Whether to end at the first failure.
-        stopped: Asked after every step whether to end now.
+        stopped: Asked after every step whether to end now. A monitor that ends the simulator's
+            advance between two control instants ends the recording as well.
+
+    Raises:
+        InputError: if n_steps is negative, the simulator is between two control instants, or its
+            diagram does not hold exactly one robot.
     """
-    diagram, context = simulator.get_system(), simulator.get_context()
+    if n_steps is not None and n_steps < 0:
+        raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
+    locomotion, context = find_locomotion(simulator.get_system()), simulator.get_context()
+    own = locomotion.GetMyContextFromRoot(context)
+    first = _control_step(context)
+    if first is None:
+        raise InputError(
+            f"record: the simulator is at {context.get_time():g} s; advance it to a multiple of "
+            f"{CONTROL_PERIOD} s"
+        )
     ports = {
-        name: diagram.GetOutputPort(name) for name in RECORDED_PORTS if diagram.HasOutputPort(name)
+        name: locomotion.GetOutputPort(name)
+        for name in RECORDED_PORTS
+        if locomotion.HasOutputPort(name)
     }
-    recorded: dict[str, list[Array]] = {name: [] for name in ports}
-    times = []
-    for step in range(n_steps + 1):
+    kept = None if n_steps is not None else KEPT_STEPS + 1
+    recorded: dict[str, deque[Array]] = {name: deque(maxlen=kept) for name in ports}
+    times: deque[float] = deque(maxlen=kept)
+    for step in count() if n_steps is None else range(n_steps + 1):
         # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
         # even a call with the time it already has would act.
         if step > 0:
-            simulator.AdvanceTo(step * CONTROL_PERIOD)
+            instant = (first + step) * CONTROL_PERIOD
+            if simulator.AdvanceTo(instant).return_time() < instant:
+                break
         times.append(context.get_time())
         for name, port in ports.items():
-            recorded[name].append(port.Eval(context).copy())
+            recorded[name].append(port.Eval(own).copy())
         if stopped() or (stop_on_failure and recorded["failures"][-1].any()):
             break
     return Rollout(np.array(times), {name: np.array(values) for name, values in recorded.items()})
+
+
+def _control_step(context: Context) -> int | None:
+    """Returns the control step whose updates are due now, or None between two control instants."""
+    time = context.get_time()
+    step = round(time / CONTROL_PERIOD)
+    # Past the instant, even by a rounding error, its updates are done.
+    return step if 0.0 <= step * CONTROL_PERIOD - time < _INSTANT_TOLERANCE else None

@@ -1,12 +1,11 @@
 """The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
 
-import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometryId,
@@ -16,6 +15,7 @@ from pydrake.geometry import (
     Role,
     RoleAssign,
     SceneGraph,
+    SceneGraphConfig,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -31,20 +31,24 @@ from pydrake.multibody.tree import (
     SpatialInertia,
     UnitInertia,
 )
+from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from models.a1 import robot
-from models.errors import InputError
-
-# Drake warns that half spaces take no part in deformable contact. Nothing here deforms.
-logging.getLogger("drake").addFilter(lambda record: "half spaces" not in record.getMessage())
+from models.a1 import kinematics, robot
+from models.settings import Settings
+from models.task.randomization import NOMINAL
 
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
 
 
+RANDOM_LIFT = 0.025
+"""Height of the trunk above the standing pose in random contexts (m): whatever the legs' pose, no
+foot is in the ground."""
+
+
 @dataclass(frozen=True)
-class StationConfig:
+class StationConfig(Settings):
     """Physics of the station.
 
     Attributes:
@@ -57,17 +61,13 @@ class StationConfig:
             own 0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
     """
 
-    time_step: float = 0.01
-    contact_solver: ContactSolver = "sap"
-    friction: float = 1.0
-    payload: float = 0.0
-    relaxation_time: float = 0.01
+    title: ClassVar[str] = "station"
 
-    def __post_init__(self) -> None:
-        for name in ("time_step", "friction", "payload", "relaxation_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"station: {name} is {value}; it must be 0 or more")
+    time_step: Annotated[float, Ge(0)] = 0.01
+    contact_solver: ContactSolver = "sap"
+    friction: Annotated[float, Ge(0)] = 1.0
+    payload: Annotated[float, Ge(0)] = 0.0
+    relaxation_time: Annotated[float, Ge(0)] = 0.01
 
 
 def AddA1Station(  # noqa: N802
@@ -78,6 +78,10 @@ def AddA1Station(  # noqa: N802
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
     limits it to the motors' effort. Output ports are live rather than sampled, so that the plant
     moves in the discrete phase of an instant, after a controller's unrestricted updates.
+
+    In a default context the robot stands at rest. In a random one, as `SetRandomContext` makes it,
+    each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
+    stands.
 
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
@@ -92,6 +96,7 @@ def AddA1Station(  # noqa: N802
         ),
         builder,
     )
+    _take_no_part_in_deformable_contact(scene_graph)
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(robot.URDF_PATH.parent / "package.xml"))
     (instance,) = parser.AddModels(url="package://a1/a1.urdf")
@@ -104,6 +109,7 @@ def AddA1Station(  # noqa: N802
         gains = PdControllerGains(p=robot.STIFFNESS, d=robot.DAMPING)
         plant.get_joint_actuator(index).set_controller_gains(gains)
     plant.Finalize()
+    _set_initial_poses(plant)
     _exclude_self_collision(plant, scene_graph, instance)
     _set_relaxation_time(plant, scene_graph, config.relaxation_time)
     set_friction(plant, scene_graph, config.friction)
@@ -193,6 +199,28 @@ def _set_material(
         scene_graph.AssignRole(
             *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
         )
+
+
+def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
+    # Drake registers what has a hint of resolution for contact with deformable bodies, and warns
+    # that half spaces cannot be. Nothing here deforms, and point contact needs no hint.
+    config = SceneGraphConfig()
+    config.default_proximity_properties.resolution_hint = None
+    scene_graph.set_config(config)
+
+
+def _set_initial_poses(plant: MultibodyPlant) -> None:
+    positions = kinematics.standing_state(robot.DEFAULT_STANCE)[: robot.N_POSITIONS]
+    plant.SetDefaultPositions(positions)
+    least, greatest = NOMINAL.joint_scale
+    for name, angle in zip(robot.JOINTS, robot.DEFAULT_STANCE, strict=True):
+        uniform = Variable(name, Variable.Type.RANDOM_UNIFORM)
+        scale = least + (greatest - least) * uniform
+        plant.GetJointByName(name).set_random_angle_distribution(angle * scale)
+    # The joints draw one by one, so that the trunk's height cannot follow from the legs' pose.
+    place = positions[robot.POSITION] + [0.0, 0.0, RANDOM_LIFT]
+    base = plant.GetJointByName("trunk")
+    base.set_random_translation_distribution([Expression(value) for value in place])
 
 
 def _add_payload(plant: MultibodyPlant, mass: float) -> None:

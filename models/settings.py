@@ -47,6 +47,16 @@ DISTINCT = AfterValidator(_distinct)
 """Annotates a list that names nothing twice."""
 
 
+def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ValueError("the least, then the greatest")
+    return ends
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]
+"""The least and the greatest of a range; they may be the same."""
+
+
 class Settings:
     """Base of dataclasses that refuse a value of the wrong kind or out of range.
 

@@ -1,7 +1,7 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from models.task import COMMAND_STEPS, CONTROL_PERIOD
 from models.task.command import Command, sample_commands
@@ -14,31 +14,35 @@ class RandomCommand(LeafSystem):
     .. pydrake_system::
 
         name: RandomCommand
+        input_ports:
+        - seed
         output_ports:
         - command
         - commanded_dwell
 
+    Inputs: seed (1), any number.
     Outputs: command (2; m/s, rad/s), forward speed and yaw rate, trunk frame.
     commanded_dwell (1, control steps).
-    Parameters: seed (1), a whole number.
     State: none; each command is a function of the seed and of the 10 s that time is in.
-    Feedthrough: none.
+    Feedthrough: seed to both outputs.
     """
 
-    def __init__(
-        self, gait: Gait, seed: int = 0, speed_range: tuple[float, float] | None = None
-    ) -> None:
+    def __init__(self, gait: Gait, speed_range: tuple[float, float] | None = None) -> None:
         """
         Args:
             gait: The gait, for its ranges.
-            seed: Seed of the draws, as a fresh context has it.
             speed_range: Least and greatest forward speed (m/s); the gait's by default.
+
+        Raises:
+            ValueError: if the least speed is greater than the greatest.
         """
         super().__init__()
+        if speed_range is not None and not speed_range[0] <= speed_range[1]:
+            raise ValueError(f"command: speed_range is {speed_range}; give the least first")
         self._gait = gait
         self._speed_range = speed_range
-        self._seed = self.DeclareNumericParameter(BasicVector([float(seed)]))
-        prerequisites = {self.time_ticket(), self.all_parameters_ticket()}
+        self._seed_port = self.DeclareVectorInputPort("seed", 1)
+        prerequisites = {self.time_ticket(), self.all_input_ports_ticket()}
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
             size=2,
@@ -52,6 +56,10 @@ class RandomCommand(LeafSystem):
             prerequisites_of_calc=prerequisites,
         )
 
+    def get_seed_input_port(self) -> InputPort:
+        """Takes the seed of the draws."""
+        return self._seed_port
+
     def get_command_output_port(self) -> OutputPort:
         """Gives forward speed and yaw rate."""
         return self._command_port
@@ -60,12 +68,9 @@ class RandomCommand(LeafSystem):
         """Gives the commanded iterations in a state."""
         return self._commanded_dwell_port
 
-    def set_seed(self, context: Context, seed: int) -> None:
-        """Changes the seed in this system's own context."""
-        context.get_mutable_numeric_parameter(self._seed).SetAtIndex(0, float(seed))
-
     def _draw(self, context: Context) -> Command:
-        seed = int(context.get_numeric_parameter(self._seed)[0])
+        # All 64 bits of the number, since NumPy seeds with whole numbers alone.
+        (seed,) = np.array(self._seed_port.Eval(context)).view(np.uint64).tolist()
         step = round(context.get_time() / CONTROL_PERIOD)
         generator = np.random.default_rng([seed, step // COMMAND_STEPS])
         return sample_commands(self._gait, 1, generator, self._speed_range)

@@ -1,5 +1,7 @@
 """Observes what needs no estimator."""
 
+import math
+
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from models.a1 import robot
@@ -31,8 +33,19 @@ class Observer(LeafSystem):
     State: none. Feedthrough: all inputs.
     """
 
-    def __init__(self, layout: ObservationLayout) -> None:
+    def __init__(self, layout: ObservationLayout, noise_factor: float = 1.0) -> None:
+        """
+        Args:
+            layout: The observation's layout.
+            noise_factor: Factor on the noise of the joints' sensors.
+
+        Raises:
+            ValueError: if the factor is negative or not finite.
+        """
         super().__init__()
+        if not 0.0 <= noise_factor < math.inf:
+            raise ValueError(f"observer: noise_factor is {noise_factor}; it must be 0 or more")
+        self._half_width = noise_factor * JOINT_NOISE
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
         self._command_port = declare("command", 2)
@@ -84,7 +97,7 @@ class Observer(LeafSystem):
         state = self._state_port.Eval(context)
         noise = 0.0
         if self._uniform_noise_port.HasValue(context):
-            noise = JOINT_NOISE * (2.0 * self._uniform_noise_port.Eval(context) - 1.0)
+            noise = self._half_width * (2.0 * self._uniform_noise_port.Eval(context) - 1.0)
         output.SetFromVector(
             proprioception(
                 command=self._command_port.Eval(context),

@@ -23,11 +23,14 @@ class RewardMachineSystem(LeafSystem):
         - rm_state
         - rm_iterations
         - reward_multiplier
+        - served_dwell
 
     Inputs: foot_contact (4, {0, 1}), FL FR RL RR. foot_height (4, m), above the ground.
     commanded_dwell (1, control steps).
     Outputs: rm_state (n_states, one-hot) and rm_iterations (1, control steps), after this instant's
-    propositions. reward_multiplier (1), the factor on this step's plain reward.
+    propositions. reward_multiplier (1), the factor on this step's plain reward. served_dwell (1,
+    control steps), the share of commanded_dwell that the transition of this instant stands for, 0
+    where none fired.
     State: machine state, iterations and age after the previous control step, latched every 20 ms
     (unrestricted update). Feedthrough: all inputs to all outputs.
     """
@@ -58,6 +61,12 @@ class RewardMachineSystem(LeafSystem):
             calc=self._calc_reward_multiplier,
             prerequisites_of_calc=everything,
         )
+        self._served_dwell_port = self.DeclareVectorOutputPort(
+            name="served_dwell",
+            size=1,
+            calc=self._calc_served_dwell,
+            prerequisites_of_calc=everything,
+        )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
@@ -86,6 +95,10 @@ class RewardMachineSystem(LeafSystem):
         """Gives the factor on the plain reward."""
         return self._reward_multiplier_port
 
+    def get_served_dwell_output_port(self) -> OutputPort:
+        """Gives the rhythm that this instant's transition served."""
+        return self._served_dwell_port
+
     def _step(self, context: Context) -> MachineStep:
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
         return self._machine.step(
@@ -103,6 +116,9 @@ class RewardMachineSystem(LeafSystem):
 
     def _calc_reward_multiplier(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([float(self._step(context).multiplier)])
+
+    def _calc_served_dwell(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._step(context).served_dwell)])
 
     def _latch(self, context: Context, state: State) -> None:
         after = np.ravel(self._step(context).machine).astype(float)

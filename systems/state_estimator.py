@@ -25,7 +25,19 @@ class StateEstimator(LeafSystem):
     """
 
     def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
+        """
+        Args:
+            estimator: Maps proprioception (40 + n_states) to the body state (7).
+            n_proprioceptive: Length of the proprioception.
+
+        Raises:
+            ValueError: if that length is below 1.
+        """
         super().__init__()
+        if n_proprioceptive < 1:
+            raise ValueError(
+                f"state estimator: n_proprioceptive is {n_proprioceptive}; it must be 1 or more"
+            )
         self._estimator = estimator
         self._proprioception_port = self.DeclareVectorInputPort("proprioception", n_proprioceptive)
         self._body_state_port = self.DeclareVectorOutputPort(

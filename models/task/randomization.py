@@ -1,17 +1,20 @@
 """What differs between robots and episodes: initial states, pushes, friction and noise."""
 
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Ge
 
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
+from models.settings import Interval, Settings
 from models.task import CONTROL_PERIOD
 from models.task.observation import JOINT_NOISE
 
 
 @dataclass(frozen=True)
-class Randomization:
+class Randomization(Settings):
     """Ranges from which robots and episodes are drawn.
 
     Attributes:
@@ -24,12 +27,14 @@ class Randomization:
         observation_noise: Factor on the noise of observed joint positions and velocities.
     """
 
-    joint_scale: tuple[float, float] = (0.5, 1.5)
-    base_velocity: float = 0.5
-    friction: tuple[float, float] = (0.5, 1.25)
-    push_speed: float = 1.0
-    push_interval: float = 15.0
-    observation_noise: float = 1.0
+    title: ClassVar[str] = "randomization"
+
+    joint_scale: Interval = (0.5, 1.5)
+    base_velocity: Annotated[float, Ge(0)] = 0.5
+    friction: Annotated[Interval, Ge((0.0, 0.0))] = (0.5, 1.25)
+    push_speed: Annotated[float, Ge(0)] = 1.0
+    push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
+    observation_noise: Annotated[float, Ge(0)] = 1.0
 
     def initial_states(self, count: int, generator: np.random.Generator) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.

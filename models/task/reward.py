@@ -1,13 +1,14 @@
 """The reward of a control step, term by term."""
 
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
+from models.settings import Settings
 from models.task import CONTROL_PERIOD
 
 TRACKING_WIDTH = 0.25
@@ -27,8 +28,10 @@ _HALF_RANGE = 0.5 * (robot.UPPER_LIMITS - robot.LOWER_LIMITS)
 
 
 @dataclass(frozen=True)
-class RewardWeights:
+class RewardWeights(Settings):
     """Weights of the terms, each per control step before the factor of 0.02 s."""
+
+    title: ClassVar[str] = "reward weights"
 
     forward_tracking: float = 1.0
     yaw_tracking: float = 0.5

@@ -1,12 +1,15 @@
 """When an episode ends early: the falls and failures of a robot, by name."""
 
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
+from models.settings import Settings
 
 FAILURES = (
     "body_contact",
@@ -20,7 +23,7 @@ FAILURES = (
 
 
 @dataclass(frozen=True)
-class TerminationLimits:
+class TerminationLimits(Settings):
     """Bounds that a robot must keep.
 
     Attributes:
@@ -34,11 +37,13 @@ class TerminationLimits:
             clears the calf's end.
     """
 
-    trunk_height: float = 0.20
-    action_change: float = 60.0
-    foot_height: float = 0.25
-    joint_overrun: float = 0.05
-    shank_share: float = 0.9
+    title: ClassVar[str] = "limits"
+
+    trunk_height: Annotated[float, Ge(0)] = 0.20
+    action_change: Annotated[float, Gt(0)] = 60.0
+    foot_height: Annotated[float, Gt(0)] = 0.25
+    joint_overrun: Annotated[float, Ge(0)] = 0.05
+    shank_share: Annotated[float, Interval(gt=0, le=1)] = 0.9
 
 
 def failures(

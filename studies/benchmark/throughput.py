@@ -92,7 +92,7 @@ class _BarePhysics:
             BatchEvalUniquePeriodicDiscreteUpdate(
                 diagram,
                 context,
-                times=np.zeros((1, len(mine))),
+                times=np.zeros(len(mine)),
                 states=mine.T,
                 inputs=inputs.T,
                 num_time_steps=n_steps,

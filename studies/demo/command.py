@@ -109,7 +109,7 @@ class Demo(Settings):
                 LocomotionConfig(
                     command=FixedCommand(speed=0.5),
                     alternation_period=team.period,
-                    sensor_noise=True,
+                    sensor_noise=1.0,
                 ),
                 open_meshcat(),
                 folder / f"{name}_replay.html",

@@ -10,6 +10,7 @@ from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
 from diagrams.rollout import Rollout, make_simulator, record
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
+from models.errors import InputError, shown
 from models.task.gait import Gait
 from models.task.randomization import NOMINAL
 from studies.evaluation.config import RolloutConfig, World
@@ -18,7 +19,11 @@ from studies.evaluation.team import Team
 
 
 def roll_out(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:
-    """Rolls out the robots of the first seed, from near the default stance, with sensor noise."""
+    """Rolls out the robots of the first seed, from near the default stance, with sensor noise.
+
+    Raises:
+        InputError: if a continuous world has pushes, or a team whose observations are ablated.
+    """
     if world.accuracy is None:
         return _roll_out_batch(gait, team, world, config)
     return _roll_out_diagrams(gait, team, world, config)
@@ -63,6 +68,11 @@ def _n_robots(world: World, config: RolloutConfig) -> int:
 
 
 def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:
+    if world.push_speed > 0:
+        raise InputError(
+            f"world {shown(world.title)}: push_speed is {world.push_speed:g}, but robots are "
+            "pushed in discrete worlds alone; give the station a time_step and leave accuracy out"
+        )
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
     diagram = MakeLocomotion(
         gait,
@@ -70,7 +80,7 @@ def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConf
             station=world.station,
             command=DrawnCommands(speed_range=config.speed_range),
             alternation_period=team.period,
-            sensor_noise=True,
+            sensor_noise=1.0,
         ),
         expert=team.acting_expert,
         student=team.acting_student,
@@ -83,7 +93,7 @@ def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConf
         simulator = make_simulator(
             diagram, state=state, seed=config.seed * n + index, accuracy=world.accuracy
         )
-        logs.append(_to_log(gait, record(simulator, config.n_steps), config.n_steps))
+        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps))
     return RolloutLog(
         **{
             name: np.stack([getattr(log, name) for log in logs], axis=1)
@@ -92,7 +102,7 @@ def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConf
     )
 
 
-def _to_log(gait: Gait, rollout: Rollout, n_steps: int) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
@@ -100,19 +110,10 @@ def _to_log(gait: Gait, rollout: Rollout, n_steps: int) -> RolloutLog:
         action=rollout["actions"][:-1],
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
-        served_dwell=_served_dwell(gait, rollout),
+        served_dwell=rollout["served_dwell"][1:, 0],
         failures=rollout["failures"][1:] > 0.5,
     )
     return _padded(log, n_steps)
-
-
-def _served_dwell(gait: Gait, rollout: Rollout) -> Array:
-    share = np.zeros((gait.n_states, gait.n_states))
-    for transition in gait.transitions:
-        edge = gait.states.index(transition.source), gait.states.index(transition.target)
-        share[edge] = transition.dwell
-    state = rollout["rm_state"].argmax(axis=1)
-    return share[state[:-1], state[1:]] * rollout["commanded_dwell"][1:, 0]
 
 
 def _padded(log: RolloutLog, n_steps: int) -> RolloutLog:

@@ -66,7 +66,7 @@ class Explain:
         rollout = play(
             gait,
             Team(expert, student, period=0),
-            LocomotionConfig(command=self.command, alternation_period=0, sensor_noise=True),
+            LocomotionConfig(command=self.command, alternation_period=0, sensor_noise=1.0),
             open_meshcat(),
             replay,
             seconds=self.seconds,

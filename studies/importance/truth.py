@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from models.a1.robot import Array
+from models.errors import InputError
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from models.task.gait import Gait
@@ -63,6 +64,16 @@ class AblatedTeam(Team):
                 ablated[:, columns] = before[:, columns]
                 self._last["observation"] = observation
         return super().act(step, ablated)
+
+    @property
+    def acting_expert(self) -> NoReturn:
+        """Refuses: only `act` takes observations away."""
+        raise InputError(
+            "ablation: a diagram's policies see every observation; choose a discrete world, where "
+            "they can be taken away"
+        )
+
+    acting_student = acting_expert
 
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""

@@ -105,6 +105,6 @@ def _draw_sequences(
 
 def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
     command = FixedCommand(speed=min(SPEED, gait.max_speed))
-    config = LocomotionConfig(command=command, alternation_period=0, sensor_noise=True)
+    config = LocomotionConfig(command=command, alternation_period=0, sensor_noise=1.0)
     diagram = MakeLocomotion(gait, config, student=student, estimator=expert.estimator)
     return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))

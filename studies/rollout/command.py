@@ -71,7 +71,7 @@ class ShowRollout:
             station=self.station,
             command=SliderCommand() if self.live else self.command,
             alternation_period=period,
-            sensor_noise=True,
+            sensor_noise=1.0,
         )
         name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
         stem = (self.output or Path("runs/rollout") / gait.name) / name

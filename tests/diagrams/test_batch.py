@@ -121,6 +121,18 @@ def test_commands_are_drawn_anew_every_ten_seconds(trot):
     assert changed.tolist() == [True, False, False, False, False, False]
 
 
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ({"episode_steps": 0}, "episode_steps is 0"),
+        ({"speed_range": (0.5, 0.1)}, "the least, then"),
+    ],
+)
+def test_tasks_that_cannot_be_played_are_refused(trot, setting, told):
+    with pytest.raises(InputError, match=f"task: .*{told}"):
+        TaskConfig(trot, **setting)
+
+
 def test_pushes_add_to_the_base_velocity(trot):
     always = Randomization(push_interval=0.02, push_speed=1.0)
     pushed, quiet = (

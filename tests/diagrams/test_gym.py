@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 from diagrams.gym import LocomotionEnv, LocomotionVectorEnv
 from models.task.gait import load_gait
+from models.task.randomization import Randomization
 from models.task.termination import FAILURES
 
 
@@ -76,3 +77,47 @@ def test_vector_env_repeats_with_its_seed(trot):
     other, _ = envs.reset(seed=6)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def playing(**changes):
+    quiet = {
+        "joint_scale": (1.0, 1.0),
+        "base_velocity": 0.0,
+        "friction": (1.0, 1.0),
+        "push_speed": 0.0,
+        "observation_noise": 0.0,
+    }
+    return LocomotionEnv(load_gait("trot"), randomization=Randomization(**{**quiet, **changes}))
+
+
+BASE_VELOCITY = slice(42, 45)
+
+
+def test_friction_is_drawn_for_every_episode():
+    slips = {}
+    for friction in (0.0, 1.0):
+        env = playing(friction=(friction, friction), base_velocity=1.0)
+        env.reset(seed=1)
+        for _ in range(15):
+            observation, *_ = env.step(np.zeros(12))
+        slips[friction] = np.linalg.norm(observation[BASE_VELOCITY][:2])
+    assert slips[0.0] > 2 * slips[1.0]
+
+
+def test_pushes_show_in_the_observation_and_not_in_the_reward():
+    pushed, quiet = (playing(push_speed=speed, push_interval=0.02) for speed in (1.0, 0.0))
+    for env in (pushed, quiet):
+        env.reset(seed=1)
+    (first, reward, *_), (calm, same, *_) = (env.step(np.zeros(12)) for env in (pushed, quiet))
+    assert np.abs(first - calm)[BASE_VELOCITY].max() > 0.1
+    np.testing.assert_array_equal(np.delete(first - calm, np.r_[BASE_VELOCITY]), 0.0)
+    assert reward == same
+
+
+def test_noise_follows_its_factor():
+    first = {
+        factor: playing(observation_noise=factor).reset(seed=1)[0] for factor in (0.0, 1.0, 2.0)
+    }
+    noise = first[1.0] - first[0.0]
+    assert np.abs(noise).max() > 0.01
+    np.testing.assert_allclose(first[2.0] - first[0.0], 2.0 * noise, atol=1e-12)

@@ -4,20 +4,48 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
+from pydrake.gym import DrakeGymEnv
+from pydrake.systems.analysis import MonteCarloSimulation, Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.batch import BatchSimulator, TaskConfig
 from diagrams.batch_physics import BatchPhysics
-from diagrams.locomotion import DrawnCommands, FixedCommand, LocomotionConfig, MakeLocomotion
+from diagrams.gym import action_space, observation_space
+from diagrams.locomotion import (
+    DrawnCommands,
+    FixedCommand,
+    LocomotionConfig,
+    MakeLocomotion,
+    find_locomotion,
+    push,
+    set_plant_state,
+)
 from diagrams.rollout import make_simulator, record
-from diagrams.station import StationConfig
+from diagrams.station import MakeA1Station, StationConfig
+from models.a1 import robot
 from models.errors import InputError
 from models.policies.library import EXPERT_DIRECTORY, load_expert
 from models.task.command import Command
-from models.task.gait import gait_names, load_gait
+from models.task.gait import gait_names, load_gait, parse_gait
 from models.task.randomization import NOMINAL
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 N_STEPS = 200
+LOOPED = """
+description: A machine with edges side by side and one that returns to its state.
+max_speed: 1.0
+max_yaw_rate: 1.0
+dwell: [6, 11]
+clearance: 0.03
+states: [q0, q1]
+initial: q0
+transitions:
+  - {from: q0, to: q1, when: FL & FR & RL & RR, dwell: 0.5}
+  - {from: q0, to: q1, when: FL & RR & ~FR & ~RL}
+  - {from: q1, to: q1, when: FL & FR & RL & RR, dwell: 0.3}
+  - {from: q1, to: q0, when: ~FL | ~FR | ~RL | ~RR, dwell: 0}
+"""
 TOLERANCE = 1e-9
 
 
@@ -60,6 +88,7 @@ def assert_agreement(gait, policy, estimator):
             close(outcome.reward, "reward", step)
             close(outcome.plain_reward, "plain_reward", step)
             close(outcome.terms[0], "reward_terms", step)
+            close(outcome.served_dwell, "served_dwell", step)
             close(outcome.failures[0], "failures", step)
             fired += int(outcome.fired[0])
         action = policy(observation)
@@ -72,6 +101,11 @@ def assert_agreement(gait, policy, estimator):
 def test_diagram_and_batch_agree_at_every_control_step(name, make_policy):
     gait = load_gait(name)
     assert_agreement(gait, make_policy(gait), estimator=None)
+
+
+def test_they_agree_on_edges_side_by_side_and_on_edges_to_the_same_state(make_policy):
+    gait = parse_gait(LOOPED, name="looped")
+    assert assert_agreement(gait, make_policy(gait), estimator=None) > 20
 
 
 EXPERTS = sorted(path.stem for path in EXPERT_DIRECTORY.glob("*.safetensors"))
@@ -109,6 +143,7 @@ def test_exported_ports(trot, make_policy):
         "reward_terms": 9,
         "rm_state": 2,
         "rm_iterations": 1,
+        "served_dwell": 1,
         "foot_contact": 4,
         "foot_height": 4,
         "failures": 6,
@@ -134,13 +169,24 @@ def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
 
 
 def test_noise_changes_observations_and_repeats_with_its_seed(trot, make_policy):
-    diagram = MakeLocomotion(trot, LocomotionConfig(sensor_noise=True), expert=make_policy(trot))
+    diagram = MakeLocomotion(trot, LocomotionConfig(sensor_noise=1.0), expert=make_policy(trot))
     first, again, other = (
         record(make_simulator(diagram, seed=seed), 20, stop_on_failure=False)["observations"]
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_noise_has_a_factor(trot):
+    first = {
+        factor: record(make_simulator(MakeLocomotion(trot, config), seed=1), 0)["observations"][0]
+        for factor in (0.0, 1.0, 2.5)
+        for config in [LocomotionConfig(sensor_noise=factor)]
+    }
+    noise = first[1.0] - first[0.0]
+    assert np.abs(noise).max() > 0.01
+    np.testing.assert_allclose(first[2.5] - first[0.0], 2.5 * noise, atol=1e-12)
 
 
 def test_drawn_commands_reach_the_observation(trot, make_policy):
@@ -162,3 +208,158 @@ def test_an_alternation_without_its_policy_is_refused(trot, make_policy):
         MakeLocomotion(trot, config, expert=make_policy(trot))
     with pytest.raises(ValueError, match="needs an expert"):
         MakeLocomotion(trot, config, student=make_policy(trot))
+
+
+def test_a_simulator_made_by_hand_starts_on_its_feet(trot):
+    expert = load_expert("trot")
+    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=expert, estimator=expert.estimator)
+    simulator = Simulator(diagram)
+    context = simulator.get_context()
+    before = diagram.GetOutputPort("state").Eval(context).copy()
+    simulator.AdvanceTo(2.0)
+    after = diagram.GetOutputPort("state").Eval(context)
+    assert not diagram.GetOutputPort("failures").Eval(context).any()
+    assert after[4] - before[4] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"speed": 1.5}, "speed is 1.5; give -1 to 1, the range of gait 'trot'"),
+        ({"yaw_rate": -2.0}, "yaw_rate is -2.0; give -1 to 1"),
+        ({"dwell": 5}, "dwell is 5; give 6 to 11"),
+        ({"dwell": 0}, "dwell is 0; it must be greater"),
+        ({"speed": float("nan")}, "speed is nan; it must be a finite number"),
+        ({"dwell": 8.5}, "dwell is 8.5; it must be a valid integer"),
+    ],
+)
+def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, told):
+    with pytest.raises(InputError, match=f"command: {told}"):
+        MakeLocomotion(trot, LocomotionConfig(command=FixedCommand(**values)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"sensor_noise": -1.0}, "sensor_noise is -1.0"),
+        ({"alternation_period": -1}, "alternation_period is -1"),
+        ({"command": 0.5}, "command is 0.5"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, told):
+    with pytest.raises(InputError, match=f"locomotion: {told}"):
+        LocomotionConfig(**settings)
+
+
+def test_a_reversed_range_of_speeds_is_refused():
+    with pytest.raises(InputError, match="the least, then the greatest"):
+        DrawnCommands(speed_range=(0.5, 0.1))
+
+
+def start_of(diagram, context):
+    ports = ("command", "commanded_dwell", "state")
+    return np.concatenate([diagram.GetOutputPort(port).Eval(context) for port in ports])
+
+
+def test_monte_carlo_draws_command_and_pose_for_every_simulation(trot, make_policy):
+    diagram = MakeLocomotion(
+        trot, LocomotionConfig(command=DrawnCommands()), expert=make_policy(trot)
+    )
+
+    def drawn(seed):
+        starts = []
+
+        def output(system, context):
+            starts.append(start_of(system, context))
+            return 0.0
+
+        MonteCarloSimulation(
+            make_simulator=lambda generator: Simulator(diagram),
+            output=output,
+            final_time=0.0,
+            num_samples=6,
+            generator=RandomGenerator(seed),
+        )
+        return np.array(starts)
+
+    first = drawn(1)
+    np.testing.assert_array_equal(first, drawn(1))
+    assert not np.array_equal(first, drawn(2))
+    yaw_rate, first_joint, last_joint = 1, 3 + 7, 3 + 18
+    for column in (yaw_rate, first_joint, last_joint):
+        assert len(set(first[:, column])) == 6
+    assert len(set(first[:, 2])) > 1
+
+
+def test_drakes_gym_environment_draws_command_and_pose_for_every_seed(trot):
+    diagram = MakeLocomotion(trot, LocomotionConfig(command=DrawnCommands()))
+    env = DrakeGymEnv(
+        simulator=Simulator(diagram),
+        time_step=0.02,
+        action_space=action_space(),
+        observation_space=observation_space(trot),
+        reward="reward",
+        action_port_id="actions",
+        observation_port_id="observations",
+    )
+    first, again, other = (env.reset(seed=seed)[0] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    commands, joints = slice(0, 2), slice(2, 14)
+    for part in (commands, joints):
+        assert not np.any(first[part] == other[part])
+    observation, *_ = env.step(np.zeros(12))
+    np.testing.assert_array_equal(observation[commands], other[commands])
+
+
+def test_commands_change_with_time_but_not_with_the_updates(trot, make_policy):
+    diagram = MakeLocomotion(
+        trot, LocomotionConfig(command=DrawnCommands()), expert=make_policy(trot)
+    )
+    simulator = make_simulator(diagram, seed=3)
+    commands = record(simulator, 510, stop_on_failure=False)["command"]
+    assert len(np.unique(commands[:500], axis=0)) == 1
+    assert len(np.unique(commands[500:], axis=0)) == 1
+    assert np.all(commands[499] != commands[500])
+
+
+def nested(diagram, depth=2):
+    for level in range(depth):
+        builder = DiagramBuilder()
+        builder.AddNamedSystem(f"level {level}", diagram)
+        diagram = builder.Build()
+    return diagram
+
+
+def test_the_robot_is_placed_and_pushed_in_any_context_that_holds_it(trot, make_policy, standing):
+    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot))
+    whole = nested(diagram)
+    assert find_locomotion(whole) is diagram
+    root = whole.CreateDefaultContext()
+    own = diagram.GetMyMutableContextFromRoot(root)
+    for i, (part, context) in enumerate([(whole, root), (diagram, root), (diagram, own)]):
+        standing[4] = i
+        set_plant_state(part, context, standing)
+        push(part, context, np.array([0.5, 0.0, i]))
+        state = diagram.GetOutputPort("state").Eval(own)
+        np.testing.assert_array_equal(state[: robot.LINEAR_VELOCITY.start], standing[:22])
+        np.testing.assert_array_equal(state[robot.LINEAR_VELOCITY], [0.5, 0.0, i])
+
+
+def test_contexts_of_other_diagrams_are_refused(trot, make_policy):
+    diagram, other = (
+        MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot)) for _ in range(2)
+    )
+    with pytest.raises(InputError, match="the context is not of diagram 'Locomotion'"):
+        set_plant_state(diagram, other.CreateDefaultContext())
+
+
+@pytest.mark.parametrize("n_robots", [0, 2])
+def test_diagrams_of_no_robot_or_of_two_are_refused(n_robots, trot, make_policy):
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("station", MakeA1Station())
+    for i in range(n_robots):
+        config = LocomotionConfig()
+        diagram = MakeLocomotion(trot, config, expert=make_policy(trot))
+        builder.AddNamedSystem(f"robot {i}", diagram)
+    with pytest.raises(InputError, match=f"holds {n_robots} of what MakeLocomotion builds"):
+        find_locomotion(builder.Build())

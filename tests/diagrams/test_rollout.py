@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator, SimulatorStatus
+from pydrake.systems.framework import DiagramBuilder, EventStatus
 
+import diagrams.rollout
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
-from diagrams.rollout import make_simulator, record
+from diagrams.rollout import make_simulator, record, stop_at_falls
 from diagrams.station import StationConfig
+from models.errors import InputError
+from models.policies.linear import LinearPolicy
 
 
 def test_records_every_control_step_without_drift(trot, make_policy):
@@ -29,6 +34,123 @@ def test_stops_when_told(trot, make_policy):
     answers = iter([False, False, True])
     rollout = record(make_simulator(diagram), 100, stopped=lambda: next(answers))
     assert len(rollout.time) == 3
+
+
+@pytest.fixture
+def trotting(trot, make_policy):
+    """The diagram of a robot that moves its legs, with noise."""
+    return MakeLocomotion(trot, LocomotionConfig(sensor_noise=1.0), expert=make_policy(trot))
+
+
+@pytest.fixture
+def falling(trot, make_policy):
+    """The diagram of a robot that falls at once."""
+    small = make_policy(trot)
+    wild = LinearPolicy("trot", small.observation_names, 30.0 * small.weights, np.full(12, 9.0))
+    return MakeLocomotion(trot, LocomotionConfig(), expert=wild)
+
+
+def nested(diagram):
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("robot", diagram)
+    return builder.Build()
+
+
+def test_goes_on_where_the_simulator_is(trotting):
+    whole = record(make_simulator(trotting), 12)
+    simulator = make_simulator(trotting)
+    first, second = record(simulator, 5), record(simulator, 7)
+    np.testing.assert_array_equal([*first.time, *second.time[1:]], whole.time)
+    assert second.time[0] == first.time[-1]
+    np.testing.assert_array_equal(second["observations"], whole["observations"][5:])
+
+
+@pytest.mark.parametrize("time", [0.03, 0.02 + 1e-15])
+def test_starts_at_control_instants_alone(trotting, time):
+    simulator = make_simulator(trotting)
+    simulator.AdvanceTo(time)
+    with pytest.raises(InputError, match=r"advance it to a multiple of 0\.02 s"):
+        record(simulator, 1)
+
+
+def test_a_negative_number_of_steps_is_refused(trotting):
+    with pytest.raises(InputError, match="n_steps is -1"):
+        record(make_simulator(trotting), -1)
+
+
+def test_times_that_a_sum_makes_a_little_short_are_control_instants(trotting):
+    simulator = make_simulator(trotting)
+    simulator.AdvanceTo(0.7)
+    assert 35 * 0.02 > 0.7
+    np.testing.assert_array_equal(record(simulator, 1).time, [0.7, 36 * 0.02])
+
+
+def test_without_an_end_it_keeps_the_last_steps(trotting, monkeypatch):
+    monkeypatch.setattr(diagrams.rollout, "KEPT_STEPS", 4)
+    whole = record(make_simulator(trotting), 9)
+    asked = iter(range(100))
+    rollout = record(make_simulator(trotting), None, stopped=lambda: next(asked) == 9)
+    np.testing.assert_array_equal(rollout.time, whole.time[5:])
+    for port, values in whole.values.items():
+        np.testing.assert_array_equal(rollout[port], values[5:])
+
+
+def test_without_an_end_it_ends_at_a_failure(falling):
+    assert record(make_simulator(falling), None).failed
+
+
+def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
+    alone = record(make_simulator(trotting, seed=4), 10)
+    part = record(make_simulator(nested(trotting), seed=4), 10)
+    assert set(part.values) == set(alone.values) == set(diagrams.rollout.RECORDED_PORTS)
+    for port, values in alone.values.items():
+        np.testing.assert_array_equal(part[port], values)
+
+
+def test_a_part_of_a_larger_diagram_is_not_simulated_alone(trotting):
+    whole = nested(trotting)
+    with pytest.raises(InputError, match="'::_::robot' is part of a larger diagram"):
+        make_simulator(trotting)
+    make_simulator(whole)
+
+
+def test_the_error_controlled_integrator_refuses_a_larger_diagram(trot, make_policy):
+    config = LocomotionConfig(station=StationConfig(time_step=0.0))
+    whole = nested(MakeLocomotion(trot, config, expert=make_policy(trot)))
+    with pytest.raises(InputError, match="needs the plant in the outermost diagram"):
+        make_simulator(whole, accuracy=1e-3)
+
+
+@pytest.mark.parametrize("larger", [False, True])
+def test_falls_stop_the_simulator_where_a_recording_would_end(falling, larger):
+    diagram = nested(falling) if larger else falling
+    end = record(make_simulator(diagram), 100).time[-1]
+    simulator = Simulator(diagram)
+    stop_at_falls(simulator)
+    status = simulator.AdvanceTo(2.0)
+    assert status.reason() == SimulatorStatus.ReturnReason.kReachedTerminationCondition
+    assert "the robot shows abrupt_action" in status.message()
+    assert simulator.get_context().get_time() == status.return_time() == end < 0.5
+
+
+def test_a_robot_that_does_not_fall_goes_on(trot):
+    diagram = MakeLocomotion(trot, LocomotionConfig())
+    simulator = make_simulator(diagram)
+    diagram.GetInputPort("actions").FixValue(simulator.get_mutable_context(), np.zeros(12))
+    stop_at_falls(simulator)
+    assert simulator.AdvanceTo(1.0).return_time() == 1.0
+
+
+def test_a_monitor_between_two_control_instants_ends_the_recording(trotting):
+    simulator = make_simulator(trotting)
+
+    def monitor(context):
+        if context.get_time() >= 0.05:
+            return EventStatus.ReachedTermination(trotting, "enough")
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(monitor)
+    np.testing.assert_array_equal(record(simulator, None).time, [0.0, 0.02, 0.04])
 
 
 @pytest.mark.slow

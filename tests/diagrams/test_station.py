@@ -1,12 +1,16 @@
 """The station: the robot as Drake sees it."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
-from models.a1 import robot
+from models.a1 import kinematics, robot
 from models.errors import InputError
 
 
@@ -83,3 +87,50 @@ def test_station_exports_its_ports():
 def test_negative_settings_are_refused(field):
     with pytest.raises(InputError, match=f"{field} is -1"):
         StationConfig(**{field: -1.0})
+
+
+@pytest.mark.parametrize("field", ["time_step", "friction", "payload", "relaxation_time"])
+def test_settings_that_are_not_finite_are_refused(field):
+    with pytest.raises(InputError, match=f"{field} is nan"):
+        StationConfig(**{field: float("nan")})
+
+
+def random_state(station, seed):
+    context = station.CreateDefaultContext()
+    station.SetRandomContext(context, RandomGenerator(seed))
+    return station.GetOutputPort("state").Eval(context)
+
+
+def test_the_robot_stands_in_a_default_context(standing):
+    for config in (StationConfig(), StationConfig(time_step=0.0, payload=2.0)):
+        station = MakeA1Station(config)
+        state = station.GetOutputPort("state").Eval(station.CreateDefaultContext())
+        np.testing.assert_allclose(state, standing, atol=1e-15)
+
+
+def test_random_contexts_draw_the_pose_above_the_ground(standing):
+    station = MakeA1Station()
+    states = np.array([random_state(station, seed) for seed in range(50)])
+    np.testing.assert_array_equal(states[7], random_state(station, 7))
+    scale = states[:, robot.JOINT_POSITION] / robot.DEFAULT_STANCE
+    assert 0.9 <= scale.min() < 0.91
+    assert 1.09 < scale.max() <= 1.1
+    heights = kinematics.foot_heights(states)
+    assert heights.min() >= 0.0
+    assert heights.min(axis=1).max() < 0.05
+    np.testing.assert_array_equal(
+        states[:, : robot.POSITION.stop - 1], standing[None, :6] + 0 * states[:, :6]
+    )
+
+
+def test_drakes_logger_is_left_alone_and_has_nothing_to_warn_of():
+    program = """
+import logging
+from diagrams.station import MakeA1Station
+assert not logging.getLogger("drake").filters
+MakeA1Station().CreateDefaultContext()
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    assert told.stderr == ""

@@ -1,8 +1,10 @@
 """Draws of initial states, noise and pushes."""
 
 import numpy as np
+import pytest
 
 from models.a1 import kinematics, robot
+from models.errors import InputError
 from models.task.randomization import NOMINAL, Randomization
 
 
@@ -30,3 +32,24 @@ def test_pushes_are_horizontal_and_come_about_every_interval(generator):
 
 def test_nominal_has_no_pushes(generator):
     assert not NOMINAL.pushes(1000, generator).any()
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ({"joint_scale": (1.5, 0.5)}, "joint_scale is (1.5, 0.5); it must be the least, then"),
+        ({"friction": (-0.5, 1.0)}, "friction is (-0.5, 1.0); it must be greater"),
+        ({"friction": (0.5, np.inf)}, "friction is (0.5, inf); it must be a finite number"),
+        ({"base_velocity": -0.1}, "base_velocity is -0.1; it must be greater"),
+        ({"push_speed": np.nan}, "push_speed is nan; it must be a finite number"),
+        (
+            {"push_interval": 0.01},
+            "push_interval is 0.01; it must be greater than or equal to 0.02",
+        ),
+        ({"observation_noise": -1.0}, "observation_noise is -1.0; it must be greater"),
+    ],
+)
+def test_ranges_that_cannot_be_drawn_from_are_refused(setting, told):
+    with pytest.raises(InputError) as refused:
+        Randomization(**setting)
+    assert str(refused.value).startswith(f"randomization: {told}")

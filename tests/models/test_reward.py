@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models.a1 import robot
+from models.errors import InputError
 from models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
 WEIGHTS = RewardWeights().as_array()
@@ -94,3 +95,8 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         single = step_reward(states[i], foot_contact=contact[i], weights=WEIGHTS, **own)
         np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
         np.testing.assert_allclose(batch.air_time[i], single.air_time)
+
+
+def test_a_weight_that_is_not_finite_is_refused():
+    with pytest.raises(InputError, match="reward weights: torque is nan"):
+        RewardWeights(torque=np.nan)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from models.a1 import robot
+from models.errors import InputError
 from models.task.termination import FAILURES, TerminationLimits, failures
 
 LIMITS = TerminationLimits()
@@ -53,3 +54,12 @@ def test_what_is_not_finite_shows_that_alone(standing, bad):
     assert shown(standing) == {"not_finite"}
     standing[20] = 0.0
     assert shown(standing, action=np.full(12, bad)) == {"not_finite"}
+
+
+@pytest.mark.parametrize(
+    "setting", [{"trunk_height": np.nan}, {"action_change": 0.0}, {"shank_share": 1.1}]
+)
+def test_limits_that_no_robot_can_keep_are_refused(setting):
+    (name,) = setting
+    with pytest.raises(InputError, match=f"limits: {name} is"):
+        TerminationLimits(**setting)

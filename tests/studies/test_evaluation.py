@@ -1,5 +1,7 @@
 """Scores, worlds and ratios."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,17 +10,19 @@ from scipy import stats
 import studies.evaluation.jobs
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from diagrams.rollout import make_simulator, record
+from diagrams.station import StationConfig
 from models.a1 import robot
 from models.errors import InputError
 from models.policies.expression import parse_expression, variable_names
 from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy
 from models.policies.symbolic import SymbolicPolicy
-from models.task.gait import load_gait
+from models.task.formula import parse_formula
+from models.task.gait import Transition, load_gait
 from models.task.observation import ITERATIONS_SCALE
 from studies.distillation.students import untrained_student
 from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import WORLDS, RolloutConfig
+from studies.evaluation.config import WORLDS, RolloutConfig, World
 from studies.evaluation.figures import gait_figure, reward_figure
 from studies.evaluation.jobs import RolloutJob, run_jobs
 from studies.evaluation.rollouts import roll_out
@@ -33,6 +37,7 @@ from studies.evaluation.scores import (
 from studies.evaluation.tables import falls_table, scorecard_table, standalone_table
 from studies.evaluation.team import Team
 from studies.figures import save_figure
+from studies.importance.truth import AblatedTeam
 
 
 def log(n_steps=200, n_robots=2):
@@ -217,6 +222,32 @@ def test_worlds_disturb(expert):
     }
     plain = logs.pop("training").velocity
     assert all(not np.array_equal(log.velocity, plain) for log in logs.values())
+
+
+CONTINUOUS = World("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
+
+
+def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
+    gait = load_gait("trot")
+    anything, diagonal = parse_formula("FL | ~FL"), parse_formula("FL & RR & ~FR & ~RL")
+    loops = (Transition("q0", "q0", anything), Transition("q1", "q1", diagonal))
+    gait = replace(gait, transitions=loops)
+    log = roll_out(gait, Team(expert), CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20))
+    served = log.served_dwell[:, 0]
+    (first, second) = np.flatnonzero(served)
+    assert second - first == served.max() == served[first]
+
+
+def test_a_continuous_world_refuses_pushes(expert):
+    pushing = replace(CONTINUOUS, push_speed=0.5)
+    with pytest.raises(InputError, match=r"push_speed is 0\.5, but robots are pushed in discrete"):
+        roll_out(load_gait("trot"), Team(expert), pushing, RolloutConfig(n_robots=1, n_steps=1))
+
+
+def test_a_continuous_world_refuses_ablations(expert):
+    team = AblatedTeam(expert, expert, 0, columns=(0,), means=(0.0,))
+    with pytest.raises(InputError, match="ablation: a diagram's policies see every observation"):
+        roll_out(load_gait("trot"), team, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
 
 
 def test_cost_of_transport_is_work_per_weight_and_distance():

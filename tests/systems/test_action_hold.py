@@ -41,3 +41,7 @@ def test_clones_hold_their_own(fix_inputs, latch):
     latch(system, context)
     assert held(system, context)[0] == 1
     assert held(system, clone)[0] == 0
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(ActionHold())

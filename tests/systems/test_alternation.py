@@ -28,3 +28,12 @@ def test_has_one_abstract_output_and_no_input():
 def test_refuses_a_negative_period():
     with pytest.raises(ValueError, match="period is -1"):
         AlternationSchedule(-1, EXPERT, STUDENT)
+
+
+def test_clones_go_by_their_own_time():
+    system = AlternationSchedule(2, EXPERT, STUDENT)
+    context = system.CreateDefaultContext()
+    clone = context.Clone()
+    clone.SetTime(0.02)
+    port = system.get_port_selector_output_port()
+    assert (port.Eval(context), port.Eval(clone)) == (EXPERT, STUDENT)

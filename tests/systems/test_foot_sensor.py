@@ -51,3 +51,7 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
     fix_inputs(system, clone, state=lifted)
     np.testing.assert_array_equal(sensed(system, context)[0], 1)
     np.testing.assert_array_equal(sensed(system, clone)[0], 0)
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(FootSensor())

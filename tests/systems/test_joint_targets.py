@@ -26,3 +26,21 @@ def test_targets_follow_the_actuators_order(fix_inputs):
 def test_refuses_other_joints():
     with pytest.raises(ValueError, match="not the robot's joints"):
         JointTargets(["knee"] * 12)
+
+
+def test_clones_aim_by_their_own_action(fix_inputs):
+    system = JointTargets(robot.JOINTS)
+    context = fix_inputs(system, action=np.zeros(12))
+    clone = fix_inputs(system, context.Clone(), action=np.ones(12))
+    port = system.get_desired_state_output_port()
+    np.testing.assert_allclose(port.Eval(clone)[:12], robot.DEFAULT_STANCE + 0.25)
+    np.testing.assert_array_equal(port.Eval(context)[:12], robot.DEFAULT_STANCE)
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(JointTargets(robot.JOINTS))
+
+
+def test_refuses_a_joint_too_few():
+    with pytest.raises(ValueError, match="not the robot's joints"):
+        JointTargets(robot.JOINTS[:-1])

@@ -1,6 +1,7 @@
 """The observer."""
 
 import numpy as np
+import pytest
 
 from models.a1 import robot
 from models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
@@ -59,3 +60,32 @@ def test_noise_of_one_half_is_none_and_of_one_is_the_half_width(standing, fix_in
     np.testing.assert_array_equal(port.Eval(none), quiet)
     most = fix_inputs(system, **inputs(standing), uniform_noise=np.ones(24))
     np.testing.assert_allclose((port.Eval(most) - quiet)[2:14], JOINT_NOISE[:12])
+
+
+def test_noise_is_scaled_by_its_factor(standing, fix_inputs):
+    noisy = {**inputs(standing), "uniform_noise": np.ones(24)}
+    quiet, plain, double = (
+        system.get_proprioception_output_port().Eval(fix_inputs(system, **noisy))
+        for system in (Observer(LAYOUT, factor) for factor in (0.0, 1.0, 2.0))
+    )
+    np.testing.assert_allclose((plain - quiet)[2:14], JOINT_NOISE[:12])
+    np.testing.assert_allclose(double - quiet, 2 * (plain - quiet))
+
+
+def test_clones_observe_their_own_robot(standing, fix_inputs):
+    system = Observer(LAYOUT)
+    context = fix_inputs(system, **inputs(standing))
+    clone = fix_inputs(system, context.Clone(), command=[0.1, 0.1])
+    port = system.get_proprioception_output_port()
+    np.testing.assert_array_equal(port.Eval(clone)[:2], [0.1, 0.1])
+    np.testing.assert_array_equal(port.Eval(context)[:2], [0.5, -0.2])
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(Observer(LAYOUT))
+
+
+@pytest.mark.parametrize("factor", [-1.0, float("nan"), float("inf")])
+def test_refuses_a_factor_that_is_none(factor):
+    with pytest.raises(ValueError, match="noise_factor is"):
+        Observer(LAYOUT, factor)

@@ -60,3 +60,7 @@ def test_an_observation_that_is_not_finite_is_passed_on(trot, make_policy, fix_i
     system = PolicySystem(make_policy(trot))
     context = fix_inputs(system, observation=np.full(49, np.nan))
     assert np.isnan(system.get_action_output_port().Eval(context)).all()
+
+
+def test_refuses_wrong_sizes(trot, make_policy, assert_sizes_are_checked):
+    assert_sizes_are_checked(PolicySystem(make_policy(trot)))

@@ -32,8 +32,10 @@ def test_ports(port_sizes, feedthrough):
     }
     assert outputs == {"reward": 1, "plain_reward": 1, "reward_terms": 9}
     pairs = feedthrough(system)
-    assert ("reward_multiplier", "reward") in pairs
-    assert ("reward_multiplier", "plain_reward") not in pairs
+    assert pairs == {(name, port) for name in found for port in outputs} - {
+        ("reward_multiplier", "plain_reward"),
+        ("reward_multiplier", "reward_terms"),
+    }
 
 
 def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
@@ -72,3 +74,17 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
     acceleration = [system.get_reward_terms_output_port().Eval(c)[5] for c in (context, clone)]
     assert acceleration[0] == 0
     assert acceleration[1] < 0
+
+
+def test_its_weights_weigh_the_terms(standing, fix_inputs):
+    context, once = {}, {}
+    for factor in (1.0, 2.0):
+        system = RewardSystem(RewardWeights(forward_tracking=factor))
+        context = fix_inputs(system, **inputs(standing))
+        once[factor] = system.get_reward_terms_output_port().Eval(context)
+    assert once[2.0][0] == 2 * once[1.0][0] > 0
+    np.testing.assert_array_equal(once[2.0][1:], once[1.0][1:])
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(RewardSystem())

@@ -1,5 +1,7 @@
 """The reward machine as a Mealy system."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -16,6 +18,7 @@ def outputs(system, context):
         system.get_rm_state_output_port(),
         system.get_rm_iterations_output_port(),
         system.get_reward_multiplier_output_port(),
+        system.get_served_dwell_output_port(),
     )
     return [port.Eval(context).tolist() for port in ports]
 
@@ -26,16 +29,21 @@ def test_ports(name, port_sizes, feedthrough):
     system = RewardMachineSystem(gait)
     inputs, found = port_sizes(system)
     assert inputs == {"foot_contact": 4, "foot_height": 4, "commanded_dwell": 1}
-    assert found == {"rm_state": gait.n_states, "rm_iterations": 1, "reward_multiplier": 1}
+    assert found == {
+        "rm_state": gait.n_states,
+        "rm_iterations": 1,
+        "reward_multiplier": 1,
+        "served_dwell": 1,
+    }
     assert feedthrough(system) == {(i, o) for i in inputs for o in found}
 
 
 def test_outputs_are_those_after_this_instants_propositions(trot, fix_inputs):
     system = RewardMachineSystem(trot)
     context = fix_inputs(system, foot_contact=FL_RR, foot_height=HEIGHT, commanded_dwell=1)
-    assert outputs(system, context) == [[0, 1], [0], [1000]]
+    assert outputs(system, context) == [[0, 1], [0], [1000], [1]]
     fix_inputs(system, context, commanded_dwell=2)
-    assert outputs(system, context) == [[1, 0], [1], [1]]
+    assert outputs(system, context) == [[1, 0], [1], [1], [0]]
 
 
 def test_state_follows_in_the_update(trot, fix_inputs):
@@ -57,3 +65,17 @@ def test_clones_keep_their_own_state(trot, fix_inputs, latch):
     latch(system, context)
     assert context.get_discrete_state_vector().value()[0] == 1
     assert clone.get_discrete_state_vector().value()[0] == 0
+
+
+def test_serves_the_share_of_the_edge_that_fires(trot, fix_inputs):
+    first, *others = trot.transitions
+    shares = (replace(first, dwell=0.5), *others)
+    system = RewardMachineSystem(replace(trot, transitions=shares))
+    context = fix_inputs(system, foot_contact=FL_RR, foot_height=HEIGHT, commanded_dwell=2)
+    assert system.get_served_dwell_output_port().Eval(context) == [1.0]
+    fix_inputs(system, context, foot_contact=1 - FL_RR, foot_height=0.04 - HEIGHT)
+    assert system.get_served_dwell_output_port().Eval(context) == [0.0]
+
+
+def test_refuses_wrong_sizes(trot, assert_sizes_are_checked):
+    assert_sizes_are_checked(RewardMachineSystem(trot))

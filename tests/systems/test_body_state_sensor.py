@@ -1,0 +1,35 @@
+"""The sensor that stands in for the state estimator."""
+
+import numpy as np
+
+from models.task.observation import body_state
+from systems.body_state_sensor import BodyStateSensor
+
+
+def test_ports(port_sizes, feedthrough):
+    system = BodyStateSensor()
+    assert port_sizes(system) == ({"state": 37}, {"body_state": 7})
+    assert feedthrough(system) == {("state", "body_state")}
+
+
+def test_gives_the_true_values(random_states, fix_inputs):
+    system = BodyStateSensor()
+    (state,) = random_states(1)
+    context = fix_inputs(system, state=state)
+    np.testing.assert_array_equal(
+        system.get_body_state_output_port().Eval(context), body_state(state)
+    )
+
+
+def test_clones_see_their_own_robot(random_states, fix_inputs):
+    system = BodyStateSensor()
+    first, second = random_states(2)
+    context = fix_inputs(system, state=first)
+    clone = fix_inputs(system, context.Clone(), state=second)
+    port = system.get_body_state_output_port()
+    np.testing.assert_array_equal(port.Eval(clone), body_state(second))
+    np.testing.assert_array_equal(port.Eval(context), body_state(first))
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(BodyStateSensor())

@@ -1,0 +1,104 @@
+"""The display of machine state and contacts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from models.a1 import kinematics, robot
+from systems.gait_display import DISPLAY_PERIOD, GaitDisplay
+
+
+class FakeMeshcat:
+    """Keeps what it is told to show; a real one sends that to a browser and forgets it."""
+
+    def __init__(self):
+        self.objects, self.places, self.visible, self.times = [], {}, {}, []
+
+    def SetObject(self, path, shape, rgba):  # noqa: N802 - as Meshcat's
+        self.objects.append(path)
+
+    def SetTransform(self, path, pose, time):  # noqa: N802
+        self.places[path] = pose.translation()
+        self.times.append(time)
+
+    def SetProperty(self, path, name, value, time):  # noqa: N802
+        assert name == "visible"
+        self.visible[path] = value
+
+
+@pytest.fixture
+def meshcat():
+    return FakeMeshcat()
+
+
+@pytest.fixture
+def inputs(standing):
+    standing[robot.POSITION] = [1.0, 2.0, 0.3]
+    return {"state": standing, "rm_state": [0.0, 1.0], "foot_contact": [1.0, 0.0, 0.0, 1.0]}
+
+
+def test_ports(trot, meshcat, port_sizes):
+    found = port_sizes(GaitDisplay(trot, meshcat))
+    assert found == ({"state": 37, "rm_state": 2, "foot_contact": 4}, {})
+
+
+def test_has_an_object_for_every_state_and_foot(trot, meshcat):
+    GaitDisplay(trot, meshcat)
+    states = [f"gait/state/{name}" for name in trot.states]
+    assert meshcat.objects == states + [f"gait/contact/{leg}" for leg in robot.LEGS]
+
+
+def show(system, context):
+    Simulator(system, context).Initialize()
+
+
+def test_shows_the_machines_state_and_the_feet_that_touch(trot, meshcat, inputs, fix_inputs):
+    system = GaitDisplay(trot, meshcat)
+    show(system, fix_inputs(system, **inputs))
+    shown = {path for path, visible in meshcat.visible.items() if visible}
+    assert shown == {f"gait/state/{trot.states[1]}", "gait/contact/FL", "gait/contact/RR"}
+    assert set(meshcat.visible) == set(meshcat.objects)
+
+
+def test_the_scene_moves_so_that_the_robot_stays_in_the_middle(trot, meshcat, inputs, fix_inputs):
+    system = GaitDisplay(trot, meshcat)
+    show(system, fix_inputs(system, **inputs))
+    np.testing.assert_allclose(meshcat.places["/drake"], [-1.0, -2.0, 0.0])
+    np.testing.assert_allclose(meshcat.places["gait/state"], [1.0, 2.0, 0.46])
+
+
+def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_inputs):
+    system = GaitDisplay(trot, meshcat)
+    turned = kinematics.standing_state(robot.DEFAULT_STANCE, heading=np.pi / 2)
+    show(system, fix_inputs(system, **{**inputs, "state": turned}))
+    x, y, _ = kinematics.foot_positions(robot.DEFAULT_STANCE)[robot.LEGS.index("RL")]
+    place = meshcat.places["gait/contact/RL"]
+    np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
+    assert place[2] == pytest.approx(kinematics.foot_heights(turned)[2] + robot.FOOT_RADIUS)
+
+
+def test_clones_show_their_own_robot(trot, meshcat, inputs, fix_inputs):
+    system = GaitDisplay(trot, meshcat)
+    context = fix_inputs(system, **inputs)
+    fix_inputs(system, context.Clone(), rm_state=[1.0, 0.0])
+    show(system, context)
+    assert meshcat.visible[f"gait/state/{trot.states[1]}"]
+
+
+def test_colours_start_again_for_machines_of_many_states(trot, meshcat):
+    states = tuple(f"q{i}" for i in range(40))
+    GaitDisplay(replace(trot, states=states), meshcat)
+    assert len(meshcat.objects) == 44
+
+
+def test_refuses_wrong_sizes(trot, meshcat, assert_sizes_are_checked):
+    assert_sizes_are_checked(GaitDisplay(trot, meshcat))
+
+
+def test_publishes_every_32nd_of_a_second(trot, meshcat, inputs, fix_inputs):
+    system = GaitDisplay(trot, meshcat)
+    simulator = Simulator(system, fix_inputs(system, **inputs))
+    simulator.AdvanceTo(3.5 * DISPLAY_PERIOD)
+    np.testing.assert_allclose(sorted(set(meshcat.times)), DISPLAY_PERIOD * np.arange(4))
