@@ -1,7 +1,9 @@
 """Rollouts of the locomotion diagram, recorded at every control step."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from pydrake.common import RandomGenerator
@@ -28,6 +30,9 @@ RECORDED_PORTS = (
     "commanded_dwell",
     "state",
 )
+
+KEPT_STEPS = round(60.0 / CONTROL_PERIOD)
+"""Control steps that are kept of a rollout without an end: those of its last minute."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ def use_error_control(simulator: Simulator, accuracy: float) -> None:
 
 def record(
     simulator: Simulator,
-    n_steps: int,
+    n_steps: int | None,
     *,
     stop_on_failure: bool = True,
     stopped: Callable[[], bool] = lambda: False,
@@ -98,8 +103,9 @@ def record(
     """Advances by control steps and records every output.
 
     Args:
-        simulator: A simulator at time 0.
-        n_steps: Control steps to take.
+        simulator: A simulator at a control instant.
+        n_steps: Control steps to take; None goes on until stopped or failed, and keeps the last
+            minute.
         stop_on_failure: Whether to end at the first failure.
         stopped: Asked after every step whether to end now.
     """
@@ -107,13 +113,15 @@ def record(
     ports = {
         name: diagram.GetOutputPort(name) for name in RECORDED_PORTS if diagram.HasOutputPort(name)
     }
-    recorded: dict[str, list[Array]] = {name: [] for name in ports}
-    times = []
-    for step in range(n_steps + 1):
+    kept = None if n_steps is not None else KEPT_STEPS + 1
+    recorded: dict[str, deque[Array]] = {name: deque(maxlen=kept) for name in ports}
+    times: deque[float] = deque(maxlen=kept)
+    start = context.get_time()
+    for step in count() if n_steps is None else range(n_steps + 1):
         # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
         # even a call with the time it already has would act.
         if step > 0:
-            simulator.AdvanceTo(step * CONTROL_PERIOD)
+            simulator.AdvanceTo(start + step * CONTROL_PERIOD)
         times.append(context.get_time())
         for name, port in ports.items():
             recorded[name].append(port.Eval(context).copy())
