@@ -14,7 +14,7 @@ from studies.figures import COLUMN_WIDTH, label_with_unit
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
 
-LABEL_WIDTH = 36
+LABEL_WIDTH = 42
 """Characters in a line of a label."""
 
 
