@@ -235,6 +235,10 @@ def test_a_reader_can_check_every_product_by_hand(opened):
         (["--gait", "gallop"], "gallop"),
         (["--joint", "FL_knee"], "unknown joint 'FL_knee'; the joints are FL_hip"),
         (["--step", "900", "--seconds", "0.2"], "name one from 0 to 10"),
+        (["--step", "-1"], "step is -1; it must be"),
+        (["--seconds", "0"], "seconds is 0.0; it must be"),
+        (["--seconds", "nan"], "seconds is nan; it must be"),
+        (["--seed", "-1"], "seed is -1; it must be"),
         (["--policy", "forest"], "unknown policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),
@@ -245,4 +249,4 @@ def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--students", str(students), "--output", str(tmp_path / "page")]
     assert message in refused(["explain", *policy, *arguments, *where])
-    assert not (tmp_path / "page" / "index.html").exists()
+    assert not (tmp_path / "page").exists()
