@@ -1,5 +1,6 @@
 """Watching one robot: live, in a browser, and what is refused."""
 
+import os
 import re
 import signal
 import subprocess
@@ -11,8 +12,13 @@ from queue import Empty, Queue
 import numpy as np
 import pytest
 
+import studies.rollout.live
+from diagrams.locomotion import LocomotionConfig, SliderCommand
+from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy
+from studies.evaluation.team import Team
+from studies.rollout.live import play_live
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -108,11 +114,43 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
     assert "yaw rate" not in replay
 
 
+def flinging():
+    """Makes a policy that throws the robot over."""
+    names = load_expert("trot").observation_names
+    return LinearPolicy("trot", names, np.zeros((12, len(names))), np.full(12, 10.0))
+
+
+def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
+    monkeypatch.setattr(studies.rollout.live, "KEPT_STEPS", 30)
+    monkeypatch.setattr(studies.rollout.live, "FALLEN_SECONDS", 0.0)
+    usual = signal.getsignal(signal.SIGINT)
+
+    def interrupt():
+        while signal.getsignal(signal.SIGINT) is usual:
+            time.sleep(0.05)
+        time.sleep(3.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    rollout = play_live(
+        trot,
+        Team(load_expert("trot"), flinging(), period=0),
+        LocomotionConfig(command=SliderCommand(), alternation_period=0),
+        open_meshcat(),
+        tmp_path / "replay.html",
+    )
+    assert signal.getsignal(signal.SIGINT) is usual
+    assert len(rollout.time) == len(rollout["state"]) == 31
+    assert rollout.time[-1] > 0.7
+    np.testing.assert_allclose(np.diff(rollout.time), 0.02)
+    assert rollout["failures"].any()
+    assert (tmp_path / "replay.html").exists()
+
+
 @pytest.mark.slow
 def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
-    names = load_expert("trot").observation_names
     path = tmp_path / "fling.safetensors"
-    LinearPolicy("trot", names, np.zeros((12, len(names))), np.full(12, 10.0)).save(path)
+    flinging().save(path)
     process, lines, _ = live("--policy", str(path))
     for _ in range(2):
         until_said(lines, "back on its feet")
