@@ -1,6 +1,8 @@
 """Meshcat: the robot on its ground, the gait's display, live or as a standalone page."""
 
-from pathlib import Path
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from pydrake.geometry import (
     Box,
@@ -15,20 +17,16 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from models.files import write_atomically
 from models.task.gait import Gait
 from systems.foot_sensor import FootSensor
-from systems.gait_display import DISPLAY_PERIOD, GaitDisplay
+from systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
 from systems.reward_machine import RewardMachineSystem
-
-RECORDING_RATE = 1.0 / DISPLAY_PERIOD
-TILE = 0.5
-"""Edge of the ground's tiles (m)."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
     """Starts a Meshcat server that only this machine can reach."""
-    return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
+    with _quiet():
+        return Meshcat(MeshcatParams(host="localhost", port=port, show_stats_plot=False))
 
 
 def AddLocomotionDisplay(  # noqa: N802
@@ -54,18 +52,16 @@ def AddLocomotionDisplay(  # noqa: N802
     )
 
 
-def start_recording(meshcat: Meshcat) -> None:
-    """Starts an animation that `save_replay` can write."""
-    meshcat.StartRecording(
-        frames_per_second=RECORDING_RATE, set_visualizations_while_recording=False
-    )
-
-
-def save_replay(meshcat: Meshcat, path: Path) -> None:
-    """Ends the recording and writes it as a page that opens without a server, atomically."""
-    meshcat.StopRecording()
-    meshcat.PublishRecording()
-    write_atomically(path, meshcat.StaticHtml())
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps Drake from telling of a server that nobody needs to open."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _draw_ground(meshcat: Meshcat) -> None:
@@ -73,14 +69,17 @@ def _draw_ground(meshcat: Meshcat) -> None:
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
-    meshcat.SetProperty("/Background", "top_color", [0.93, 0.95, 0.97])
-    meshcat.SetProperty("/Background", "bottom_color", [0.80, 0.83, 0.86])
-    meshcat.SetObject("ground", Box(30.0, 30.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
-    meshcat.SetTransform("ground", RigidTransform([0.0, 0.0, -0.0125]))
+    meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.97])
+    meshcat.SetProperty("/Background/<object>", "bottom_color", [0.80, 0.83, 0.86])
+    ground = f"{PAVEMENT_PATH}/ground"
+    meshcat.SetObject(ground, Box(30.0, 30.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
+    meshcat.SetTransform(ground, RigidTransform([0.0, 0.0, -0.0125]))
     lines = int(15.0 / TILE)
     for i in range(-lines, lines + 1):
-        meshcat.SetObject(f"tiles/x{i}", Box(30.0, 0.006, 0.002), Rgba(0.5, 0.52, 0.54, 1.0))
-        meshcat.SetTransform(f"tiles/x{i}", RigidTransform([0.0, i * TILE, -0.002]))
-        meshcat.SetObject(f"tiles/y{i}", Box(0.006, 30.0, 0.002), Rgba(0.5, 0.52, 0.54, 1.0))
-        meshcat.SetTransform(f"tiles/y{i}", RigidTransform([i * TILE, 0.0, -0.002]))
+        for name, box, place in (
+            (f"x{i}", Box(30.0, 0.006, 0.002), [0.0, i * TILE, -0.002]),
+            (f"y{i}", Box(0.006, 30.0, 0.002), [i * TILE, 0.0, -0.002]),
+        ):
+            meshcat.SetObject(f"{PAVEMENT_PATH}/{name}", box, Rgba(0.5, 0.52, 0.54, 1.0))
+            meshcat.SetTransform(f"{PAVEMENT_PATH}/{name}", RigidTransform(place))
     meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])

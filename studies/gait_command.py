@@ -6,10 +6,14 @@ from typing import Annotated, Literal
 
 import tyro
 
+from models.errors import InputError
 from models.files import write_atomically
 from models.task.drawing import to_graphviz, to_mermaid
 from models.task.gait import load_gait
 from studies.console import console
+
+EXTENSIONS = {".mmd": "mermaid", ".md": "mermaid", ".dot": "graphviz", ".gv": "graphviz"}
+"""Languages by the extension of a drawing's file."""
 
 
 @dataclass(frozen=True)
@@ -18,20 +22,40 @@ class ShowGait:
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
-        format: Language of the drawing.
-        output: File for the drawing; the terminal by default.
+        format: Language of the drawing; by default that of the output's extension, or mermaid.
+        output: File for the drawing, .mmd or .md (mermaid), .dot or .gv (graphviz); the terminal
+            by default.
     """
 
     gait: Annotated[str, tyro.conf.Positional] = "trot"
-    format: Literal["mermaid", "graphviz"] = "mermaid"
+    format: Literal["mermaid", "graphviz"] | None = None
     output: Path | None = None
 
     def run(self) -> None:
         """Checks and draws."""
+        language = self._language()
         gait = load_gait(self.gait)
-        drawing = to_mermaid(gait) if self.format == "mermaid" else to_graphviz(gait)
+        drawing = to_graphviz(gait) if language == "graphviz" else to_mermaid(gait)
         if self.output is None:
             console.print(drawing, soft_wrap=True)
-        else:
-            write_atomically(self.output, drawing)
-            console.print(f"{gait.name}: {gait.n_states} states, drawn in {self.output}")
+            return
+        if self.output.suffix.lower() == ".md":
+            drawing = f"```mermaid\n{drawing}```\n"
+        write_atomically(self.output, drawing)
+        console.print(f"{gait.name}: {gait.n_states} states, drawn in {self.output}")
+
+    def _language(self) -> str:
+        if self.output is None:
+            return self.format or "mermaid"
+        language = EXTENSIONS.get(self.output.suffix.lower())
+        if language is None:
+            raise InputError(
+                f"--output {self.output}: is none of {', '.join(EXTENSIONS)}; for a picture write "
+                "a .dot file and run 'dot -Tsvg' on it"
+            )
+        if self.format not in (None, language):
+            raise InputError(
+                f"--output {self.output}: its extension is that of {language}, not {self.format}; "
+                "leave --format out"
+            )
+        return language

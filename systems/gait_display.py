@@ -10,11 +10,15 @@ from models.task.gait import Gait
 from models.task.palette import STATE_COLORS
 
 DISPLAY_PERIOD = 1.0 / 32.0
-"""Time between two pictures (s), the frame rate of Meshcat's recordings."""
+"""Time between two pictures (s)."""
 
 PATH = "gait"
 WORLD_PATH = "/drake"
 """Meshcat's root of everything that Drake draws."""
+
+PAVEMENT_PATH = "pavement"
+TILE = 0.5
+"""Edge of the pavement's tiles (m)."""
 
 
 class GaitDisplay(LeafSystem):
@@ -29,7 +33,8 @@ class GaitDisplay(LeafSystem):
         - foot_contact
 
     Inputs: state (37), the plant's. rm_state (n_states, one-hot). foot_contact (4, {0, 1}).
-    Publishes to Meshcat every 1/32 s, the whole scene moved so that the robot stays in the middle.
+    Publishes to Meshcat every 1/32 s and when forced, the whole scene moved so that the robot stays
+    in the middle, and the pavement by whole tiles so that it never ends.
     State: none.
     """
 
@@ -42,13 +47,15 @@ class GaitDisplay(LeafSystem):
         )
         self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
-        for i, name in enumerate(gait.states):
-            meshcat.SetObject(f"{PATH}/state/{name}", Box(0.12, 0.05, 0.02), _rgba(i))
+        # By number, since a state's name may hold a slash.
+        for i in range(gait.n_states):
+            meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(i))
         for leg in robot.LEGS:
             meshcat.SetObject(f"{PATH}/contact/{leg}", Sphere(0.024), Rgba(0.9, 0.6, 0.0, 1.0))
         self.DeclarePeriodicPublishEvent(
             period_sec=DISPLAY_PERIOD, offset_sec=0.0, publish=self._publish
         )
+        self.DeclareForcedPublishEvent(self._publish)
 
     def get_state_input_port(self) -> InputPort:
         """Takes the plant's state."""
@@ -71,10 +78,12 @@ class GaitDisplay(LeafSystem):
         rotation = kinematics.rotation_matrix(state[robot.QUATERNION])
         # The world passes under the robot, which a recording's camera cannot follow.
         self._meshcat.SetTransform(WORLD_PATH, RigidTransform([-origin[0], -origin[1], 0.0]), time)
+        tiles = TILE * np.round(origin[:2] / TILE)
+        self._meshcat.SetTransform(PAVEMENT_PATH, RigidTransform([*tiles, 0.0]), time)
         above = RigidTransform(origin + np.array([0.0, 0.0, 0.16]))
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
-        for i, name in enumerate(self._gait.states):
-            self._show(f"{PATH}/state/{name}", bool(rm_state[i] > 0.5), time)
+        for i in range(self._gait.n_states):
+            self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
         feet = origin + kinematics.foot_positions(state[robot.JOINT_POSITION]) @ rotation.T
         for leg, foot, touches in zip(robot.LEGS, feet, contact, strict=True):
             self._meshcat.SetTransform(f"{PATH}/contact/{leg}", RigidTransform(foot), time)

@@ -6,9 +6,10 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPo
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
 
-SPEED_SLIDER = "forward speed (m/s)"
+# Short, since Meshcat cuts long names.
+SPEED_SLIDER = "speed (m/s)"
 YAW_RATE_SLIDER = "yaw rate (rad/s)"
-DWELL_SLIDER = "dwell (control steps)"
+DWELL_SLIDER = "dwell (steps)"
 
 
 class MeshcatCommand(LeafSystem):

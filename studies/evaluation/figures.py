@@ -78,7 +78,8 @@ def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) 
     figure, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
     last = rollout.time[-1]
     draw_gait(axes, rollout, gait)
-    axes.set(xlim=(max(0.0, last - seconds), last), title=title)
+    axes.set_xlim(max(0.0, last - seconds), last)
+    axes.set_title(title, parse_math=False)
     return figure
 
 
@@ -111,7 +112,10 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
         for i, name in enumerate(gait.states)
     ]
     handles.insert(0, Patch(color="0.15", label="contact"))
-    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend = axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    for text in legend.get_texts():
+        # A state's name may hold a dollar sign.
+        text.set_parse_math(False)
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:

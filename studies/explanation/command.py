@@ -2,16 +2,20 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
+import yaml
+from annotated_types import Ge
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig
-from diagrams.rollout import Rollout
 from diagrams.visualization import open_meshcat
 from models.a1.robot import joint_index
 from models.errors import InputError
 from models.files import write_atomically
 from models.policies.library import load_expert
+from models.settings import Settings
+from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.library import find_student
@@ -20,11 +24,15 @@ from studies.explanation.page import explain_rollout, render_page
 from studies.figures import save_figure
 from studies.importance.additive_figures import contribution_figure
 from studies.importance.study import draw_student
+from studies.records import read_yaml, to_plain
 from studies.rollout.play import play
+
+CONFIG = "config.yaml"
+"""File beside the page that tells whose it is."""
 
 
 @dataclass(frozen=True)
-class Explain:
+class Explain(Settings):
     """Roll a student out alone and write a page that explains its every action.
 
     Attributes:
@@ -38,19 +46,25 @@ class Explain:
         students: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
-        output: Folder of the page; runs/importance/<gait> by default.
+        output: Folder of the page; runs/explanation/<gait>/<policy> by default.
     """
+
+    title: ClassVar[str] = "explain"
 
     gait: str = "trot"
     policy: str = "symbolic"
     joint: str = "FL_hip"
-    step: int = 100
+    step: Annotated[int, Ge(0)] = 100
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
-    seconds: float = 6.0
-    seed: int = 0
+    seconds: Annotated[float, Ge(CONTROL_PERIOD)] = 6.0
+    seed: Annotated[int, Ge(0)] = 0
     students: Path | None = None
     expert: Path | None = None
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_step(round(self.seconds / CONTROL_PERIOD), "ends")
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
@@ -59,8 +73,9 @@ class Explain:
         student = find_student(self.policy, expert, self.students)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
-        folder = self.output or Path("runs/importance") / gait.name
         name = Path(self.policy).stem
+        folder = self.output or Path("runs/explanation") / gait.name / name
+        self._refuse_another(folder)
         replay = folder / f"{name}_replay.html"
         say("rolling out")
         rollout = play(
@@ -72,7 +87,7 @@ class Explain:
             seconds=self.seconds,
             seed=self.seed,
         )
-        self._check_step(rollout)
+        self._check_step(len(rollout.time) - 1, "ended in a fall" if rollout.failed else "ends")
         say("splitting every action into its terms")
         explained = explain_rollout(student, rollout)
         observation = rollout["observations"][self.step]
@@ -83,6 +98,7 @@ class Explain:
         page = render_page(
             gait=gait,
             policy_name=name,
+            observation_names=student.observation_names,
             rollout=rollout,
             explained=explained,
             replay=replay.read_text(),
@@ -90,13 +106,22 @@ class Explain:
             step=self.step,
             figures=[stem.with_name(f"{stem.name}.png") for stem in (local, *stems)],
         )
+        write_atomically(folder / CONFIG, yaml.safe_dump(to_plain(self), sort_keys=False))
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")
 
-    def _check_step(self, rollout: Rollout) -> None:
-        last = len(rollout.time) - 1
-        if not 0 <= self.step <= last:
-            end = "ended in a fall" if rollout.failed else "ends"
+    def _refuse_another(self, folder: Path) -> None:
+        """Refuses a folder that holds another student's page."""
+        path = folder / CONFIG
+        theirs = read_yaml(path) if path.exists() else to_plain(self)
+        for key in ("gait", "policy", "students", "expert"):
+            if not isinstance(theirs, dict) or theirs.get(key) != to_plain(self)[key]:
+                raise InputError(
+                    f"{folder}: holds the page of another student; name a new folder with --output"
+                )
+
+    def _check_step(self, last: int, end: str) -> None:
+        if self.step > last:
             raise InputError(
                 f"--step {self.step}: the rollout {end} at step {last}; name one from 0 to {last}, "
                 "or raise --seconds"

@@ -1,7 +1,7 @@
 """The page: replay, gait diagram and the terms of every action, in one file that opens offline."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,18 +10,19 @@ import numpy as np
 
 from diagrams.rollout import Rollout
 from models.a1 import robot
-from models.policies.gates import GATE_MEANINGS
-from models.policies.policy import Contributions, Policy
+from models.policies.expression import Expression, variable
+from models.policies.gates import GATE_MEANINGS, named_gates
+from models.policies.policy import Policy
+from models.policies.symbolic import TERM_DIGITS, Tape
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
+from models.task.observation import unit_of
 from models.task.palette import STATE_COLORS
 from studies.evaluation.tables import POLICY_TITLES
+from studies.explanation.products import Product, products
 from studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
-
-TRUNK_PLACE = slice(4, 6)
-"""The trunk's x and y in the plant's state."""
 
 N_SHOWN = 14
 """Terms that the page holds of each action; it holds the sum of the others."""
@@ -32,17 +33,18 @@ class ExplainedJoint:
     """What a joint's actions consist of, over a rollout.
 
     Attributes:
-        contributions: The parts, values (n_steps, k).
+        products: What the terms are made of (k).
+        values: How much each term adds (n_steps, k).
         actions: The actions (n_steps,).
     """
 
-    contributions: Contributions
+    products: tuple[Product, ...]
+    values: np.ndarray
     actions: np.ndarray
 
     def importances(self) -> np.ndarray:
         """Returns the mean size of each term's swings over the rollout (k)."""
-        values = self.contributions.values
-        return np.abs(values - values.mean(axis=0)).mean(axis=0)
+        return np.abs(self.values - self.values.mean(axis=0)).mean(axis=0)
 
 
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
@@ -57,7 +59,9 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     """
     observations, actions = rollout["observations"], rollout["actions"]
     return tuple(
-        ExplainedJoint(policy.explain(observations, joint), actions[:, joint])
+        ExplainedJoint(
+            products(policy, joint), policy.explain(observations, joint).values, actions[:, joint]
+        )
         for joint in range(robot.N_JOINTS)
     )
 
@@ -66,6 +70,7 @@ def render_page(
     *,
     gait: Gait,
     policy_name: str,
+    observation_names: tuple[str, ...],
     rollout: Rollout,
     explained: Sequence[ExplainedJoint],
     replay: str,
@@ -78,6 +83,7 @@ def render_page(
     Args:
         gait: The gait.
         policy_name: Kind of student, or stem of its file.
+        observation_names: Names of what it observes.
         rollout: What the student did.
         explained: What its actions consist of.
         replay: Meshcat's page of the rollout.
@@ -85,17 +91,20 @@ def render_page(
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
     """
+    quantities = _quantities(observation_names, explained)
     data = {
         "period": CONTROL_PERIOD,
-        "joints": [name.replace("_", " ") for name in robot.JOINTS],
+        "joints": robot.JOINTS,
         "legs": robot.LEGS,
         "states": gait.states,
-        "colors": STATE_COLORS[: gait.n_states],
+        "colors": [STATE_COLORS[i % len(STATE_COLORS)] for i in range(gait.n_states)],
         "state": rollout["rm_state"].argmax(axis=1).tolist(),
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
-        "place": np.round(rollout["state"][:, TRUNK_PLACE], 3).tolist(),
-        "explained": [_joint_data(own) for own in explained],
+        "quantities": list(quantities.values()),
+        "units": [unit_of(name) for name in observation_names],
+        "values": _values(quantities, rollout["observations"]),
+        "explained": [_joint_data(own, list(quantities)) for own in explained],
         "joint": joint,
         "step": step,
     }
@@ -104,28 +113,56 @@ def render_page(
         policy=POLICY_TITLES.get(policy_name, policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
         n_shown=N_SHOWN,
-        gates=_gates(explained),
+        gates=_gates(quantities.values()),
         data=_embedded(data),
         replay=_embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
 
 
-def _gates(explained: Sequence[ExplainedJoint]) -> dict[str, str]:
+def _quantities(
+    names: tuple[str, ...], explained: Sequence[ExplainedJoint]
+) -> dict[Expression, str]:
+    """Names everything that some term is made of: the observations in order, then functions."""
+    gates = {gate: title for title, gate in named_gates(names).items()}
+    titles = {variable(index): name for index, name in enumerate(names)}
+    for own in explained:
+        for product in own.products:
+            for quantity in product.quantities:
+                if quantity not in titles:
+                    titles[quantity] = gates.get(quantity, quantity.to_text(names, TERM_DIGITS))
+    return titles
+
+
+def _values(quantities: Iterable[Expression], observations: np.ndarray) -> list:
+    """Evaluates the quantities (n_steps, k); where one is not finite, no term shows it."""
+    values = Tape(tuple(quantities), observations.shape[1])(observations)
+    return _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0))
+
+
+def _gates(titles: Iterable[str]) -> dict[str, str]:
     """Returns the gates that some term has, and what they mean."""
-    terms = " ".join(term for own in explained for term in own.contributions.terms)
-    return {gate: meaning for gate, meaning in GATE_MEANINGS.items() if gate in terms}
+    every = " ".join(titles)
+    return {gate: meaning for gate, meaning in GATE_MEANINGS.items() if gate in every}
 
 
-def _joint_data(explained: ExplainedJoint) -> dict[str, Any]:
+def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
     """Keeps each action's largest terms as pairs of index and value, and the others' sum."""
-    values = explained.contributions.values
+    values = explained.values
     order = np.argsort(-np.abs(values), axis=1, kind="stable")[:, :N_SHOWN]
     shown = np.take_along_axis(values, order, axis=1)
     importances = explained.importances()
     ranked = np.argsort(-importances, kind="stable")[:N_SHOWN]
+    place = {quantity: index for index, quantity in enumerate(quantities)}
     return {
-        "terms": explained.contributions.terms,
+        "terms": [
+            {
+                "weights": [float(f"{weight:.6g}") for weight in product.weights],
+                "of": [place[quantity] for quantity in product.quantities],
+                "state": product.state,
+            }
+            for product in explained.products
+        ],
         "action": _rounded(explained.actions),
         "index": order.tolist(),
         "value": _rounded(shown),

@@ -1,5 +1,6 @@
 """Figures of one joint's additive model, from interpret's explanation objects."""
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from models.policies.policy import Contributions
 from studies.figures import COLUMN_WIDTH, label_with_unit
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
+
+LABEL_WIDTH = 42
+"""Characters in a line of a label."""
 
 
 def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 15) -> Figure:
@@ -74,13 +78,16 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
         labels.append(f"{len(rest)} other terms")
         values.append(float(contributions.values[rest].sum()))
     labels.append("action")
+    # Long terms go on in a second line; none is cut.
+    labels = [textwrap.fill(label, LABEL_WIDTH) for label in labels]
+    n_lines = sum(label.count("\n") + 1 for label in labels)
     values.append(float(contributions.values.sum()))
     colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
     colors[-1] = NEUTRAL
-    figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * len(labels)))
+    figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
     axes.barh(range(len(labels)), values, color=colors)
     axes.axvline(0.0, color="0.2", linewidth=0.6)
-    axes.set_yticks(range(len(labels)), [_short(label) for label in labels], fontsize=6)
+    axes.set_yticks(range(len(labels)), labels, fontsize=6)
     axes.invert_yaxis()
     axes.set(xlabel="adds to the action", title=title)
     return figure
@@ -101,7 +108,3 @@ def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
 
 def _edges(names: Any) -> np.ndarray:
     return np.asarray(names, dtype=float)
-
-
-def _short(label: str, width: int = 42) -> str:
-    return label if len(label) <= width else label[: width - 1] + "…"

@@ -2,14 +2,18 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
-from diagrams.rollout import Rollout
 from diagrams.station import StationConfig
 from diagrams.visualization import open_meshcat
 from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.policy import Policy
+from models.settings import Settings
+from models.task import CONTROL_PERIOD
 from models.task.alternation import parse_ratio
 from models.task.gait import load_gait
 from studies.console import console
@@ -17,14 +21,16 @@ from studies.distillation.library import find_student
 from studies.evaluation.figures import gait_figure
 from studies.evaluation.team import Team
 from studies.figures import save_figure
+from studies.rollout.live import play_live
 from studies.rollout.play import play
 from studies.rollout.stills import gait_strip
 
-STOP_BUTTON = "stop and save"
+SECONDS = 10.0
+"""Length of a rollout that nobody watches (s), unless a person names another."""
 
 
 @dataclass(frozen=True)
-class ShowRollout:
+class ShowRollout(Settings):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:
@@ -33,9 +39,10 @@ class ShowRollout:
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
             default the policy acts alone.
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
-        live: Play at real time in Meshcat, commands from sliders.
+        live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
+            or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
         command: The command where there are no sliders.
-        seconds: Length of the rollout (s); live, the button `stop and save` ends it before.
+        seconds: Length of the rollout (s), 10 by default; a fall ends it before. Not with --live.
         seed: Seed of the sensors' noise.
         station: Physics.
         students: Folder of a distillation; by default runs/distillation/<gait>, and where that
@@ -44,18 +51,25 @@ class ShowRollout:
         output: Folder of the replay; runs/rollout/<gait> by default.
     """
 
+    title: ClassVar[str] = "rollout"
+
     gait: str = "trot"
     policy: str = "expert"
     ratio: str | None = None
     stills: bool = False
     live: bool = False
     command: FixedCommand = field(default_factory=FixedCommand)
-    seconds: float = 10.0
-    seed: int = 0
+    seconds: Annotated[float, Ge(CONTROL_PERIOD)] | None = None
+    seed: Annotated[int, Ge(0)] = 0
     station: StationConfig = field(default_factory=StationConfig)
     students: Path | None = None
     expert: Path | None = None
     output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.live and self.seconds is not None:
+            raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
 
     def run(self) -> None:
         """Plays, and writes replay and gait diagram."""
@@ -67,6 +81,7 @@ class ShowRollout:
         period = parse_ratio(self.ratio or ("1" if student is None else "0"))
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
+        team = Team(expert, student, period)
         config = LocomotionConfig(
             station=self.station,
             command=SliderCommand() if self.live else self.command,
@@ -75,29 +90,17 @@ class ShowRollout:
         )
         name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
         stem = (self.output or Path("runs/rollout") / gait.name) / name
-        meshcat = open_meshcat()
-        meshcat.AddButton(STOP_BUTTON, "Escape")
+        replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
-            console.print(f"open {meshcat.web_url()}, move the sliders, and stop when you like")
-        rollout = play(
-            gait,
-            Team(expert, student, period),
-            config,
-            meshcat,
-            stem.with_suffix(".html"),
-            seconds=self.seconds,
-            seed=self.seed,
-            realtime_rate=1.0 if self.live else 0.0,
-            stopped=lambda: meshcat.GetButtonClicks(STOP_BUTTON) > 0,
-        )
+            rollout = play_live(gait, team, config, meshcat, replay, seed=self.seed)
+            console.print(f"stopped after {rollout.time[-1]:.2f} s")
+        else:
+            seconds = SECONDS if self.seconds is None else self.seconds
+            rollout = play(gait, team, config, meshcat, replay, seconds=seconds, seed=self.seed)
+            end = "fell" if rollout.failed else "stayed up"
+            reward = rollout["reward"][1:].sum()
+            console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")
         save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
         if self.stills:
-            save_figure(gait_strip(rollout, gait), stem.with_name(f"{stem.name}_stills"))
-        _tell(rollout, stem)
-
-
-def _tell(rollout: Rollout, stem: Path) -> None:
-    seconds = rollout.time[-1]
-    end = "fell" if rollout.failed else "stayed up"
-    console.print(f"{end} after {seconds:.2f} s, reward {rollout['reward'][1:].sum():.0f}")
-    console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf")
+            save_figure(gait_strip(rollout, gait), stem.with_name(f"{name}_stills"))
+        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf")

@@ -1,13 +1,13 @@
-"""Playing one robot in Meshcat, and keeping the replay."""
+"""Playing one robot as fast as it goes, and keeping the replay."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram
 
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from diagrams.replay import save_replay
 from diagrams.rollout import Rollout, make_simulator, record
-from diagrams.visualization import save_replay, start_recording
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
 from studies.evaluation.team import Team
@@ -22,23 +22,34 @@ def play(
     *,
     seconds: float,
     seed: int = 0,
-    realtime_rate: float = 0.0,
-    stopped: Callable[[], bool] = lambda: False,
 ) -> Rollout:
-    """Rolls a team out in view of Meshcat and writes the replay.
+    """Rolls a team out and writes the replay.
 
     Args:
         gait: The gait.
         team: Who acts; its period is the alternation's.
         config: How the loop is closed.
-        meshcat: Where the robot shows.
+        meshcat: Where the replay is drawn.
         replay: HTML file of the replay.
         seconds: Length of the rollout (s); a fall ends it before.
         seed: Seed of noise and drawn commands.
-        realtime_rate: Greatest speed in wall time; 0 is as fast as can be.
-        stopped: Asked after every step whether to end now.
+
+    Raises:
+        InputError: if a policy or the command does not fit the gait.
     """
-    diagram = MakeLocomotion(
+    diagram = make_shown(gait, team, config, meshcat)
+    rollout = record(make_simulator(diagram, seed=seed), round(seconds / CONTROL_PERIOD))
+    save_replay(diagram, meshcat, rollout, replay)
+    return rollout
+
+
+def make_shown(gait: Gait, team: Team, config: LocomotionConfig, meshcat: Meshcat) -> Diagram:
+    """Closes the loop around a team, in view of Meshcat.
+
+    Raises:
+        InputError: if a policy or the command does not fit the gait.
+    """
+    return MakeLocomotion(
         gait,
         config,
         expert=team.acting_expert,
@@ -46,8 +57,3 @@ def play(
         estimator=team.expert.estimator,
         meshcat=meshcat,
     )
-    simulator = make_simulator(diagram, seed=seed, realtime_rate=realtime_rate)
-    start_recording(meshcat)
-    rollout = record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
-    save_replay(meshcat, replay)
-    return rollout

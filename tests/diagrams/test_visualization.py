@@ -1,28 +1,51 @@
 """Meshcat: live display and standalone replay."""
 
+import logging
+from dataclasses import replace
+
 import numpy as np
 
 from diagrams.locomotion import LocomotionConfig, MakeLocomotion, SliderCommand
+from diagrams.replay import save_replay
 from diagrams.rollout import make_simulator, record
-from diagrams.visualization import open_meshcat, save_replay, start_recording
+from diagrams.visualization import open_meshcat
 from systems.meshcat_command import SPEED_SLIDER
 
 
 def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_policy, tmp_path):
     meshcat = open_meshcat()
     diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot), meshcat=meshcat)
-    simulator = make_simulator(diagram)
-    start_recording(meshcat)
-    record(simulator, 10, stop_on_failure=False)
+    rollout = record(make_simulator(diagram), 10, stop_on_failure=False)
     path = tmp_path / "replay.html"
-    save_replay(meshcat, path)
+    save_replay(diagram, meshcat, rollout, path)
     page = path.read_text()
     assert "<html" in page.lower()
     assert len(page) > 500_000
     assert "http://localhost" not in page
     for leg in ("FL", "RR"):
         assert meshcat.HasPath(f"/drake/visualizer/a1/{leg}_calf")
-    assert meshcat.HasPath("/drake/gait/state/q1")
+    assert meshcat.HasPath("/drake/gait/state/1")
+
+
+def test_names_of_states_are_no_paths(trot, make_policy):
+    states = ("a", "a/<b></script>")
+    edges = [
+        replace(edge, source=states[k], target=states[1 - k])
+        for k, edge in enumerate(trot.transitions)
+    ]
+    gait = replace(trot, states=states, initial="a", transitions=tuple(edges))
+    meshcat = open_meshcat()
+    MakeLocomotion(gait, LocomotionConfig(), expert=make_policy(trot), meshcat=meshcat)
+    assert [meshcat.HasPath(f"/drake/gait/state/{k}") for k in range(3)] == [True, True, False]
+    assert not meshcat.HasPath("/drake/gait/state/a")
+
+
+def test_opening_meshcat_says_nothing_and_leaves_drakes_log_as_it_is(caplog):
+    log = logging.getLogger("drake")
+    with caplog.at_level(logging.INFO, logger="drake"):
+        open_meshcat()
+        assert log.level == logging.INFO
+    assert not caplog.messages
 
 
 def test_sliders_command_the_robot(trot, make_policy):

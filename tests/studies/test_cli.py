@@ -122,9 +122,23 @@ def test_nothing_is_left_behind_by_a_refusal(refused, tmp_path):
 def test_gait_command_draws_the_machine(capsys, tmp_path):
     main(["gait", "trot"])
     assert "s0 --> s1: FL & RR & ~FR & ~RL" in capsys.readouterr().out
-    path = tmp_path / "trot.dot"
-    main(["gait", "trot", "--format", "graphviz", "--output", str(path)])
-    assert path.read_text().startswith("digraph")
+    for name, start in (
+        ("trot.dot", "digraph"),
+        ("trot.gv", "digraph"),
+        ("trot.mmd", "stateDiagram-v2"),
+        ("trot.md", "```mermaid\nstateDiagram-v2"),
+    ):
+        main(["gait", "trot", "--output", str(tmp_path / name)])
+        assert (tmp_path / name).read_text().startswith(start)
+
+
+def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
+    picture = ["gait", "trot", "--output", str(tmp_path / "trot.svg")]
+    assert "run 'dot -Tsvg' on it" in refused(picture)
+    assert "run 'dot -Tsvg' on it" in refused([*picture, "--format", "graphviz"])
+    contrary = ["--format", "graphviz", "--output", str(tmp_path / "trot.mmd")]
+    assert "leave --format out" in refused(["gait", "trot", *contrary])
+    assert not list(tmp_path.iterdir())
 
 
 def test_evaluate_writes_its_tables(tmp_path):

@@ -2,18 +2,21 @@
 
 import json
 import re
-import shutil
-import subprocess
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from models.policies.library import load_expert
+from diagrams.rollout import Rollout
+from models.policies.library import load_expert, load_student
 from models.policies.linear import LinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
+from models.policies.symbolic import Tape
+from models.task.observation import machine_state_entries
 from studies.cli import main
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
+from studies.explanation.page import explain_rollout, render_page
+from studies.explanation.products import products
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +52,7 @@ def test_shown_terms_and_the_rest_are_the_action(page):
     data = embedded(page, "data")
     assert data["step"] == 12
     assert len(data["explained"]) == 12
-    assert len(data["state"]) == len(data["contact"]) == len(data["place"]) == 41
+    assert len(data["state"]) == len(data["contact"]) == len(data["values"]) == 41
     for joint in data["explained"]:
         assert joint["error"] < 1e-9
         total = np.sum(joint["value"], axis=1) + joint["rest"]
@@ -71,27 +74,159 @@ def test_figures_of_the_step_lie_beside_the_page(page):
         assert (page.parent / f"linear_FL_hip_step_12.{extension}").exists()
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium to open the page")
-def test_browser_shows_the_moment_that_a_link_names(page):
-    command = [str(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--dump-dom"]
-    link = f"file://{page}#joint=4&step=30"
-    shown = subprocess.run(
-        [*command, "--virtual-time-budget=3000", link],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    ).stdout
-    joint = embedded(page, "data")["explained"][4]
-    sign = "−" if joint["action"][30] < 0 else "+"
-    action = f"{sign}{abs(joint['action'][30]):.3f}"
-    assert f"FR thigh at step 30: action {action}" in shown
-    assert "0.60 s" in shown
-    largest = joint["terms"][joint["index"][30][0]]
-    rows = re.findall(r'<td class="term" title="([^"]*)"', shown)
-    assert rows[0] == largest
-    assert "sum = action" in rows
-    assert "other terms" in rows[rows.index("sum = action") - 1]
+@pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "statewise_symbolic"])
+def test_products_are_the_terms(kind, generator):
+    policy = load_student("trot", kind)
+    names = policy.observation_names
+    observations = 0.5 * generator.normal(size=(20, len(names)))
+    states = generator.integers(2, size=20)
+    observations[:, machine_state_entries(names)] = np.eye(2)[states]
+    for joint in (0, 5):
+        values = policy.explain(observations, joint).values
+        own = products(policy, joint)
+        assert len(own) == values.shape[1]
+        for product, value in zip(own, values.T, strict=True):
+            factors = Tape(product.quantities, len(names))(observations)
+            weights = np.broadcast_to(product.weights, 2)[states]
+            mine = (states == product.state) | (product.state is None)
+            expected = np.where(mine, weights * factors.prod(axis=-1), 0.0)
+            np.testing.assert_allclose(value, expected, rtol=1e-9)
+
+
+def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path):
+    states = ("<b>bold</b>", "</script><script>throw 1</script>")
+    gait = replace(trot, states=states, description="<i>slanted</i>")
+    names = load_expert("trot").observation_names
+    policy = LinearPolicy("trot", names, np.zeros((12, len(names))), np.zeros(12))
+    values = {"observations": len(names), "actions": 12, "rm_state": 2, "rm_iterations": 1}
+    rollout = Rollout(
+        np.zeros(2), {name: np.zeros((2, n)) for name, n in {**values, "foot_contact": 4}.items()}
+    )
+    page = render_page(
+        gait=gait,
+        policy_name="<u>mine</u>",
+        observation_names=names,
+        rollout=rollout,
+        explained=explain_rollout(policy, rollout),
+        replay="",
+        joint=0,
+        step=0,
+        figures=[],
+    )
+    for tag in ("<b>bold", "<i>slanted", "<u>mine", "<script>throw"):
+        assert tag not in page
+    path = tmp_path / "index.html"
+    path.write_text(page)
+    assert tuple(embedded(path, "data")["states"]) == states
+
+
+def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    short = ["explain", "--seconds", "0.2", "--step", "5"]
+    main([*short, "--policy", "linear", "--students", str(students)])
+    page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
+    before = page.read_bytes()
+    main([*short, "--policy", "statewise_linear"])
+    assert page.with_name("index.html").read_bytes() == before
+    folder = ["--output", str(page.parent)]
+    assert "page of another student" in refused([*short, "--policy", "statewise_linear", *folder])
+    assert page.read_bytes() == before
+    main([*short, "--policy", "linear", "--students", str(students), "--joint", "FR_calf"])
+    assert page.read_bytes() != before
+
+
+@pytest.fixture(scope="module")
+def formulas(tmp_path_factory):
+    """The page of formulas that ship, whose terms have long names."""
+    output = tmp_path_factory.mktemp("formulas")
+    short = ["--seconds", "0.8", "--step", "12", "--output", str(output)]
+    main(["explain", "--policy", "statewise_symbolic", *short])
+    return output / "index.html"
+
+
+@pytest.fixture
+def opened(browser, formulas):
+    browser.get("about:blank")
+    browser.get(f"file://{formulas}#joint=FR_thigh&step=30")
+    return browser
+
+
+def title(browser):
+    return browser.find_element("id", "local-title").text
+
+
+def eventually(found, wanted, seconds=30.0):
+    end = time.monotonic() + seconds
+    while found() != wanted and time.monotonic() < end:
+        time.sleep(0.1)
+    assert found() == wanted
+
+
+def test_browser_shows_the_moment_that_a_link_names(opened, formulas):
+    action = embedded(formulas, "data")["explained"][4]["action"][30]
+    sign = "−" if action < 0 else "+"
+    assert title(opened) == f"FR thigh at step 30: action {sign}{abs(action):.3f}"
+    assert "0.60 s" in opened.find_element("id", "moment").text
+    for link, shown in (("joint=2&step=7", "FL calf at step 7"), ("step=9", "FL calf at step 9")):
+        opened.execute_script("location.hash = arguments[0]", link)
+        eventually(lambda: title(opened).split(":")[0], shown)
+    opened.execute_script("location.hash = 'joint=FL_knee&step=9999'")
+    eventually(lambda: title(opened).split(":")[0], "FL calf at step 9")
+
+
+def test_the_address_names_what_is_shown(opened):
+    opened.find_element("tag name", "body").send_keys("\ue014")  # the right arrow
+    eventually(lambda: opened.current_url.split("#")[1], "joint=FR_thigh&step=31")
+
+
+def test_keys_work_after_the_replay_was_dragged(opened):
+    opened.switch_to.frame("replay")
+    eventually(lambda: opened.execute_script("return typeof viewer"), "object")
+    opened.find_element("tag name", "canvas").click()
+    focused = opened.switch_to.active_element
+    focused.send_keys("\ue014")
+    opened.switch_to.default_content()
+    assert opened.execute_script("return document.activeElement.tagName") == "IFRAME"
+    eventually(lambda: title(opened).split(":")[0], "FR thigh at step 31")
+
+
+@pytest.mark.parametrize("width", [1280, 500])
+def test_no_label_is_cut(opened, width):
+    opened.set_window_size(width, 900)
+    cut = opened.execute_script(
+        "return [...document.querySelectorAll('td, th')]"
+        ".filter(cell => cell.scrollWidth > cell.clientWidth).map(cell => cell.textContent)"
+    )
+    assert cut == []
+    assert opened.execute_script(
+        "const all = document.documentElement; return all.scrollWidth <= all.clientWidth"
+    )
+    terms = [cell.text for cell in opened.find_elements("css selector", "td.term")]
+    assert any(len(term) > 20 for term in terms)
+    assert not any("…" in term for term in terms)
+
+
+def test_a_reader_can_check_every_product_by_hand(opened):
+    opened.execute_script("document.getElementById('observations').open = true")
+    eventually(lambda: len(opened.find_elements("css selector", "#values tr")) > 49, True)
+    table = opened.find_elements("css selector", "#values tbody tr")
+    cells = [[cell.text for cell in row.find_elements("tag name", "td")] for row in table]
+    values = {name: value for name, value, _ in cells}
+    units = {name: unit for name, _, unit in cells}
+    assert units["Foot Height RL"] == "m"
+    assert units["DoF Vel FR Calf"] == "0.05 · rad/s"
+    checked = 0
+    for row in opened.find_elements("css selector", "#local tbody tr"):
+        term, product, adds = [cell.text for cell in row.find_elements("tag name", "td")][:3]
+        if not product:
+            continue
+        _, *factors = product.split(" × ")
+        names = [] if term == "intercept" else term.split(" · ")
+        assert factors == [values[name] for name in names]
+        numbers = [float(factor.replace("−", "-")) for factor in product.split(" × ")]
+        assert np.prod(numbers) == pytest.approx(float(adds.replace("−", "-")), rel=2e-3, abs=1e-3)
+        checked += 1
+    assert checked == 14
 
 
 @pytest.mark.parametrize(
@@ -100,6 +235,10 @@ def test_browser_shows_the_moment_that_a_link_names(page):
         (["--gait", "gallop"], "gallop"),
         (["--joint", "FL_knee"], "unknown joint 'FL_knee'; the joints are FL_hip"),
         (["--step", "900", "--seconds", "0.2"], "name one from 0 to 10"),
+        (["--step", "-1"], "step is -1; it must be"),
+        (["--seconds", "0"], "seconds is 0.0; it must be"),
+        (["--seconds", "nan"], "seconds is nan; it must be"),
+        (["--seed", "-1"], "seed is -1; it must be"),
         (["--policy", "forest"], "unknown policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),
@@ -110,4 +249,4 @@ def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--students", str(students), "--output", str(tmp_path / "page")]
     assert message in refused(["explain", *policy, *arguments, *where])
-    assert not (tmp_path / "page" / "index.html").exists()
+    assert not (tmp_path / "page").exists()

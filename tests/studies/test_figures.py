@@ -1,6 +1,7 @@
 """Figures of training and of gaits."""
 
 import ctypes.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from diagrams.rollout import make_simulator, record
 from models.a1 import kinematics, robot
 from models.errors import InputError
 from models.policies.library import EXPERT_DIRECTORY, load_expert
+from models.policies.policy import Contributions
 from models.task.gait import load_gait
+from studies.evaluation.figures import gait_figure
 from studies.figures import save_figure
+from studies.importance.additive_figures import contribution_figure
 from studies.rollout.stills import gait_strip, last_cycle
 from studies.training.figures import curriculum_curves, learning_curves
 
@@ -48,6 +52,19 @@ def test_last_cycle_lasts_as_long_as_the_machine_stays_in_its_states(rollout):
     assert states[start - 1] == 1
     assert (states[start], states[stop - 1], states[stop]) == (0, 1, 0)
     assert 16 <= stop - start <= 20
+
+
+def test_names_of_a_gait_are_no_formulas(rollout, tmp_path):
+    gait = replace(load_gait("trot"), states=("$\\stance{$", "swing"))
+    save_figure(gait_figure(rollout, gait, "$\\mine{$, expert"), tmp_path / "gait", ("png",))
+    assert (tmp_path / "gait.png").exists()
+
+
+def test_long_terms_are_drawn_whole():
+    term = "0.393 * Prev Action RR Thigh * Late * sin(DoF Pos FL Hip)"
+    figure = contribution_figure(Contributions((term, "b"), np.array([1.0, 2.0])), "title")
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert term in [label.replace("\n", " ") for label in labels]
 
 
 def test_a_rollout_without_a_cycle_is_refused(rollout):

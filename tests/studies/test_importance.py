@@ -1,5 +1,9 @@
 """Importances: groups, methods, and the table beside the paper's."""
 
+import re
+from urllib.request import urlopen
+
+import interpret
 import numpy as np
 import pandas as pd
 import pytest
@@ -229,6 +233,17 @@ def additive():
     ]
     policy = AdditivePolicy.compile("trot", NAMES, [models[i % 2] for i in range(12)])
     return policy, models, observations
+
+
+def test_interprets_dashboard_shows_the_model(additive, capsys):
+    for package in ("dash", "dash_cytoscape", "gevent", "IPython", "plotly"):
+        pytest.importorskip(package, reason="needs the extra 'show'")
+    policy, _, observations = additive
+    interpret.show(interpret_model(policy, 0, observations).explain_global())
+    found = re.search(r"http://127\.0\.0\.1:\d+/\d+/", capsys.readouterr().out)
+    assert found is not None
+    with urlopen(f"{found.group()}_dash-layout", timeout=60) as answer:
+        assert "DoF Pos FL Thigh" in answer.read().decode()
 
 
 def test_interprets_own_model_comes_back(additive):

@@ -1,0 +1,43 @@
+"""Replays: a rollout drawn again, as a page that opens without a server."""
+
+from pathlib import Path
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram
+
+from diagrams.locomotion import set_plant_state
+from diagrams.rollout import Rollout
+from models.files import write_atomically
+from models.task import CONTROL_PERIOD
+from systems.gait_display import GaitDisplay
+
+
+def save_replay(diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path) -> None:
+    """Draws every recorded control step into an animation and writes its page, atomically.
+
+    The page is as long as what was recorded, however long the robot has walked in view.
+
+    Args:
+        diagram: What `MakeLocomotion` built to show in `meshcat`.
+        meshcat: Where the robot shows.
+        rollout: What it did; its first instant is the replay's time 0.
+        path: HTML file of the replay.
+    """
+    context = diagram.CreateDefaultContext()
+    display = diagram.GetSubsystemByName("gait_display")
+    assert isinstance(display, GaitDisplay)
+    own = display.GetMyMutableContextFromRoot(context)
+    meshcat.DeleteRecording()
+    meshcat.StartRecording(
+        frames_per_second=1.0 / CONTROL_PERIOD, set_visualizations_while_recording=False
+    )
+    samples = zip(rollout.time, rollout["state"], rollout["rm_state"], strict=True)
+    for time, state, rm_state in samples:
+        context.SetTime(time - rollout.time[0])
+        set_plant_state(diagram, context, state)
+        # The machine's history is not recorded, only its state.
+        display.get_rm_state_input_port().FixValue(own, rm_state)
+        diagram.ForcedPublish(context)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    write_atomically(path, meshcat.StaticHtml())

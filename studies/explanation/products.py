@@ -1,0 +1,87 @@
+"""What the terms of an action are made of: weights, and quantities whose values multiply them."""
+
+from dataclasses import dataclass
+
+from models.policies.additive import AdditivePolicy
+from models.policies.expression import Expression, constant, variable
+from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from models.policies.policy import Policy
+from models.policies.symbolic import FormulaPolicy
+
+
+@dataclass(frozen=True)
+class Product:
+    """A term of an action: a weight times quantities, or a function of them.
+
+    Attributes:
+        weights: The weight, one for all states of the machine or one each; none where the term is
+            a function of its quantities.
+        quantities: Observations, gates or other functions of the observations.
+        state: State of the machine whose formula the term is part of; None where it serves all.
+    """
+
+    weights: tuple[float, ...]
+    quantities: tuple[Expression, ...]
+    state: int | None = None
+
+
+def products(policy: Policy, joint: int) -> tuple[Product, ...]:
+    """Tells what each term of a joint's actions is made of, in the order of `policy.explain`.
+
+    Args:
+        policy: A policy whose actions are sums of terms.
+        joint: Index of the joint.
+
+    Raises:
+        TypeError: if no such policy is known.
+    """
+    n = len(policy.observation_names)
+    match policy:
+        case LinearPolicy():
+            weights = [(weight,) for weight in policy.weights[joint].tolist()]
+            return _weighted((float(policy.intercepts[joint]),), weights)
+        case StatewiseLinearPolicy():
+            weights = [tuple(weight) for weight in policy.weights[:, joint].T.tolist()]
+            return _weighted(tuple(policy.intercepts[:, joint].tolist()), weights)
+        case AdditivePolicy():
+            pairs = policy.pairs[policy.pair_joints == joint].tolist()
+            of = [(index,) for index in range(n)] + [tuple(pair) for pair in pairs]
+            functions = (Product((), tuple(variable(index) for index in own)) for own in of)
+            return (Product((float(policy.intercepts[joint]),), ()), *functions)
+        case FormulaPolicy():
+            by_state = policy.formulas_by_state
+            return tuple(
+                _product(term, state if len(by_state) > 1 else None)
+                for state, formulas in enumerate(by_state)
+                for term in formulas[joint].terms()
+            )
+    raise TypeError(f"policies of kind {policy.kind!r} have no products")
+
+
+def _weighted(
+    intercept: tuple[float, ...], weights: list[tuple[float, ...]]
+) -> tuple[Product, ...]:
+    own = (Product(weight, (variable(index),)) for index, weight in enumerate(weights))
+    return (Product(intercept, ()), *own)
+
+
+def _product(term: Expression, state: int | None) -> Product:
+    weight, quantities = 1.0, []
+    for factor in _factors(term):
+        if factor.operator == "constant":
+            weight *= factor.value
+        else:
+            quantities.append(factor)
+    # Observations first: what they are gated by may be long.
+    quantities.sort(key=lambda quantity: quantity.operator != "variable")
+    return Product((weight,), tuple(quantities), state)
+
+
+def _factors(term: Expression) -> tuple[Expression, ...]:
+    match term:
+        case Expression("mul", (left, right)):
+            return _factors(left) + _factors(right)
+        case Expression("neg", (inner,)):
+            return (constant(-1.0), *_factors(inner))
+        case _:
+            return (term,)

@@ -1,0 +1,106 @@
+"""Playing one robot at real time in Meshcat, until a person has seen enough."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+
+from diagrams.locomotion import LocomotionConfig
+from diagrams.replay import save_replay
+from diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
+from models.task import CONTROL_PERIOD
+from models.task.gait import Gait
+from studies.console import console, say
+from studies.evaluation.team import Team
+from studies.rollout.play import make_shown
+
+STOP_BUTTON = "stop and save"
+
+FALLEN_SECONDS = 1.0
+"""Time that a robot lies before it is put back on its feet (s)."""
+
+
+def play_live(
+    gait: Gait,
+    team: Team,
+    config: LocomotionConfig,
+    meshcat: Meshcat,
+    replay: Path,
+    *,
+    seed: int = 0,
+) -> Rollout:
+    """Rolls a team out at real time until the button or Ctrl-C ends it, and writes the replay.
+
+    A robot that falls is put back on its feet where it began, the machine in its initial state.
+
+    Args:
+        gait: The gait.
+        team: Who acts; its period is the alternation's.
+        config: How the loop is closed.
+        meshcat: Where the robot shows.
+        replay: HTML file of the replay.
+        seed: Seed of noise and drawn commands; each fall adds 1.
+
+    Returns:
+        The last minute, falls included, on a clock that starts with the first step.
+
+    Raises:
+        InputError: if a policy does not fit the gait.
+    """
+    diagram = make_shown(gait, team, config, meshcat)
+    meshcat.AddButton(STOP_BUTTON, "Escape")
+    console.print(
+        f"open {meshcat.web_url()} and move the sliders under 'Open Controls'; '{STOP_BUTTON}' "
+        "there, or Ctrl-C here, ends and saves the last minute"
+    )
+    with _interrupt() as interrupted:
+
+        def stopped() -> bool:
+            return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
+
+        rollout = _until(stopped, lambda n: make_simulator(diagram, seed=seed + n, realtime_rate=1))
+        say("saving")
+        save_replay(diagram, meshcat, rollout, replay)
+    return rollout
+
+
+def _until(stopped: Callable[[], bool], start: Callable[[int], Simulator]) -> Rollout:
+    n_falls = 0
+    rollout = record(start(n_falls), None, stopped=stopped)
+    while not stopped():
+        n_falls += 1
+        say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")
+        time.sleep(FALLEN_SECONDS)
+        rollout = _joined(rollout, record(start(n_falls), None, stopped=stopped))
+    return rollout
+
+
+def _joined(before: Rollout, after: Rollout) -> Rollout:
+    """Appends a rollout from time 0 on, and keeps the last minute."""
+    time = np.concatenate([before.time, before.time[-1] + CONTROL_PERIOD + after.time])
+    values = {name: np.concatenate([before[name], after[name]]) for name in before.values}
+    last = slice(-KEPT_STEPS - 1, None)
+    return Rollout(time[last], {name: value[last] for name, value in values.items()})
+
+
+@contextmanager
+def _interrupt() -> Iterator[Callable[[], bool]]:
+    """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
+    asked = Event()
+    usual = signal.getsignal(signal.SIGINT)
+
+    def ask(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, usual)
+
+    signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, usual)
