@@ -9,6 +9,7 @@ from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegr
 
 from models.a1.robot import Array
 from models.policies.policy import Policy
+from models.policies.precision import rounded
 
 
 class BoostedTreesPolicy(Policy):
@@ -34,7 +35,7 @@ class BoostedTreesPolicy(Policy):
         self,
         gait: str,
         observation_names: tuple[str, ...],
-        features: NDArray[np.int32],
+        features: NDArray[np.integer],
         thresholds: Array,
         leaves: Array,
         intercepts: Array,
@@ -102,6 +103,22 @@ class BoostedTreesPolicy(Policy):
         contributions = self._leaves.take(at).reshape(len(rows), *self.leaves.shape[:2])
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
+
+    def compact(self) -> Self:
+        """Returns the policy with thresholds and leaves that single precision holds.
+
+        Its file is half as large. An action differs by rounding alone, unless an observation lies
+        within a rounding of a threshold.
+        """
+        return type(self)(
+            self.gait,
+            self.observation_names,
+            features=self.features,
+            thresholds=rounded(self.thresholds, np.float32),
+            leaves=rounded(self.leaves, np.float32),
+            intercepts=self.intercepts,
+            importances=rounded(self.importances, np.float32),
+        )
 
     def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
         """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from models.a1.robot import Array
 from models.errors import InputError
 from models.files import load_arrays, save_arrays
+from models.policies.precision import narrowest, widened
 
 FORMAT_VERSION = 1
 
@@ -67,7 +68,8 @@ class Policy(ABC):
         values: Mapping[str, Any],
     ) -> Self:
         """Rebuilds the policy that `to_arrays` took apart."""
-        return cls(gait, observation_names, **{name: arrays[name] for name in cls.array_names})
+        own = {name: widened(arrays[name]) for name in cls.array_names}
+        return cls(gait, observation_names, **own)
 
     def explain(self, observation: Array, joint: int) -> Contributions:
         """Splits a joint's actions into contributions that add up to them.
@@ -85,7 +87,7 @@ class Policy(ABC):
         )
 
     def save(self, path: Path) -> None:
-        """Writes the policy to a safetensors file, atomically."""
+        """Writes the policy to a safetensors file, atomically, and no number wider than it is."""
         arrays, values = self.to_arrays()
         header = {
             "format": FORMAT_VERSION,
@@ -94,7 +96,7 @@ class Policy(ABC):
             "observation_names": list(self.observation_names),
             "values": values,
         }
-        save_arrays(path, arrays, header)
+        save_arrays(path, {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def check(self, *, gait: str, observation_names: tuple[str, ...]) -> None:
         """Refuses to serve another gait or another observation layout.
