@@ -103,7 +103,7 @@ def test_browser_shows_the_moment_that_a_link_names(page):
         (["--policy", "forest"], "unknown policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),
-        (["--policy", "gbm"], "no such student; make it with 'glassgait distill --gait trot'"),
+        (["--policy", "gbm"], "no student 'gbm' of the trot"),
     ],
 )
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
