@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from models.policies.library import shipped_students
+from studies.distillation.library import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")
@@ -98,7 +98,7 @@ def test_the_expert_is_rolled_out_from_the_wheel(installed):
 
 @pytest.mark.parametrize("gait", ["trot", "bound"])
 def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
-    arguments = ("--gait", gait, "--policy", shipped_students(gait)[0])
+    arguments = ("--gait", gait, "--policy", default_student(gait))
     told = installed("glassgait", "explain", *arguments, "--seconds", "1", "--step", "20")
     assert f"page written to runs/importance/{gait}/index.html" in told
 
