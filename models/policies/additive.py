@@ -135,11 +135,11 @@ class AdditivePolicy(Policy):
         return action.reshape(*observation.shape[:-1], -1)
 
     def compact(self) -> Self:
-        """Returns the policy with cuts and tables that single precision holds.
+        """Returns the policy with tables that its file holds in single precision.
 
         Deviations, which no action depends on, are rounded to half precision, and the coarse bins
-        of observations that are in no pair are left out. The file is half as large or less. An
-        action differs by rounding alone, unless an observation lies within a rounding of a cut.
+        of observations that are in no pair are left out. The file is half as large or less. The few
+        cuts stay as they are, so that an action differs by rounding alone.
         """
         in_pairs = np.isin(self._feature, self.pairs)
         pair_cuts = _padded(
@@ -152,8 +152,8 @@ class AdditivePolicy(Policy):
         return type(self)(
             self.gait,
             self.observation_names,
-            cuts=rounded(self.cuts, np.float32),
-            pair_cuts=rounded(pair_cuts, np.float32),
+            cuts=self.cuts,
+            pair_cuts=pair_cuts,
             tables=rounded(self.tables, np.float32),
             pairs=self.pairs,
             pair_joints=self.pair_joints,

@@ -10,7 +10,7 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from models.a1 import robot
 from models.files import load_arrays
 from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
+from models.policies.boosting import BoostedTreesPolicy, _lower_neighbours, single_precision_cuts
 from models.policies.library import load_policy
 from models.policies.precision import narrowest
 from models.task.observation import ObservationLayout
@@ -21,7 +21,7 @@ LARGEST = 2_000_000
 """Bytes of a student that ships."""
 
 
-def boosted_trees():
+def histogram_trees():
     """140 trees of depth 7 for each joint."""
     generator = np.random.default_rng(0)
     inner, leaves = (robot.N_JOINTS, 140, 127), (robot.N_JOINTS, 140, 128)
@@ -34,6 +34,13 @@ def boosted_trees():
         intercepts=generator.normal(size=robot.N_JOINTS),
         importances=generator.random((robot.N_JOINTS, N)),
     )
+
+
+def exact_trees():
+    """The same, with thresholds of which scikit-learn's exact trees ask in single precision."""
+    arrays, _ = histogram_trees().to_arrays()
+    cuts = single_precision_cuts(arrays.pop("thresholds"))
+    return BoostedTreesPolicy("trot", NAMES, thresholds=cuts, **arrays)
 
 
 def additive(coarse=15):
@@ -65,28 +72,47 @@ def observations(count):
     return np.random.default_rng(2).normal(size=(count, N))
 
 
-@pytest.mark.parametrize("make", [boosted_trees, additive])
+@pytest.mark.parametrize("make", [exact_trees, histogram_trees, additive])
 def test_a_compact_policy_runs_as_it_is_saved(make, tmp_path):
     policy, path = make().compact(), tmp_path / "policy.safetensors"
     policy.save(path)
     assert path.stat().st_size < LARGEST
     loaded = load_policy(path)
-    for name, array in policy.to_arrays()[0].items():
-        np.testing.assert_array_equal(getattr(loaded, name), array)
+    for own, other in zip(
+        policy.to_arrays()[0].items(), loaded.to_arrays()[0].items(), strict=True
+    ):
+        assert own[0] == other[0]
+        np.testing.assert_array_equal(own[1], other[1])
     rows = observations(500)
     np.testing.assert_array_equal(loaded(rows), policy(rows))
     assert policy(rows).dtype == np.float64
 
 
-@pytest.mark.parametrize("make", [boosted_trees, additive])
+@pytest.mark.parametrize("make", [exact_trees, histogram_trees, additive])
 def test_a_compact_policys_actions_differ_by_rounding(make):
-    # None of these observations lies within a rounding of a threshold.
+    # Of trees by histograms, none of these observations lies within a rounding of a threshold.
     policy, rows = make(), observations(500)
     difference = np.abs(policy.compact()(rows) - policy(rows))
     assert 0 < difference.max() < 1e-6
 
 
-@pytest.mark.parametrize("make", [boosted_trees, additive])
+def test_compact_exact_trees_take_every_branch_as_before():
+    policy, rows = exact_trees(), observations(200)
+    # Values that lie at thresholds, as counted ones do.
+    at = policy.thresholds[0, :4].ravel()[:N]
+    rows[::2] = np.where(np.isfinite(at), at, 0.0)
+    rows[1::2] = np.nextafter(rows[::2], np.inf)
+    np.testing.assert_array_equal(policy.compact().thresholds, policy.thresholds)
+    np.testing.assert_allclose(policy.compact()(rows), policy(rows), rtol=0, atol=1e-6)
+
+
+@given(arrays(np.float64, 3, elements=st.one_of(st.floats(-1e30, 1e30), st.just(np.inf))))
+def test_thresholds_of_exact_trees_are_told_by_single_precision(thresholds):
+    cuts = single_precision_cuts(thresholds)
+    np.testing.assert_array_equal(single_precision_cuts(_lower_neighbours(cuts)), cuts)
+
+
+@pytest.mark.parametrize("make", [exact_trees, histogram_trees, additive])
 def test_a_policy_that_is_not_compact_is_saved_to_the_last_bit(make, tmp_path):
     policy, path, rows = make(), tmp_path / "policy.safetensors", observations(50)
     policy.save(path)
@@ -124,8 +150,8 @@ def test_numbers_are_written_no_wider_than_they_are(tmp_path):
     additive().compact().save(path)
     written, _ = load_arrays(path)
     assert {name: array.dtype for name, array in written.items()} == {
-        "cuts": np.float32,
-        "pair_cuts": np.float32,
+        "cuts": np.float64,
+        "pair_cuts": np.float64,
         "tables": np.float32,
         "pairs": np.uint8,
         "pair_joints": np.uint8,
