@@ -109,7 +109,9 @@ def test_compact_exact_trees_take_every_branch_as_before():
 @given(arrays(np.float64, 3, elements=st.one_of(st.floats(-1e30, 1e30), st.just(np.inf))))
 def test_thresholds_of_exact_trees_are_told_by_single_precision(thresholds):
     cuts = single_precision_cuts(thresholds)
-    np.testing.assert_array_equal(single_precision_cuts(_lower_neighbours(cuts)), cuts)
+    lower = _lower_neighbours(cuts)
+    assert lower is not None
+    np.testing.assert_array_equal(single_precision_cuts(lower), cuts)
 
 
 @pytest.mark.parametrize("make", [exact_trees, histogram_trees, additive])
