@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from models.a1.robot import Array
 from models.policies.arrays import Indices, Reals
 from models.policies.policy import INTERCEPT, Contributions, Policy
+from models.policies.precision import rounded
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -22,7 +23,8 @@ class AdditivePolicy(Policy):
 
     Attributes:
         cuts: Cuts of each observation, fine (n, c), increasing and padded with inf.
-        pair_cuts: Cuts of each observation, coarse (n, d), likewise.
+        pair_cuts: Cuts of each observation, coarse (n, d), likewise; none of an observation that is
+            in no pair.
         tables: Functions of one observation (12, n, c + 1).
         pairs: Observations of each pair (p, 2).
         pair_joints: Joint that each pair belongs to (p,).
@@ -145,6 +147,35 @@ class AdditivePolicy(Policy):
             action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
 
+    def compact(self) -> Self:
+        """Returns the policy with tables that its file holds in single precision.
+
+        Deviations, which no action depends on, are rounded to half precision, and the coarse bins
+        of observations that are in no pair are left out. The file is half as large or less. The few
+        cuts stay as they are, so that an action differs by rounding alone.
+        """
+        in_pairs = np.isin(self._feature, self.pairs)
+        pair_cuts = _padded(
+            [
+                own[np.isfinite(own) & used]
+                for own, used in zip(self.pair_cuts, in_pairs, strict=True)
+            ]
+        )
+        bins = slice(pair_cuts.shape[1] + 1)
+        return type(self)(
+            self.gait,
+            self.observation_names,
+            cuts=self.cuts,
+            pair_cuts=pair_cuts,
+            tables=rounded(self.tables, np.float32),
+            pairs=self.pairs,
+            pair_joints=self.pair_joints,
+            pair_tables=rounded(self.pair_tables[:, bins, bins], np.float32),
+            deviations=rounded(self.deviations, np.float16),
+            pair_deviations=rounded(self.pair_deviations[:, bins, bins], np.float16),
+            intercepts=self.intercepts,
+        )
+
     def term_names(self, joint: int) -> tuple[str, ...]:
         """Names a joint's functions: those of one observation, then those of two."""
         names = self.observation_names
@@ -184,15 +215,15 @@ def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:
 
 
 def _cuts_of(models: Sequence[Any], feature: int, level: int) -> Array:
-    found = [model.bins_[feature] for model in models]
-    cuts = [np.asarray(bins[min(level, len(bins) - 1)], dtype=float) for bins in found]
-    # An observation that no pair of some model uses has fine bins alone; the others tell.
-    widest = min(cuts, key=len) if level else cuts[0]
-    for model, own in zip(models, cuts, strict=True):
-        used = level == 0 or any(len(t) > 1 and feature in t for t in model.term_features_)
-        if used and not np.array_equal(own, widest):
-            raise ValueError(f"additive: the models bin observation {feature} differently")
-    return widest
+    """Returns an observation's cuts, fine (level 0), or coarse (1) if a function of two asks."""
+    cuts = []
+    for model in models:
+        if level == 0 or any(len(term) > 1 and feature in term for term in model.term_features_):
+            bins = model.bins_[feature]
+            cuts.append(np.asarray(bins[min(level, len(bins) - 1)], dtype=float))
+    if any(not np.array_equal(own, cuts[0]) for own in cuts):
+        raise ValueError(f"additive: the models bin observation {feature} differently")
+    return cuts[0] if cuts else np.zeros(0)
 
 
 def _padded(cuts: Sequence[Array]) -> Array:

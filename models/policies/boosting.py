@@ -1,6 +1,6 @@
 """Gradient-boosted trees, compiled to flat arrays and evaluated for all joints at once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -11,6 +11,10 @@ from models.a1.robot import Array
 from models.errors import InputError
 from models.policies.arrays import Indices, Reals
 from models.policies.policy import Policy
+from models.policies.precision import rounded
+
+_LOWER = "thresholds_lower_neighbours"
+"""The array that a file holds instead of thresholds which tell no more."""
 
 
 class BoostedTreesPolicy(Policy):
@@ -125,6 +129,45 @@ class BoostedTreesPolicy(Policy):
         action = contributions.sum(axis=-1) + self.intercepts
         return action.reshape(*observation.shape[:-1], -1)
 
+    def compact(self) -> Self:
+        """Returns the policy with leaves, and thresholds, that its file holds in single precision.
+
+        The file is half as large. The thresholds of scikit-learn's exact trees stay as they are, so
+        that every branch is the same and an action differs by rounding alone. Those of trees by
+        histograms are rounded.
+        """
+        as_they_are = _lower_neighbours(self.thresholds) is not None
+        return type(self)(
+            self.gait,
+            self.observation_names,
+            features=self.features,
+            thresholds=self.thresholds if as_they_are else rounded(self.thresholds, np.float32),
+            leaves=rounded(self.leaves, np.float32),
+            intercepts=self.intercepts,
+            importances=rounded(self.importances, np.float32),
+        )
+
+    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        arrays, values = super().to_arrays()
+        lower = _lower_neighbours(self.thresholds)
+        if lower is not None:
+            del arrays["thresholds"]
+            arrays[_LOWER] = lower
+        return arrays, values
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> Self:
+        own = dict(arrays)
+        if _LOWER in own and "thresholds" not in own:
+            own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
+        return super().from_arrays(gait, observation_names, own, values)
+
     def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
         """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""
         features, thresholds = self.features[joint, tree], self.thresholds[joint, tree]
@@ -226,7 +269,7 @@ def _histogram_trees(model: HistGradientBoostingRegressor) -> list[_Tree]:
     ]
 
 
-def single_precision_cuts(thresholds: Array) -> Array:
+def single_precision_cuts(thresholds: NDArray[np.floating]) -> Array:
     """Returns cuts that part doubles as the thresholds part them once rounded to single precision.
 
     scikit-learn's exact trees round an observation before they compare it. With these cuts the
@@ -238,10 +281,26 @@ def single_precision_cuts(thresholds: Array) -> Array:
     Returns:
         Cuts c of the same shape: `x <= c` if and only if `float32(x) <= threshold`.
     """
-    below = thresholds.astype(np.float32)
-    below = np.where(below > thresholds, np.nextafter(below, np.float32(-np.inf)), below)
+    below = _single_precision_below(thresholds)
     above = np.nextafter(below, np.float32(np.inf))
     middle = 0.5 * (below.astype(float) + above.astype(float))
     # Halfway, rounding goes to the neighbour whose last bit is 0.
     goes_down = middle.astype(np.float32) == below
     return np.where(goes_down, middle, np.nextafter(middle, -np.inf))
+
+
+def _lower_neighbours(cuts: Array) -> NDArray[np.float32] | None:
+    """Returns the thresholds, in single precision, of which these are the cuts, if there are such.
+
+    Args:
+        cuts: Cuts of any shape, of any source.
+    """
+    below = _single_precision_below(cuts)
+    return below if np.array_equal(single_precision_cuts(below), cuts) else None
+
+
+def _single_precision_below(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Returns the greatest numbers of single precision that are at most as large."""
+    with np.errstate(over="ignore"):
+        near = values.astype(np.float32)
+    return np.where(near > values, np.nextafter(near, np.float32(-np.inf)), near)

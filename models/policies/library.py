@@ -68,8 +68,8 @@ def load_student(gait: str, kind: str) -> Policy:
     if kind not in shipped_students(gait):
         kinds = ", ".join(shipped_students(gait)) or "none"
         raise InputError(
-            f"no student {kind!r} of the {gait} ships with the project (shipped: {kinds}); "
-            f"make it with 'glassgait distill --gait {gait}'"
+            f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
+            f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
     return load_policy(STUDENT_DIRECTORY / gait / f"{kind}.safetensors")
 

@@ -17,6 +17,7 @@ from models.a1.robot import Array
 from models.errors import InputError, shown
 from models.files import load_arrays, save_arrays
 from models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
+from models.policies.precision import narrowest
 from models.task.observation import STATE_ENTRY
 
 FORMAT_VERSION = 1
@@ -155,7 +156,7 @@ class Policy(ABC):
         )
 
     def save(self, path: Path) -> None:
-        """Writes the policy to a safetensors file, atomically."""
+        """Writes the policy to a safetensors file, atomically, and no number wider than it is."""
         arrays, values = self.to_arrays()
         header = {
             "format": FORMAT_VERSION,
@@ -164,7 +165,7 @@ class Policy(ABC):
             "observation_names": list(self.observation_names),
             "values": values,
         }
-        save_arrays(path, arrays, header)
+        save_arrays(path, {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def digest(self) -> str:
         """Tells policies apart that would not act alike."""

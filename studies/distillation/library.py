@@ -2,11 +2,20 @@
 
 from pathlib import Path
 
-from models.errors import InputError
+from models.errors import InputError, shown
 from models.policies.library import load_policy, load_student, shipped_students
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy
 from studies.distillation.config import STUDENT_TITLES, StudentKind
+
+SUMS: tuple[StudentKind, ...] = (
+    "symbolic",
+    "statewise_symbolic",
+    "statewise_linear",
+    "ebm",
+    "linear",
+)
+"""Students whose actions are sums of terms, those first that say the most in the fewest."""
 
 
 def distillation_folder(gait: str) -> Path:
@@ -33,23 +42,47 @@ def samples_folder(folder: Path, kind: StudentKind) -> Path:
     return folder / collector(kind)
 
 
+def kept_students(folder: Path) -> tuple[StudentKind, ...]:
+    """Lists the kinds of students that a run has finished."""
+    return tuple(kind for kind in STUDENT_TITLES if student_path(folder, kind).exists())
+
+
 def load_students(folder: Path, expert: NeuralPolicy) -> dict[StudentKind, Policy]:
     """Loads the students of a run, by kind.
 
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    students = {}
-    for kind in STUDENT_TITLES:
-        path = student_path(folder, kind)
-        if path.exists():
-            students[kind] = load_policy(path)
-            students[kind].check(gait=expert.gait, observation_names=expert.observation_names)
+    students = {kind: load_policy(student_path(folder, kind)) for kind in kept_students(folder)}
+    for student in students.values():
+        student.check(gait=expert.gait, observation_names=expert.observation_names)
     if not students:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
         )
     return students
+
+
+def default_student(gait: str, folder: Path | None = None) -> StudentKind:
+    """Names the student of a gait that is explained where a person names none.
+
+    Args:
+        gait: Name of the gait.
+        folder: Folder of a distillation to choose from; by default the choice is among the shipped
+            students, and where none of them is a sum, in runs/distillation/<gait>.
+
+    Raises:
+        InputError: if there is no student whose actions are sums of terms.
+    """
+    here = folder or distillation_folder(gait)
+    for kinds in (() if folder else shipped_students(gait), kept_students(here)):
+        for kind in SUMS:
+            if kind in kinds:
+                return kind
+    raise InputError(
+        f"no student of the {gait} acts by a sum of terms: {_told(gait, folder)}; make one with "
+        f"'glassgait distill --gait {gait} --students statewise_symbolic'"
+    )
 
 
 def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
@@ -73,13 +106,23 @@ def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
     if name not in STUDENT_TITLES:
         if Path(name).suffix != ".safetensors":
             raise InputError(
-                f"unknown policy {name!r}; the policies are expert, {', '.join(STUDENT_TITLES)}, "
-                "or the path of a policy file ending in .safetensors"
+                f"unknown policy {shown(name)}; the policies are expert, "
+                f"{', '.join(STUDENT_TITLES)}, or the path of a policy file ending in .safetensors"
             )
         return load_policy(Path(name))
     path = student_path(folder or distillation_folder(gait), name)
-    if folder is None and not path.exists() and name in shipped_students(gait):
+    if path.exists():
+        return load_policy(path)
+    if folder is None and name in shipped_students(gait):
         return load_student(gait, name)
-    if not path.exists():
-        raise InputError(f"{path}: no such student; make it with 'glassgait distill --gait {gait}'")
-    return load_policy(path)
+    raise InputError(
+        f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
+        f"'glassgait distill --gait {gait} --students {name}'"
+    )
+
+
+def _told(gait: str, folder: Path | None) -> str:
+    """Tells which students of a gait there are, and where."""
+    here = folder or distillation_folder(gait)
+    told = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
+    return told if folder else f"{told} (shipped: {', '.join(shipped_students(gait)) or 'none'})"

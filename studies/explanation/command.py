@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import yaml
@@ -12,19 +12,19 @@ from diagrams.locomotion import FixedCommand, LocomotionConfig
 from diagrams.visualization import open_meshcat
 from models.a1.robot import joint_index
 from models.errors import InputError
-from models.files import write_atomically
+from models.files import read_yaml, write_atomically
 from models.policies.library import load_expert
 from models.settings import Settings
 from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.library import find_student
+from studies.distillation.library import default_student, find_student
 from studies.evaluation.team import Team
 from studies.explanation.page import explain_rollout, render_page
 from studies.figures import save_figure
 from studies.importance.additive_figures import contribution_figure
 from studies.importance.study import draw_student
-from studies.records import read_yaml, to_plain
+from studies.records import to_plain
 from studies.rollout.play import play
 
 CONFIG = "config.yaml"
@@ -37,7 +37,8 @@ class Explain(Settings):
 
     Attributes:
         gait: Name of a gait.
-        policy: A kind of student whose actions are sums of terms, or the path of a policy file.
+        policy: A kind of student whose actions are sums of terms, or the path of a policy file; by
+            default one that ships with the gait.
         joint: Joint that is shown first, and whose figures are drawn.
         step: Control step that is shown first, and whose contributions are drawn.
         command: Commanded speed, yaw rate and rhythm.
@@ -52,7 +53,7 @@ class Explain(Settings):
     title: ClassVar[str] = "explain"
 
     gait: str = "trot"
-    policy: str = "symbolic"
+    policy: str | None = None
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] = 100
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
@@ -68,14 +69,17 @@ class Explain(Settings):
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
-        gait, expert = load_gait(self.gait), load_expert(self.gait, self.expert)
+        gait = load_gait(self.gait)
+        expert = load_expert(gait.name, self.expert)
+        policy = self.policy or default_student(gait.name, self.students)
         joint = joint_index(self.joint)
-        student = find_student(self.policy, expert, self.students)
+        student = find_student(policy, expert, self.students)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
-        name = Path(self.policy).stem
+        name = Path(policy).stem
         folder = self.output or Path("runs/explanation") / gait.name / name
-        self._refuse_another(folder)
+        whose = {**to_plain(self), "policy": policy}
+        _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"
         say("rolling out")
         rollout = play(
@@ -106,23 +110,24 @@ class Explain(Settings):
             step=self.step,
             figures=[stem.with_name(f"{stem.name}.png") for stem in (local, *stems)],
         )
-        write_atomically(folder / CONFIG, yaml.safe_dump(to_plain(self), sort_keys=False))
+        write_atomically(folder / CONFIG, yaml.safe_dump(whose, sort_keys=False))
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")
-
-    def _refuse_another(self, folder: Path) -> None:
-        """Refuses a folder that holds another student's page."""
-        path = folder / CONFIG
-        theirs = read_yaml(path) if path.exists() else to_plain(self)
-        for key in ("gait", "policy", "students", "expert"):
-            if not isinstance(theirs, dict) or theirs.get(key) != to_plain(self)[key]:
-                raise InputError(
-                    f"{folder}: holds the page of another student; name a new folder with --output"
-                )
 
     def _check_step(self, last: int, end: str) -> None:
         if self.step > last:
             raise InputError(
                 f"--step {self.step}: the rollout {end} at step {last}; name one from 0 to {last}, "
                 "or raise --seconds"
+            )
+
+
+def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
+    """Refuses a folder that holds another student's page."""
+    path = folder / CONFIG
+    theirs = read_yaml(path) if path.exists() else whose
+    for key in ("gait", "policy", "students", "expert"):
+        if not isinstance(theirs, dict) or theirs.get(key) != whose[key]:
+            raise InputError(
+                f"{folder}: holds the page of another student; name a new folder with --output"
             )

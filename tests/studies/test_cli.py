@@ -37,7 +37,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
     students = ["--students", str(tmp_path)]
-    assert "no such student" in refused(["rollout", "--policy", "ebm", *students])
+    assert "no student 'ebm'" in refused(["rollout", "--policy", "ebm", *students])
     assert "holds no students" in refused(["evaluate", "--policy", "students", *students])
 
 

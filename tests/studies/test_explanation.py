@@ -242,7 +242,7 @@ def test_a_reader_can_check_every_product_by_hand(opened):
         (["--policy", "forest"], "unknown policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),
-        (["--policy", "gbm"], "no such student; make it with 'glassgait distill --gait trot'"),
+        (["--policy", "gbm"], "no student 'gbm' of the trot"),
     ],
 )
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):

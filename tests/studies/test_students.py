@@ -1,5 +1,7 @@
 """The students that ship with the project: they load, fit their expert, and walk alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +19,7 @@ from models.task.gait import load_gait
 from studies.cli import main
 from studies.distillation.config import STUDENT_TITLES
 from studies.distillation.formulas import write_formulas
-from studies.distillation.library import find_student
+from studies.distillation.library import default_student, find_student
 from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scorecard import scorecard_jobs
@@ -52,16 +54,54 @@ def test_shipped_formulas_can_be_read(gait, kind, tmp_path):
 
 
 def test_a_student_that_does_not_ship_is_told():
-    with pytest.raises(InputError, match="no student 'ebm' of the trot ships"):
-        load_student("trot", "ebm")
+    with pytest.raises(InputError, match=r"no student 'open_loop' of the trot ships .*statewise_"):
+        load_student("trot", "open_loop")
 
 
 def test_a_shipped_student_is_found_where_no_distillation_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     expert = load_expert("trot")
     assert find_student("symbolic", expert).kind == "symbolic"
-    with pytest.raises(InputError, match="no such student"):
+    with pytest.raises(
+        InputError, match=f"no student 'symbolic' of the trot: {tmp_path} holds none;"
+    ):
         find_student("symbolic", expert, tmp_path)
+
+
+def test_what_there_is_is_told_where_a_student_is_missing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = Path("runs/distillation/bound")
+    load_student("bound", "statewise_symbolic").save(folder / "symbolic.safetensors")
+    with pytest.raises(InputError) as refusal:
+        find_student("linear", load_expert("bound"))
+    shipped = ", ".join(shipped_students("bound"))
+    assert str(refusal.value).startswith(
+        f"no student 'linear' of the bound: {folder} holds symbolic (shipped: {shipped})"
+    )
+    assert str(refusal.value).endswith(
+        "; make it with 'glassgait distill --gait bound --students linear'"
+    )
+
+
+@pytest.mark.parametrize("gait", [gait for gait in shipped_experts() if shipped_students(gait)])
+def test_where_no_student_is_named_a_shipped_one_can_be_explained(gait, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    kind = default_student(gait)
+    assert kind in shipped_students(gait)
+    student = find_student(kind, load_expert(gait))
+    parts = student.explain(np.zeros(len(student.observation_names)), 0)
+    assert len(parts.terms) > 1
+
+
+def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"a sum of terms: {tmp_path} holds none; make one with"):
+        default_student("trot", tmp_path)
+    load_student("trot", "statewise_linear").save(tmp_path / "statewise_linear.safetensors")
+    assert default_student("trot", tmp_path) == "statewise_linear"
+    # Of a gait without any that ships, those of a distillation.
+    load_student("trot", "symbolic").save(Path("runs/distillation/hop/symbolic.safetensors"))
+    assert default_student("hop") == "symbolic"
 
 
 def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
@@ -78,8 +118,8 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
     table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
-    message = refused(["evaluate", "--gait", "all", "--policy", "ebm", *small])
-    assert "no gait ships with a policy 'ebm'" in message
+    message = refused(["evaluate", "--gait", "all", "--policy", "open_loop", *small])
+    assert "no gait ships with a policy 'open_loop'" in message
 
 
 def test_students_are_scored_at_slower_speeds_than_experts():

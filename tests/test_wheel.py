@@ -1,0 +1,110 @@
+"""What a wheel holds, and that the commands run from one, installed, in another folder."""
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from collections.abc import Callable
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from studies.distillation.library import default_student
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("models", "systems", "diagrams", "studies")
+LARGEST = 32_000_000
+"""Bytes of a wheel; PyPI takes 100 MB."""
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def tracked() -> list[str]:
+    """Files of the packages that git knows."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a checkout")
+    command = ["git", "-C", ROOT, "ls-files", *PACKAGES]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+
+
+@pytest.fixture(scope="module")
+def wheel(tracked, tmp_path_factory) -> Path:
+    """A wheel built from a copy of the tracked files: a `build` folder would add old ones."""
+    source, built = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("built")
+    for name in (*tracked, "pyproject.toml", "README.md", "LICENSE"):
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    pip(sys.executable, "wheel", "--wheel-dir", built, source)
+    (path,) = built.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory) -> Callable[..., str]:
+    """Runs a program of an environment that has the wheel and the dependencies, not the checkout.
+
+    A path in a `.pth` file is searched, but its own `.pth` files are not read, among them the one
+    by which an editable install finds the checkout.
+    """
+    folder, elsewhere = tmp_path_factory.mktemp("venv"), tmp_path_factory.mktemp("elsewhere")
+    venv.create(folder, with_pip=False)
+    pip(folder / "bin" / "python", "install", wheel)
+    paths = sysconfig.get_paths(vars={"base": str(folder), "platbase": str(folder)})
+    dependencies = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    (Path(paths["purelib"]) / "dependencies.pth").write_text("\n".join(sorted(dependencies)))
+
+    def run(program: str, *arguments: str | Path) -> str:
+        command = [folder / "bin" / program, *arguments]
+        done = subprocess.run(
+            command, cwd=elsewhere, env={}, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    for name in PACKAGES:
+        origin = run("python", "-c", f"import {name}; print({name}.__file__)")
+        assert Path(origin.strip()).is_relative_to(folder)
+    return run
+
+
+def pip(python: str | Path, verb: str, *arguments: str | Path) -> None:
+    """Runs this environment's pip on an interpreter, without dependencies."""
+    command = [sys.executable, "-m", "pip", "--python", python, verb, "--quiet", "--no-deps"]
+    done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_every_tracked_file_but_the_pages_pictures_is_in_the_wheel(wheel, tracked):
+    of_pages = {
+        name
+        for name in tracked
+        if Path(name).parent == Path("studies/pictures") and Path(name).suffix in (".png", ".gif")
+    }
+    names = {name for name in ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert names == set(tracked) - of_pages
+    assert wheel.stat().st_size < LARGEST
+
+
+def test_a_gait_is_checked_from_the_wheel(installed):
+    assert "q0 --> q1" in installed("glassgait", "gait", "trot")
+
+
+def test_the_expert_is_rolled_out_from_the_wheel(installed):
+    assert "stayed up after 0.50 s" in installed("glassgait", "rollout", "--seconds", "0.5")
+
+
+@pytest.mark.parametrize("gait", ["trot", "bound"])
+def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
+    arguments = ("--gait", gait, "--policy", default_student(gait))
+    told = installed("glassgait", "explain", *arguments, "--seconds", "1", "--step", "20")
+    assert f"page written to runs/importance/{gait}/index.html" in told
+
+
+def test_the_report_is_written_from_the_wheel(installed, tmp_path):
+    tests = shutil.copytree(ROOT / "tests", tmp_path / "tests")
+    own = tests / "studies" / "test_report.py"
+    told = installed("python", "-m", "pytest", "--import-mode=importlib", "-m", "slow", own)
+    assert "1 passed" in told
