@@ -1,4 +1,4 @@
-"""What studies say on the terminal, and how they end on a person's mistake."""
+"""What studies say on the terminal."""
 
 import sys
 from collections.abc import Iterator
@@ -14,15 +14,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from models.errors import InputError
-
 FILE_WIDTH = 160
 """Width of lines where the output goes to a file (characters)."""
 
 console = Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
-
-BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def say(line: str) -> None:
@@ -42,17 +37,3 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
     )
     with Progress(*columns, console=console, refresh_per_second=2) as progress:
         yield progress, progress.add_task("", total=total, completed=done, text="")
-
-
-@contextmanager
-def told_plainly() -> Iterator[None]:
-    """Turns bad input into one sentence and exit code 2, and Ctrl-C into exit code 130."""
-    try:
-        yield
-    except InputError as error:
-        console.file.flush()
-        print(f"glassgait: {error}", file=sys.stderr)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        print("\nglassgait: interrupted; what was finished is kept", file=sys.stderr)
-        sys.exit(INTERRUPTED)
