@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 from diagrams.station import StationConfig
 from models.errors import InputError
-from models.settings import Count, Seed, Settings
+from models.settings import Count, Interval, Seed, Settings
 from models.task import EPISODE_STEPS
 from models.task.gait import Gait
 
@@ -94,15 +94,7 @@ class RolloutConfig(Settings):
     n_steps: Count = EPISODE_STEPS
     seed: Seed = 1000
     n_seeds: Count = 5
-    speed_range: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.speed_range and self.speed_range[0] > self.speed_range[1]:
-            slowest, fastest = self.speed_range
-            raise InputError(
-                f"rollouts: speed_range is {slowest} {fastest}; name the least speed first"
-            )
+    speed_range: Interval | None = None
 
     def at_distilled_speeds(self, gait: Gait) -> "RolloutConfig":
         """Returns the settings with a gait's speeds of distillation, unless speeds are set."""
