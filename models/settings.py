@@ -30,6 +30,12 @@ def _distinct(values: T) -> T:
     return values
 
 
+def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise ValueError("the least, then the greatest")
+    return ends
+
+
 Count = Annotated[int, Ge(1), Lt(2**31)]
 """How many of something; libraries count in 32 bits."""
 
@@ -46,14 +52,10 @@ Share = Annotated[float, Gt(0.0), Le(1.0)]
 DISTINCT = AfterValidator(_distinct)
 """Annotates a list that names nothing twice."""
 
+IN_ORDER = AfterValidator(_in_order)
+"""Annotates a pair of which the first is at most the second."""
 
-def _in_order(ends: tuple[float, float]) -> tuple[float, float]:
-    if ends[0] > ends[1]:
-        raise ValueError("the least, then the greatest")
-    return ends
-
-
-Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]
+Interval = Annotated[tuple[float, float], IN_ORDER]
 """The least and the greatest of a range; they may be the same."""
 
 

@@ -1,53 +1,138 @@
 """The command `glassgait`."""
 
+import os
 import sys
 from importlib import import_module
 from typing import Any
 
-import tyro
-
-from studies.console import told_plainly
+from models.errors import InputError, shown
+from studies.ending import end_at_once_from_now_on, ended_at_once, told_plainly
 
 COMMANDS = {
-    "demo": "studies.demo.command:Demo",
-    "train": "studies.training.command:Train",
-    "distill": "studies.distillation.command:Distill",
-    "evaluate": "studies.evaluation.command:Evaluate",
-    "convergence": "studies.convergence.command:Convergence",
-    "front": "studies.front.command:Front",
-    "curricula": "studies.curricula.command:Curricula",
-    "importance": "studies.importance.command:Importance",
-    "explain": "studies.explanation.command:Explain",
-    "report": "studies.report.command:Report",
-    "rollout": "studies.rollout.command:ShowRollout",
-    "gait": "studies.gait_command:ShowGait",
-    "benchmark": "studies.benchmark.command:Benchmark",
+    "demo": (
+        "studies.demo.command:Demo",
+        "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
+    ),
+    "train": ("studies.training.command:Train", "Train a neural expert by PPO."),
+    "distill": (
+        "studies.distillation.command:Distill",
+        "Distil an expert into glass-box students by DAgger with alternation.",
+    ),
+    "evaluate": (
+        "studies.evaluation.command:Evaluate",
+        "Roll policies out in closed loop and score them.",
+    ),
+    "convergence": (
+        "studies.convergence.command:Convergence",
+        "Drop the robot and roll an expert out with every contact solver and time step.",
+    ),
+    "front": (
+        "studies.front.command:Front",
+        "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
+    ),
+    "curricula": (
+        "studies.curricula.command:Curricula",
+        "Distil by other curricula with as many samples, and let the students walk alone.",
+    ),
+    "importance": (
+        "studies.importance.command:Importance",
+        "Measure what each student looks at, and take it away to see whether that is true.",
+    ),
+    "explain": (
+        "studies.explanation.command:Explain",
+        "Roll a student out alone and write a page that explains its every action.",
+    ),
+    "report": (
+        "studies.report.command:Report",
+        "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
+    ),
+    "rollout": (
+        "studies.rollout.command:ShowRollout",
+        "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
+    ),
+    "gait": (
+        "studies.gait_command:ShowGait",
+        "Check a gait file and draw its reward machine.",
+    ),
+    "benchmark": (
+        "studies.benchmark.command:Benchmark",
+        "Measure training throughput and the time of one action, as ratios.",
+    ),
 }
+"""Class and summary of each command: the help is told without importing Drake and torch."""
+
+TRAINS = ("train", "benchmark")
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Runs a subcommand; bad input ends in one sentence and exit code 2."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    flags = (tyro.conf.FlagCreatePairsOff,)
-    with told_plainly():
-        if arguments and arguments[0] in COMMANDS:
-            # Only the command that runs is imported: the others bring Drake and torch along.
-            name, *rest = arguments
-            command = tyro.cli(_load(name), prog=f"glassgait {name}", args=rest, config=flags)
-        else:
-            command = tyro.extras.subcommand_cli_from_dict(
-                {name: _load(name) for name in COMMANDS},
-                prog="glassgait",
-                description="Legged-robot controllers that a person can read, check and trust.",
-                args=arguments,
-                config=flags,
+    """Runs a command; bad input ends in one sentence and exit code 2.
+
+    Args:
+        arguments: The command and its settings; those that the process was called with by default.
+    """
+    try:
+        with told_plainly():
+            _run(sys.argv[1:] if arguments is None else arguments)
+    finally:
+        if arguments is None:
+            end_at_once_from_now_on()
+
+
+def _run(arguments: list[str]) -> None:
+    match arguments:
+        case [] | ["-h" | "--help", *_]:
+            print(_help())
+        case ["--version", *_]:
+            with ended_at_once():
+                print(_version())
+        case [name, *rest] if name in COMMANDS:
+            with ended_at_once():
+                command = _parse(name, rest)
+            command.run()
+        case [name, *_]:
+            raise InputError(
+                f"there is no command {shown(name)}; the commands are {', '.join(COMMANDS)}"
             )
-        command.run()
 
 
-def _load(name: str) -> Any:
-    module, _, attribute = COMMANDS[name].partition(":")
-    return getattr(import_module(module), attribute)
+def _parse(name: str, arguments: list[str]) -> Any:
+    # Imported here: Ctrl-C is told plainly by now, and other commands' modules stay out.
+    import tyro  # noqa: PLC0415
+
+    if name in TRAINS:
+        # Between two operations torch's threads would spin, on the cores that physics needs:
+        # training would be a seventh slower. OpenMP reads this once, when torch is loaded.
+        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    kind = getattr(import_module(module), attribute)
+    flags = (tyro.conf.FlagCreatePairsOff,)
+    return tyro.cli(kind, prog=f"glassgait {name}", args=arguments, config=flags)
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
+    try:
+        return version("glassgait")
+    except PackageNotFoundError as error:
+        raise InputError("the version is not known; install the project with pip") from error
+
+
+def _help() -> str:
+    width = max(map(len, COMMANDS))
+    return "\n".join(
+        [
+            "usage: glassgait COMMAND [SETTINGS]",
+            "",
+            "Legged-robot controllers that a person can read, check and trust.",
+            "",
+            "commands:",
+            *(f"  {name:{width}}  {summary}" for name, (_, summary) in COMMANDS.items()),
+            "",
+            "'glassgait COMMAND --help' lists a command's settings;",
+            "'glassgait --version' tells the version.",
+        ]
+    )
 
 
 if __name__ == "__main__":

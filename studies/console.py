@@ -1,9 +1,8 @@
-"""What studies say on the terminal, and how they end on a person's mistake."""
+"""What studies say on the terminal."""
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import TextIOWrapper
 
 from rich.console import Console
 from rich.progress import (
@@ -16,8 +15,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from models.errors import InputError
-
 FILE_WIDTH = 160
 """Width of lines where the output goes to a file (characters)."""
 
@@ -25,9 +22,6 @@ FILE_WIDTH = 160
 console = Console(
     markup=False, emoji=False, highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH
 )
-
-BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def say(line: str) -> None:
@@ -47,21 +41,3 @@ def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
     )
     with Progress(*columns, console=console, refresh_per_second=2) as progress:
         yield progress, progress.add_task("", total=total, completed=done, text="")
-
-
-@contextmanager
-def told_plainly() -> Iterator[None]:
-    """Turns bad input into one sentence and exit code 2, and Ctrl-C into exit code 130."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            # What a terminal cannot write, such as a path that is not UTF-8, goes by its codes.
-            stream.reconfigure(errors="backslashreplace")
-    try:
-        yield
-    except InputError as error:
-        console.file.flush()
-        print(f"glassgait: {error}", file=sys.stderr)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        print("\nglassgait: interrupted; what was finished is kept", file=sys.stderr)
-        sys.exit(INTERRUPTED)

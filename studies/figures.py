@@ -2,9 +2,9 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from models.files import write_atomically
@@ -32,8 +32,20 @@ STYLE = {
     "savefig.dpi": 200,
 }
 
-mpl.use("Agg")
-mpl.rcParams.update(STYLE)
+styled = mpl.rc_context(STYLE)
+"""Decorates a function that draws a figure, so that the look is the project's there alone."""
+
+
+def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Makes a figure and its axes as pyplot's `subplots` does, without pyplot's global state.
+
+    Args:
+        n_rows: Rows of axes.
+        n_columns: Columns of axes.
+        options: `figsize` of the figure (inches), and what `Figure.subplots` takes.
+    """
+    figure = Figure(figsize=options.pop("figsize", None))
+    return figure, figure.subplots(n_rows, n_columns, **options)
 
 
 def label_with_unit(name: str) -> str:
@@ -41,12 +53,12 @@ def label_with_unit(name: str) -> str:
     return f"{name}\n({unit_of(name)})"
 
 
+@styled
 def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png", "pdf")) -> None:
-    """Writes a figure as `<stem>.png` and `<stem>.pdf`, and closes it."""
+    """Writes a figure as `<stem>.png` and `<stem>.pdf`."""
     for extension in extensions:
         buffer = io.BytesIO()
         # No date inside: equal runs give equal files.
         metadata = {"CreationDate": None} if extension == "pdf" else {"Software": None}
         figure.savefig(buffer, format=extension, metadata=metadata)
         write_atomically(stem.with_name(f"{stem.name}.{extension}"), buffer.getvalue())
-    plt.close(figure)

@@ -13,7 +13,7 @@ from models.policies.linear import LinearPolicy
 from models.task.gait import Gait, load_gait
 from models.task.observation import ObservationLayout
 from studies.cli import main
-from studies.console import BAD_INPUT
+from studies.ending import BAD_INPUT
 
 
 @pytest.fixture

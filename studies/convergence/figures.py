@@ -1,12 +1,11 @@
 """The figure of the convergence study."""
 
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.convergence.variants import CENIC, SAP, SAP_DEFAULT
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 
 _STYLES = {
     SAP: {"color": "#0072B2", "marker": "o"},
@@ -27,6 +26,7 @@ _LABELS = {
 }
 
 
+@styled
 def convergence_figure(results: pd.DataFrame) -> Figure:
     """Draws each measure against the time step, and against CENIC's accuracy beside it.
 
@@ -34,7 +34,7 @@ def convergence_figure(results: pd.DataFrame) -> Figure:
         results: Columns `family`, `resolution` and the measures.
     """
     size = (2 * COLUMN_WIDTH, 1.2 * len(_LABELS) + 0.6)
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(_LABELS), 2, figsize=size, width_ratios=(3, 1.2), sharex="col", sharey="row"
     )
     for (measure, label), (left, right) in zip(_LABELS.items(), axes, strict=True):

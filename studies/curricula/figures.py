@@ -2,12 +2,11 @@
 
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from studies.distillation.config import STUDENT_TITLES
 from studies.evaluation.figures import STUDENT_LINES
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 
 TICKS = {
     "expert_only": "expert\nonly",
@@ -18,6 +17,7 @@ TICKS = {
 }
 
 
+@styled
 def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
     """Draws share of the expert's reward and falls of each student, by curriculum.
 
@@ -25,7 +25,7 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
         table: What `curricula_table` returned.
         title: Title of the figure.
     """
-    figure, (share, falls) = plt.subplots(
+    figure, (share, falls) = subplots(
         2, 1, figsize=(COLUMN_WIDTH, 3.4), sharex=True, height_ratios=(3, 2)
     )
     students = list(dict.fromkeys(table["student"]))

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from models.a1 import robot
 from models.policies.neural import NeuralPolicy
@@ -16,6 +16,7 @@ from studies.evaluation.config import WORLDS, RolloutConfig
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts, summarize
 from studies.evaluation.team import Team
+from studies.parallel import run_parallel
 
 WORTH_A_FALL = 0.97
 """Share of the best student's reward that one must earn to be preferred because it falls less."""
@@ -48,7 +49,7 @@ def rank_alone(
     """
     config = RolloutConfig(n_steps=n_steps).at_distilled_speeds(gait)
     runs = [(label, seed) for label in candidates for seed in SELECTION_SEEDS]
-    logs = Parallel(n_jobs=n_jobs)(
+    work = (
         delayed(roll_out)(
             gait,
             Team(expert, candidates[label], 0),
@@ -59,7 +60,7 @@ def rank_alone(
     )
     scores = [
         score_rollouts(log, robot.MASS).assign(candidate=label)
-        for (label, _), log in zip(runs, logs, strict=True)
+        for (label, _), log in zip(runs, run_parallel(work, n_jobs), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")

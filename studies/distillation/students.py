@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from interpret.glassbox import ExplainableBoostingRegressor
-from joblib import Parallel, delayed
+from joblib import delayed
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
@@ -28,6 +28,7 @@ from studies.distillation.config import (
     StudentKind,
 )
 from studies.distillation.symbolic_regression import fit_formulas
+from studies.parallel import run_parallel
 
 RIDGE = 1.0
 """Weight of the penalty on the linear students' squared weights."""
@@ -256,7 +257,7 @@ def _fit_joints(
         delayed(fit)(observations, actions[:, joint], config.seed + joint, settings)
         for joint in range(robot.N_JOINTS)
     )
-    return list(Parallel(n_jobs=config.n_jobs)(jobs))
+    return list(run_parallel(jobs, config.n_jobs))
 
 
 _FITTERS: dict[str, Callable[[DistillationConfig, str, tuple[str, ...], Array, Array], Policy]] = {

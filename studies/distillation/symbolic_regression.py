@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from pyoperon.sklearn import SymbolicRegressor
 
 from models.a1.robot import Array
@@ -13,6 +13,7 @@ from models.policies.expression import Expression, parse_expression, scaled, var
 from models.policies.symbolic import Tape
 from studies.distillation.config import Shape, SymbolicConfig
 from studies.distillation.gated_sum import fit_gated_sums
+from studies.parallel import run_parallel
 
 OPERON_SCALING_NODES = 4
 """Nodes of the scale and the offset that Operon puts around the formula it found."""
@@ -50,12 +51,12 @@ def fit_formulas(
         InputError: if the engine is PySR and Julia cannot start.
     """
     seeds = range(seed, seed + targets.shape[1])
-    run = Parallel(n_jobs=n_jobs)
     if settings.engine == "pysr":
-        return run(
+        searches = (
             delayed(_fit_pysr)(observations, target, own_seed, settings)
             for target, own_seed in zip(targets.T, seeds, strict=True)
         )
+        return list(run_parallel(searches, n_jobs))
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
     sum_length, length = shape
@@ -63,10 +64,11 @@ def fit_formulas(
     if sum_length == length:
         return sums
     residuals = targets - Tape(sums, observations.shape[1])(observations)
-    corrections = run(
+    searches = (
         delayed(_evolve)(observations, residual, length - found.length - 1, own_seed, settings)
         for found, residual, own_seed in zip(sums, residuals.T, seeds, strict=True)
     )
+    corrections = run_parallel(searches, n_jobs)
     return [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
 
 

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -17,7 +16,7 @@ from models.task.gait import Gait
 from models.task.palette import STATE_COLORS
 from studies.evaluation.alternation import PERIODS
 from studies.evaluation.tables import POLICY_TITLES, alternation_table
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 
 STUDENT_LINES = {
     "open_loop": ("#CCCCCC", "x"),
@@ -34,6 +33,7 @@ LEAST_SHARE = 0.9
 """Share of the expert's reward from which students are told apart."""
 
 
+@styled
 def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     """Average episodic reward and falls against the alternation ratio (paper, Figure 2).
 
@@ -42,7 +42,7 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     """
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
-    figure, (reward, share, falls) = plt.subplots(
+    figure, (reward, share, falls) = subplots(
         3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
     )
     known = set(means["ratio"])
@@ -73,9 +73,10 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
+@styled
 def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
     """Feet in contact over time, with the reward machine's states as bands."""
-    figure, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
     last = rollout.time[-1]
     draw_gait(axes, rollout, gait)
     axes.set_xlim(max(0.0, last - seconds), last)

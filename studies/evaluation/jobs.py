@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from models.a1 import robot
 from models.files import read_record, write_record
@@ -18,6 +18,7 @@ from studies.evaluation.config import RolloutConfig, World
 from studies.evaluation.rollouts import roll_out
 from studies.evaluation.scores import score_rollouts
 from studies.evaluation.team import Team
+from studies.parallel import run_parallel
 from studies.records import to_plain
 
 
@@ -120,7 +121,7 @@ def _finished(
     jobs: Sequence[RolloutJob], pending: list[int], processes: int
 ) -> Iterator[tuple[int, pd.DataFrame]]:
     work = (delayed(_score)(i, jobs[i]) for i in pending)
-    yield from Parallel(n_jobs=processes, return_as="generator_unordered")(work)
+    yield from run_parallel(work, processes, in_order=False)
 
 
 def _score(index: int, job: RolloutJob) -> tuple[int, pd.DataFrame]:

@@ -3,10 +3,9 @@
 from math import ceil, log2
 
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 from studies.front.formulas import FAMILIES
 
 _STYLES = {
@@ -17,9 +16,10 @@ _STYLES = {
 }
 
 
+@styled
 def front_figure(front: pd.DataFrame, title: str) -> Figure:
     """Draws share of the expert's reward, falls and R² against the nodes of a joint's formula."""
-    figure, axes = plt.subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
+    figure, axes = subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
     for family, style in _STYLES.items():
         mine = front[front["family"] == family].sort_values("nodes")
         line = {"label": FAMILIES[family].title, "markersize": 3.5, "linewidth": 1.0, **style}

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 from interpret.glassbox import ExplainableBoostingRegressor
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from models.policies.policy import Contributions
-from studies.figures import COLUMN_WIDTH, label_with_unit
+from studies.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
 
@@ -18,12 +17,13 @@ LABEL_WIDTH = 42
 """Characters in a line of a label."""
 
 
+@styled
 def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 15) -> Figure:
     """Ranks the terms by their mean size (paper, Figure 10)."""
     importances = np.asarray(model.term_importances())
     order = np.argsort(-importances, kind="stable")[:n_terms]
     names = [model.term_names_[index] for index in order]
-    figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * len(order)))
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * len(order)))
     axes.barh(range(len(order)), importances[order], color="#0072B2")
     axes.set_yticks(range(len(order)), names, fontsize=6)
     axes.invert_yaxis()
@@ -31,12 +31,13 @@ def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 
     return figure
 
 
+@styled
 def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str) -> Figure:
     """Draws functions of one observation with bands of two standard deviations between the bagged
     models, above where the observations lie (paper, Figure 8, top)."""
     explanation: Any = model.explain_global()
     size = (2 * COLUMN_WIDTH, 2.3)
-    figure, panels = plt.subplots(
+    figure, panels = subplots(
         2, len(terms), figsize=size, squeeze=False, height_ratios=(4, 1), sharex="col"
     )
     for (above, below), term in zip(panels.T, terms, strict=True):
@@ -50,6 +51,7 @@ def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], ti
     return figure
 
 
+@styled
 def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> Figure:
     """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
     explanation: Any = model.explain_global()
@@ -58,7 +60,7 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
     left, right = _edges(data["left_names"]), _edges(data["right_names"])
     scores = np.asarray(data["scores"])
     reach = max(float(np.abs(scores).max()), 1e-9)
-    figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 2.6))
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
     image = axes.pcolormesh(
         left, right, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
     )
@@ -68,6 +70,7 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
     return figure
 
 
+@styled
 def contribution_figure(contributions: Contributions, title: str, n_terms: int = 15) -> Figure:
     """Draws the parts of one action, the largest first, and their sum (paper, Figure 9)."""
     order = np.argsort(-np.abs(contributions.values), kind="stable")
@@ -84,7 +87,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     values.append(float(contributions.values.sum()))
     colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
     colors[-1] = NEUTRAL
-    figure, axes = plt.subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
     axes.barh(range(len(labels)), values, color=colors)
     axes.axvline(0.0, color="0.2", linewidth=0.6)
     axes.set_yticks(range(len(labels)), labels, fontsize=6)

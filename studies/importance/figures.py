@@ -4,7 +4,6 @@ import textwrap
 
 import numpy as np
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -12,19 +11,20 @@ from matplotlib.ticker import MaxNLocator
 from models.a1 import robot
 from models.a1.robot import Array
 from studies.distillation.config import STUDENT_TITLES
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 from studies.importance.methods import METHOD_TITLES
 from studies.importance.truth import MODE_TITLES
 
 _MODE_COLORS = {"mean": "#0072B2", "shuffled": "#E69F00", "delayed": "#999999"}
 
 
+@styled
 def importance_map(importances: Array, names: tuple[str, ...], title: str) -> Figure:
     """Draws importances (12, n) as a map, each joint's scaled to add up to 1 (paper, Figure 11)."""
     positive = np.maximum(importances, 0.0)
     totals = positive.sum(axis=1, keepdims=True)
     shares = np.divide(positive, totals, out=np.zeros_like(positive), where=totals > 0)
-    figure, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, 2.9))
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 2.9))
     image = axes.imshow(shares, cmap="viridis", aspect="auto", vmin=0.0)
     axes.set_yticks(range(robot.N_JOINTS), [name.replace("_", " ") for name in robot.JOINTS])
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
@@ -35,12 +35,13 @@ def importance_map(importances: Array, names: tuple[str, ...], title: str) -> Fi
     return figure
 
 
+@styled
 def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
     """Draws the share of its reward that each student loses without each group, a panel each."""
     students = list(dict.fromkeys(lost["policy"]))
     groups = list(dict.fromkeys(lost["without"]))
     size = (2 * COLUMN_WIDTH, 0.6 + 0.13 * len(groups) + 0.6)
-    figure, panels = plt.subplots(1, len(students), figsize=size, sharey=True, squeeze=False)
+    figure, panels = subplots(1, len(students), figsize=size, sharey=True, squeeze=False)
     for panel, student in zip(panels[0], students, strict=True):
         for shift, (mode, color) in enumerate(_MODE_COLORS.items()):
             mine = lost.query("policy == @student and mode == @mode").set_index("without")
@@ -59,6 +60,7 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
+@styled
 def truth_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> Figure:
     """Draws which observations each method ranks high against the loss that followed.
 
@@ -67,7 +69,7 @@ def truth_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> F
     joined = importances.merge(lost.query("mode == 'shuffled'"), on=["policy", "without"])
     pairs = list(dict.fromkeys(zip(joined["policy"], joined["method"], strict=True)))
     rows = -(-len(pairs) // 2)
-    figure, panels = plt.subplots(
+    figure, panels = subplots(
         rows, 2, figsize=(2 * COLUMN_WIDTH, 2.2 * rows + 0.3), squeeze=False, sharex=True
     )
     for panel in panels.flat[len(pairs) :]:

@@ -1,7 +1,6 @@
 """Figures of boosted trees: a weak learner, and how an action depends on single observations."""
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.inspection import PartialDependenceDisplay
@@ -10,11 +9,12 @@ from models.a1 import robot
 from models.a1.robot import Array
 from models.policies.boosting import BoostedTreesPolicy
 from models.policies.policy import Policy
-from studies.figures import COLUMN_WIDTH, label_with_unit
+from studies.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 
 _BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
 
 
+@styled
 def tree_figure(
     policy: BoostedTreesPolicy,
     joint: int,
@@ -35,7 +35,7 @@ def tree_figure(
     """
     depth = min(depth, policy.depth)
     added = policy.tree_values(observations, joint, tree)
-    figure, axes = plt.subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
     axes.set_title(f"{_title(joint)}: tree {tree + 1} of {policy.features.shape[1]}")
@@ -68,6 +68,7 @@ def tree_figure(
     return figure
 
 
+@styled
 def dependence_figure(
     policy: Policy,
     joint: int,
@@ -87,7 +88,7 @@ def dependence_figure(
         generator: Source of randomness, for the samples whose curves are drawn.
         n_curves: Number of those.
     """
-    figure, panels = plt.subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
+    figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
     PartialDependenceDisplay.from_estimator(
         _JointRegressor(policy, joint).fit(observations),
         observations,

@@ -1,7 +1,6 @@
 """The paper's gait figure: stills over one cycle of the machine, above the feet's contacts."""
 
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -11,7 +10,7 @@ from models.errors import InputError
 from models.task.gait import Gait
 from models.task.palette import STATE_COLORS
 from studies.evaluation.figures import draw_gait
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
@@ -28,6 +27,7 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
     return int(entries[-2]), int(entries[-1])
 
 
+@styled
 def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
     moment in the gait diagram.
@@ -44,7 +44,7 @@ def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     middles = (np.arange(n_stills) + 0.5) / n_stills
     steps = start + np.floor(middles * (stop - start)).astype(int)
     camera = Camera(480, 320)
-    figure = plt.figure(figsize=(2 * COLUMN_WIDTH, 2.2))
+    figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
     for column, step in enumerate(steps):
         _place_still(

@@ -7,12 +7,13 @@ from annotated_types import Le, MinLen
 
 from diagrams.station import StationConfig
 from models.errors import InputError
-from models.settings import Count, Natural, NotNegative, Positive, Seed, Settings, Share
+from models.settings import IN_ORDER, Count, Natural, NotNegative, Positive, Seed, Settings, Share
 from models.task.randomization import Randomization
 from models.task.termination import TerminationLimits
 
 Fraction = Annotated[NotNegative, Le(1.0)]
 Layers = Annotated[tuple[Count, ...], MinLen(1)]
+Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
 @dataclass(frozen=True)
@@ -71,25 +72,15 @@ class PpoConfig(Settings):
     trace_decay: Fraction = 0.95
     entropy: NotNegative = 0.01
     final_entropy: NotNegative = 0.001
-    entropy_decay: tuple[Natural, Natural] = (400, 600)
+    entropy_decay: Updates = (400, 600)
     learning_rate: Positive = 1e-3
     desired_kl: Positive = 0.01
     final_kl: Positive = 0.002
-    kl_decay: tuple[Natural, Natural] = (1300, 1400)
+    kl_decay: Updates = (1300, 1400)
     initial_std: Positive = 1.0
     reward_scale: Positive = 1.0 / 30.0
     actor_layers: Layers = (256, 128, 64)
     critic_layers: Layers = (256, 128, 64)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("entropy_decay", "kl_decay"):
-            first, last = getattr(self, name)
-            if first > last:
-                raise InputError(
-                    f"{self.title}: {name} is {first} {last}; name the update where the fall "
-                    "begins, then the one where it ends"
-                )
 
 
 @dataclass(frozen=True)

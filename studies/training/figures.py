@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 
 import pandas as pd
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.figures import COLUMN_WIDTH
+from studies.figures import COLUMN_WIDTH, styled, subplots
 
 _SMOOTHED_UPDATES = 10
 
@@ -22,6 +21,7 @@ _LABELS = {
 }
 
 
+@styled
 def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
     """Draws the learning curves of several runs, a line a run.
 
@@ -32,6 +32,7 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
     return _curves(curves, columns)
 
 
+@styled
 def curriculum_curves(with_it: pd.DataFrame, without: pd.DataFrame) -> Figure:
     """Draws a run with the reward machine's curriculum beside one without, over equal budgets."""
     budget = min(with_it["control_steps"].max(), without["control_steps"].max())
@@ -41,7 +42,7 @@ def curriculum_curves(with_it: pd.DataFrame, without: pd.DataFrame) -> Figure:
 
 
 def _curves(curves: Mapping[str, pd.DataFrame], columns: tuple[str, ...]) -> Figure:
-    figure, axes = plt.subplots(
+    figure, axes = subplots(
         len(columns), 1, figsize=(1.5 * COLUMN_WIDTH, 1.05 * len(columns) + 0.6), sharex=True
     )
     for panel, column in zip(axes, columns, strict=True):

@@ -9,7 +9,7 @@ import pytest
 from annotated_types import MinLen
 
 from models.errors import InputError
-from models.settings import DISTINCT, Count, NotNegative, Positive, Seed, Settings, Share
+from models.settings import DISTINCT, Count, Interval, NotNegative, Positive, Seed, Settings, Share
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Outer(Settings):
     count: Count = 1
     seed: Seed = 0
     counts: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = (1,)
-    bounds: tuple[float, float] | None = None
+    bounds: Interval | None = None
     scale: Positive = 1.0
     weight: NotNegative = 0.0
     on: bool = False
@@ -64,6 +64,7 @@ BY_HAND = [
     ({"counts": (2, 2)}, "counts is (2, 2); it must be a list that names nothing twice"),
     ({"bounds": (1.0,)}, "bounds is (1.0,); it must be longer"),
     ({"bounds": (1.0, 2.0, 3.0)}, "it must be of 2 values"),
+    ({"bounds": (2.0, 1.0)}, "bounds is (2.0, 1.0); it must be the least, then the greatest"),
     ({"path": "a"}, "path is 'a'; it must be a path"),
     ({"inner": 3}, "inner is 3; it must be a mapping of settings"),
 ]

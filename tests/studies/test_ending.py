@@ -1,0 +1,165 @@
+"""How commands start and end: help at once, and one sentence whatever goes wrong."""
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from importlib import import_module
+from importlib.metadata import version
+from inspect import getdoc
+from pathlib import Path
+
+import pytest
+
+from models.errors import InputError
+from studies.cli import COMMANDS, main
+from studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, told_plainly
+
+ROOT = Path(__file__).parents[2]
+HEAVY = {"matplotlib", "numpy", "pydantic", "pydrake", "rich", "torch", "tyro"}
+
+
+def start(code, **options):
+    """Starts Python on some code, in a group of its own as a shell would."""
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_tells_what_the_class_tells(name):
+    (target, summary) = COMMANDS[name]
+    module, _, attribute = target.partition(":")
+    assert getdoc(getattr(import_module(module), attribute)).splitlines()[0] == summary
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h", "train"]])
+def test_help_lists_every_command(arguments, capsys):
+    main(arguments)
+    told = capsys.readouterr().out
+    assert all(f"  {name} " in told for name in COMMANDS)
+
+
+def test_version_is_that_of_the_package(capsys):
+    main(["--version"])
+    assert capsys.readouterr().out == version("glassgait") + "\n"
+
+
+@pytest.mark.parametrize("name", ["bogus", "--bogus", "", "x" * 1000, "Train"])
+def test_an_unknown_command_is_refused_with_those_there_are(name, refused):
+    told = refused([name])
+    assert "there is no command" in told
+    assert told.endswith(f"the commands are {', '.join(COMMANDS)}")
+
+
+@pytest.mark.parametrize("argument", ["--help", "--version", "bogus"])
+def test_nothing_heavy_is_imported_before_a_command_is_known(argument):
+    code = (
+        "import sys\nfrom studies.cli import main\n"
+        f"try: main([{argument!r}])\nexcept SystemExit: pass\n"
+        f"print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
+    )
+    _, told = start(code).communicate(timeout=60)
+    assert told.splitlines()[-1] == "[]"
+
+
+NO_ROOM = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+ENDINGS = [
+    (InputError("a: is not b; mend it"), BAD_INPUT, "a: is not b; mend it"),
+    (KeyboardInterrupt(), INTERRUPTED, "interrupted; what was finished is kept"),
+    (MemoryError(), BAD_INPUT, "there is not enough memory"),
+    (PermissionError(errno.EACCES, "Permission denied", "runs/a"), BAD_INPUT, "runs/a: Permission"),
+    (PermissionError(errno.EACCES, "Denied", b"runs/\xff"), BAD_INPUT, "runs/"),
+    (NO_ROOM, BAD_INPUT, "No space left on device; make room there"),
+    (OSError("two\nlines"), BAD_INPUT, "two lines; check the path"),
+    (OSError(), BAD_INPUT, "OSError; check the path"),
+]
+
+
+@pytest.mark.parametrize(("error", "code", "told"), ENDINGS)
+def test_an_error_ends_in_one_sentence(error, code, told, capsys):
+    with pytest.raises(SystemExit) as ended, told_plainly():
+        raise error
+    assert ended.value.code == code
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"glassgait: {told}")
+
+
+def test_an_error_of_the_program_keeps_its_traceback():
+    with pytest.raises(ZeroDivisionError), told_plainly():
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(
+    "place", ["file/drawing.dot", "file/deep/drawing.dot", "folder", "a" * 300]
+)
+def test_a_place_that_cannot_be_written_is_told(place, refused, tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    assert str(tmp_path) in refused(["gait", "trot", "--output", str(tmp_path / place)])
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "folder"}
+
+
+@pytest.mark.parametrize("command", [["gait", "trot"], ["--help"]])
+def test_a_reader_that_wants_no_more_is_left_in_silence(command):
+    process = start(f"from studies.cli import main; main({command!r})")
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait() == BROKEN_PIPE
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+@pytest.mark.parametrize("command", [["gait", "trot"], ["--help"]])
+def test_a_full_disk_is_told(command):
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.run(
+            [sys.executable, "-m", "studies.cli", *command],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert process.returncode == BAD_INPUT
+    (line,) = process.stderr.splitlines()
+    assert line.startswith("glassgait: No space left on device; make room there")
+
+
+def interrupt_after(seconds, arguments, folder):
+    """Sends Ctrl-C to a command and its workers after some seconds, and returns how it ended."""
+    code = (
+        "import os, sys\nfrom studies.cli import main\n"
+        f"os.write(1, b'.'); sys.argv[1:] = {arguments!r}; main()"
+    )
+    process = start(code, cwd=folder)
+    assert process.stdout.read(1) == "."
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    return process.returncode, told
+
+
+def test_an_interrupt_while_importing_is_told(tmp_path):
+    code, told = interrupt_after(0.05, ["train"], tmp_path)
+    assert (code, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", range(20))
+def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
+    seconds = random.Random(moment).uniform(0.05, 5.0)
+    endless = ["--n-seeds", "9", "--n-steps", "100000", "--worlds", "training"]
+    code, told = interrupt_after(seconds, ["evaluate", *endless], tmp_path)
+    assert code == INTERRUPTED
+    assert told.strip().startswith("glassgait: interrupted")
+    assert len(told.strip().splitlines()) == 1
