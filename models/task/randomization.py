@@ -8,7 +8,7 @@ from annotated_types import Ge
 
 from models.a1 import kinematics, robot
 from models.a1.robot import Array
-from models.settings import Interval, Settings
+from models.settings import IN_ORDER, Interval, NotNegative, Settings
 from models.task import CONTROL_PERIOD
 from models.task.observation import JOINT_NOISE
 
@@ -30,11 +30,11 @@ class Randomization(Settings):
     title: ClassVar[str] = "randomization"
 
     joint_scale: Interval = (0.5, 1.5)
-    base_velocity: Annotated[float, Ge(0)] = 0.5
-    friction: Annotated[Interval, Ge((0.0, 0.0))] = (0.5, 1.25)
-    push_speed: Annotated[float, Ge(0)] = 1.0
+    base_velocity: NotNegative = 0.5
+    friction: Annotated[tuple[NotNegative, NotNegative], IN_ORDER] = (0.5, 1.25)
+    push_speed: NotNegative = 1.0
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
-    observation_noise: Annotated[float, Ge(0)] = 1.0
+    observation_noise: NotNegative = 1.0
 
     def initial_states(self, count: int, generator: np.random.Generator) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.

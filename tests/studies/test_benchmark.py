@@ -1,14 +1,13 @@
 """The benchmark times what it says it times."""
 
 import itertools
-import json
 
 import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
 import studies.benchmark.distillation
-from models.files import write_atomically
+from models.files import write_record
 from models.policies.library import load_expert
 from studies.benchmark.distillation import (
     NaiveModel,
@@ -82,7 +81,7 @@ def test_naive_loop_is_extrapolated_from_two_fits(linear_models):
 
 def test_study_and_naive_loop_are_summed(linear_models, tmp_path):
     for kind, minutes in {"gbm": 0.2, "ebm": 0.3, "symbolic": 0.5}.items():
-        write_atomically(tmp_path / kind / "record.json", json.dumps({"minutes": minutes}))
+        write_record(tmp_path / kind / "record.json", {"minutes": minutes})
     table = study_against_naive_loop(SAMPLES, TWO_EPISODES, tmp_path)
     assert table["student"].tolist() == ["gbm", "ebm", "all 3"]
     assert table["study (min)"].tolist() == [0.2, 0.3, 1.0]

@@ -45,6 +45,7 @@ def loggers():
     return {
         name: (list(logger.filters), list(logger.handlers), logger.level)
         for name, logger in every.items()
+        if isinstance(logger, logging.Logger)
     }
 
 def state():

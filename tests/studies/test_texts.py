@@ -33,7 +33,7 @@ def test_gait_command_takes_files_named_like_markup(tmp_path, capsys):
     gait.write_text(trot)
     main(["gait", str(gait), "--output", str(output)])
     assert capsys.readouterr().out == f"x[y]: 2 states, drawn in {output}\n"
-    assert output.read_text().startswith("stateDiagram-v2\n")
+    assert output.read_text().startswith("```mermaid\nstateDiagram-v2\n")
 
 
 def test_paths_that_are_not_utf_8_are_told_by_their_codes(tmp_path, capsys):
