@@ -234,7 +234,10 @@ def _fit(
         counts = np.where(dataset.starts, config.symbolic.start_weights[0], 1)
         chosen = np.repeat(chosen, counts[chosen])
     observations, actions = dataset.observations[chosen], dataset.actions[chosen]
-    return fit_student(kind, config, expert.gait, expert.observation_names, observations, actions)
+    student = fit_student(
+        kind, config, expert.gait, expert.observation_names, observations, actions
+    )
+    return student.compact() if config.compact else student
 
 
 def _complexity(shape: Shape) -> tuple[int, int]:
