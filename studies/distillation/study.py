@@ -176,6 +176,8 @@ def _fit_final(
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
     final, student = _choose_final(kind, config, gait, expert, seen, folder)
+    if config.compact:
+        student = student.compact()
     student.save(student_path(folder, kind))
     if isinstance(student, FormulaPolicy):
         write_formulas(student, folder / f"{kind}_formulas")
@@ -234,10 +236,7 @@ def _fit(
         counts = np.where(dataset.starts, config.symbolic.start_weights[0], 1)
         chosen = np.repeat(chosen, counts[chosen])
     observations, actions = dataset.observations[chosen], dataset.actions[chosen]
-    student = fit_student(
-        kind, config, expert.gait, expert.observation_names, observations, actions
-    )
-    return student.compact() if config.compact else student
+    return fit_student(kind, config, expert.gait, expert.observation_names, observations, actions)
 
 
 def _complexity(shape: Shape) -> tuple[int, int]:
