@@ -46,7 +46,7 @@ def commands():
     return [
         pytest.param(arguments, around, id=f"{page}: {' '.join(arguments)}")
         for (page, arguments), around in found.items()
-        if arguments
+        if arguments and not arguments[0].startswith("--")
     ]
 
 
@@ -65,7 +65,7 @@ def parsed(monkeypatch, tmp_path):
     def note(command):
         ran.append(command)
 
-    for command in COMMANDS.values():
+    for command, _ in COMMANDS.values():
         monkeypatch.setattr(resolve_name(command), "run", note)
 
     def parse(*arguments):
