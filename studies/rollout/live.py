@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from diagrams.locomotion import LocomotionConfig
+from diagrams.locomotion import LocomotionConfig, normalize_attitude
 from diagrams.replay import save_replay
 from diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
 from models.task import CONTROL_PERIOD
@@ -72,13 +72,22 @@ def play_live(
 
 def _until(stopped: Callable[[], bool], start: Callable[[int], Simulator]) -> Rollout:
     n_falls = 0
-    rollout = record(start(n_falls), None, stopped=stopped)
+    rollout = _until_fallen(start(n_falls), stopped)
     while not stopped():
         n_falls += 1
         say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")
         time.sleep(FALLEN_SECONDS)
-        rollout = _joined(rollout, record(start(n_falls), None, stopped=stopped))
+        rollout = _joined(rollout, _until_fallen(start(n_falls), stopped))
     return rollout
+
+
+def _until_fallen(simulator: Simulator, stopped: Callable[[], bool]) -> Rollout:
+    def ended() -> bool:
+        # Without this a bound would fall after 50 s, for no reason of its own.
+        normalize_attitude(simulator.get_system(), simulator.get_mutable_context())
+        return stopped()
+
+    return record(simulator, None, stopped=ended)
 
 
 def _joined(before: Rollout, after: Rollout) -> Rollout:

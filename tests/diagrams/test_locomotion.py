@@ -18,12 +18,13 @@ from diagrams.locomotion import (
     LocomotionConfig,
     MakeLocomotion,
     find_locomotion,
+    normalize_attitude,
     push,
     set_plant_state,
 )
 from diagrams.rollout import make_simulator, record
 from diagrams.station import MakeA1Station, StationConfig
-from models.a1 import robot
+from models.a1 import kinematics, robot
 from models.errors import InputError
 from models.policies.library import EXPERT_DIRECTORY, load_expert
 from models.task.command import Command
@@ -363,3 +364,14 @@ def test_diagrams_of_no_robot_or_of_two_are_refused(n_robots, trot, make_policy)
         builder.AddNamedSystem(f"robot {i}", diagram)
     with pytest.raises(InputError, match=f"holds {n_robots} of what MakeLocomotion builds"):
         find_locomotion(builder.Build())
+
+
+def test_an_attitude_of_another_length_is_made_a_unit_quaternion(trot):
+    diagram = MakeLocomotion(trot, LocomotionConfig())
+    context = diagram.CreateDefaultContext()
+    state = kinematics.standing_state(robot.DEFAULT_STANCE)
+    longer = state.copy()
+    longer[robot.QUATERNION] *= 1.1
+    set_plant_state(diagram, context, longer)
+    normalize_attitude(diagram, context)
+    np.testing.assert_allclose(diagram.GetOutputPort("state").Eval(context), state, atol=1e-15)
