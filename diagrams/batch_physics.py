@@ -11,8 +11,6 @@ from pydrake.systems.framework import DiagramBuilder
 from diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
 from models.a1 import robot
 from models.a1.robot import Array
-from models.errors import InputError
-from models.task import CONTROL_PERIOD
 
 
 class BatchPhysics:
@@ -84,12 +82,7 @@ class _Group:
     """Robots that share a station and its friction."""
 
     def __init__(self, station: StationConfig) -> None:
-        self._n_steps = round(CONTROL_PERIOD / station.time_step) if station.time_step else 0
-        if self._n_steps < 1 or abs(self._n_steps * station.time_step - CONTROL_PERIOD) > 1e-12:
-            raise InputError(
-                f"station: time_step is {station.time_step}; the batch simulator needs a discrete "
-                f"plant whose step divides {CONTROL_PERIOD} s"
-            )
+        self._n_steps = station.plant_steps()
         builder = DiagramBuilder()
         self._plant, self._scene_graph, instance = AddA1Station(builder, station)
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")

@@ -175,8 +175,8 @@ def MakeLocomotion(  # noqa: N802
         meshcat: Shows robot, contacts and machine state there.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or the gait is not made
-            for the command.
+        InputError: if a policy was made for another gait or observation, the gait is not made for
+            the command, or the plant's step does not divide the control period.
         ValueError: if the alternation asks for a policy that is not given.
     """
     layout = ObservationLayout(gait.n_states)
@@ -186,6 +186,9 @@ def MakeLocomotion(  # noqa: N802
 
     if isinstance(config.command, FixedCommand):
         config.command.check(gait)
+    if config.station.time_step > 0:
+        # Otherwise the plant and the controller would drift apart.
+        config.station.plant_steps()
 
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise

@@ -35,7 +35,9 @@ from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from models.a1 import kinematics, robot
+from models.errors import InputError
 from models.settings import Settings
+from models.task import CONTROL_PERIOD
 from models.task.randomization import NOMINAL
 
 ContactSolver = Literal["sap", "similar", "lagged"]
@@ -68,6 +70,20 @@ class StationConfig(Settings):
     friction: Annotated[float, Ge(0)] = 1.0
     payload: Annotated[float, Ge(0)] = 0.0
     relaxation_time: Annotated[float, Ge(0)] = 0.01
+
+    def plant_steps(self) -> int:
+        """Returns how many steps a discrete plant takes in a control period.
+
+        Raises:
+            InputError: if the plant is continuous, or its step does not divide the control period.
+        """
+        n_steps = round(CONTROL_PERIOD / self.time_step) if self.time_step else 0
+        if n_steps < 1 or abs(n_steps * self.time_step - CONTROL_PERIOD) > 1e-12:
+            raise InputError(
+                f"{self.title}: time_step is {self.time_step}; it must divide the control period, "
+                f"{CONTROL_PERIOD} s"
+            )
+        return n_steps
 
 
 def AddA1Station(  # noqa: N802

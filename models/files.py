@@ -202,29 +202,60 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     return arrays, header
 
 
-def write_record(path: Path, values: Any) -> None:
+def write_record(path: Path, values: Any, of: str = "") -> None:
     """Writes what a run needs in order to resume, as JSON with a checksum, atomically.
 
     Floats keep every digit, and NaN stays NaN.
+
+    Args:
+        path: The file.
+        values: What JSON can hold.
+        of: What they are of: the run and the part of it.
     """
-    text = json.dumps(values)
-    write_atomically(path, f'{{"sha256": "{_hash(text)}", "values": {text}}}\n')
+    text = json.dumps({"of": of, "values": values})
+    write_atomically(path, f'{{"sha256": "{_hash(text)}", "record": {text}}}\n')
 
 
-def read_record(path: Path) -> Any:
+def read_record(path: Path, of: str | None = None) -> Any:
     """Reads back the values that `write_record` wrote.
 
+    Args:
+        path: The file.
+        of: What they must be of; anything by default.
+
     Raises:
-        InputError: if the file is missing or damaged.
+        InputError: if the file is missing, damaged, or of something else.
     """
     data = _read_bytes(path, RECORD_BYTES)
     try:
-        record = json.loads(data)
-        if record["sha256"] == _hash(json.dumps(record["values"])):
-            return record["values"]
+        whole = json.loads(data)
+        record = whole["record"]
+        sound = whole["sha256"] == _hash(json.dumps(record))
+        values, theirs = record["values"], record["of"]
     except (ValueError, KeyError, TypeError, RecursionError):
-        pass
-    raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew")
+        sound = False
+    if not sound:
+        raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew")
+    refuse_another(path, theirs, of)
+    return values
+
+
+def refuse_another(path: Path, theirs: Any, of: str | None) -> None:
+    """Refuses a file that is sound but of something else, such as another run.
+
+    Args:
+        path: The file.
+        theirs: What it says that it is of.
+        of: What it must be of; anything if None.
+
+    Raises:
+        InputError: if the two differ.
+    """
+    if of is not None and theirs != of:
+        raise InputError(
+            f"{path}: is of another run, or of another part of this one; delete it, and --resume "
+            "makes it anew"
+        )
 
 
 def _whole_number(digits: str) -> int:

@@ -1,10 +1,10 @@
 """One folder, one run: what it is made of, and that nothing else gets mixed into it."""
 
 import hashlib
+import json
 import platform
-import shutil
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ def open_run(
     inputs: Mapping[str, str],
     resume: bool,
     free: Collection[str] = (),
-) -> Iterator[None]:
+) -> Iterator[str]:
     """Claims a folder for a run: a new one, or the very one that it holds.
 
     What a run is made of stands in its `config.yaml`: its settings, digests of what it reads, and
@@ -62,6 +62,9 @@ def open_run(
             of that name, which only says where it was read from, is not compared.
         resume: Whether to continue the run that the folder holds; without one, it is started.
         free: Settings that a continued run may change.
+
+    Yields:
+        What tells the run from others: its files may be marked as of it.
 
     Raises:
         InputError: if the folder holds a run and `resume` is not given, the run is of another
@@ -79,16 +82,35 @@ def open_run(
     with _locked(folder):
         # Once more: until the lock was free the folder may have been another's.
         _check(folder, whole, resume, free)
-        begun = (folder / CONFIG_NAME).exists()
+        path = folder / CONFIG_NAME
+        before = path.read_text() if path.exists() else None
         remove_litter(folder)
-        write_atomically(folder / CONFIG_NAME, yaml.safe_dump(whole, sort_keys=False))
+        write_atomically(path, yaml.safe_dump(whole, sort_keys=False))
         try:
-            yield
+            yield _identity(whole, free)
         except InputError:
-            # What was refused before it made anything was no run.
-            if not begun and _visible(folder) == [CONFIG_NAME]:
-                shutil.rmtree(folder)
+            # What was refused before it made anything was no run, nor a part of one.
+            if before is not None:
+                write_atomically(path, before)
+            elif _visible(folder) == [CONFIG_NAME]:
+                path.unlink()
+                (folder / LOCK_NAME).unlink(missing_ok=True)
+                with suppress(OSError):
+                    # Only an empty folder can be removed: hidden files are a person's own.
+                    folder.rmdir()
             raise
+
+
+def refuse_run(folder: Path) -> None:
+    """Refuses to write beside the results of a run.
+
+    Raises:
+        InputError: if the folder holds a run.
+    """
+    path = folder / CONFIG_NAME
+    found = read_yaml(path) if path.exists() else None
+    if isinstance(found, dict) and "study" in found:
+        raise InputError(f"{folder}: holds a run; name another folder with --output")
 
 
 def read_settings(folder: Path, study: str) -> dict[str, Any]:
@@ -159,6 +181,14 @@ def _read(path: Path, study: str) -> dict[str, Any]:
             f"'glassgait {study}'; name another folder"
         )
     return found
+
+
+def _identity(whole: dict[str, Any], free: Collection[str]) -> str:
+    parts = [
+        _flat(whole[part], (*free, *PLACES), whole["inputs"]) for part in ("settings", "software")
+    ]
+    made_of = json.dumps([whole["study"], whole["inputs"], *parts], sort_keys=True)
+    return hashlib.sha256(made_of.encode()).hexdigest()[:16]
 
 
 def _differences(then: dict[str, Any], now: dict[str, Any], free: Collection[str]) -> list[str]:

@@ -10,6 +10,8 @@ from models.policies.neural import NeuralPolicy
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import Policy, read_policy_file
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.task.gait import Gait, load_gait
+from models.task.observation import ObservationLayout
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
     policy.kind: policy
@@ -74,22 +76,34 @@ def load_student(gait: str, kind: str) -> Policy:
     return load_policy(STUDENT_DIRECTORY / gait / f"{kind}.safetensors")
 
 
-def load_expert(gait: str, path: Path | None = None) -> NeuralPolicy:
+def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
     """Loads the shipped expert of a gait, or one of one's own.
 
+    Args:
+        gait: The gait, or its name if it ships.
+        path: The expert's file; the shipped one by default.
+
     Raises:
-        InputError: if there is no expert, or the file holds something else.
+        InputError: if there is no expert, or the file holds something else, or the expert of
+            another gait.
     """
+    machine = load_gait(gait) if isinstance(gait, str) else gait
+    gait = machine.name
     if path is None:
         path = EXPERT_DIRECTORY / f"{gait}.safetensors"
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} ships with the project; train one with "
-                f"'glassgait train --gait {gait}' and give its path with --expert"
+                "'glassgait train' and give its path with --expert"
             )
     policy = load_policy(path)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
     if policy.gait != gait:
         raise InputError(f"{path}: is an expert for gait {policy.gait!r}, not {gait!r}")
+    if policy.observation_names != ObservationLayout(machine.n_states).names:
+        raise InputError(
+            f"{path}: was trained for a {gait} of other states than the gait's file has now; train "
+            "it anew"
+        )
     return policy

@@ -1,6 +1,7 @@
 """Gaits as data: the YAML files that name a reward machine and the commands it is meant for."""
 
 import hashlib
+import os
 from collections import deque
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,6 +20,9 @@ LONGEST_STATE = 40
 """Greatest number of characters of a state's name."""
 
 LONGEST_NAME = 80
+TAKEN_NAMES = ("checkpoint", "config")
+"""Names that the files of a training run have, beside those of the gait's expert."""
+
 """Greatest number of characters of a gait's name, which stands in the names of its files."""
 
 LONGEST_DESCRIPTION = 500
@@ -186,10 +190,17 @@ def parse_gait(text: str, *, name: str) -> Gait:
 def _check_name(path: Path) -> None:
     """Refuses names of files that cannot name a gait and, after it, the files of its runs."""
     name = path.stem
-    if not _is_plain(name, LONGEST_NAME) or name.startswith("."):
+    # The file system counts bytes.
+    short = len(os.fsencode(name)) <= LONGEST_NAME
+    if not short or not _is_plain(name, LONGEST_NAME) or name.startswith("."):
         raise InputError(
             f"gait file {shown(str(path))}: the gait takes its name from the file; rename it to "
-            f"printable characters, {LONGEST_NAME} at most, that start with no dot"
+            f"printable characters, {LONGEST_NAME} bytes at most, that start with no dot"
+        )
+    if name in TAKEN_NAMES:
+        raise InputError(
+            f"gait file {shown(str(path))}: a run keeps a file of its own under the name {name!r}; "
+            "give the gait another one"
         )
 
 

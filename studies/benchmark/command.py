@@ -21,7 +21,7 @@ from studies.benchmark.throughput import gymnasium_processes, training_and_physi
 from studies.console import console, say
 from studies.distillation.config import STUDENT_TITLES, DistillationConfig
 from studies.distillation.library import distillation_folder, student_path
-from studies.run_folder import CONFIG_NAME, read_settings
+from studies.run_folder import CONFIG_NAME, read_settings, refuse_run
 from studies.tables import print_table, write_metrics, write_table
 from studies.training.config import TrainingConfig
 
@@ -53,6 +53,7 @@ class Benchmark(Settings):
 
     def run(self) -> None:
         """Measures, and writes tables."""
+        refuse_run(self.output)
         throughput = self._throughput()
         write_table(throughput, self.output / "throughput")
         print_table("Throughput (2 cores unless your machine has more)", throughput)

@@ -28,8 +28,9 @@ class Convergence(Settings):
     """Drop the robot and roll an expert out with every contact solver and time step.
 
     Attributes:
-        gait: Gait of the expert.
+        gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
+        expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
@@ -40,6 +41,7 @@ class Convergence(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=2, n_steps=500)
     )
+    expert: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -47,7 +49,7 @@ class Convergence(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        team = Team(load_expert(gait.name))
+        team = Team(load_expert(gait, self.expert))
         jobs = [
             job
             for variant in reversed(VARIANTS)

@@ -71,7 +71,7 @@ class Curricula(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.distillation.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         folder = self.output or Path("runs/curricula") / gait.name
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(folder, study="curricula", settings=self, inputs=inputs, resume=self.resume):

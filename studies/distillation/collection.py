@@ -12,7 +12,7 @@ from diagrams.station import StationConfig
 from models.a1 import robot
 from models.a1.robot import Array
 from models.errors import InputError
-from models.files import load_arrays, save_arrays
+from models.files import load_arrays, refuse_another, save_arrays
 from models.policies.neural import NeuralPolicy
 from models.policies.policy import Policy, first_not_finite
 from models.task import COMMAND_STEPS
@@ -70,19 +70,25 @@ class Dataset:
             self.minutes + other.minutes,
         )
 
-    def save(self, path: Path) -> None:
-        """Writes the samples to one file, atomically."""
+    def save(self, path: Path, of: str = "") -> None:
+        """Writes the samples, and what they are of, to one file, atomically."""
         arrays = {
             "observations": self.observations,
             "actions": self.actions,
             "episodes": self.episodes,
         }
-        save_arrays(path, arrays, {"minutes": self.minutes})
+        save_arrays(path, arrays, {"minutes": self.minutes, "of": of})
 
     @staticmethod
-    def load(path: Path) -> "Dataset":
-        """Reads what `save` wrote."""
+    def load(path: Path, of: str | None = None) -> "Dataset":
+        """Reads what `save` wrote.
+
+        Raises:
+            InputError: if the file is damaged, or holds no samples, or not those that are asked
+                for.
+        """
         arrays, header = load_arrays(path)
+        refuse_another(path, header.get("of"), of)
         try:
             data = Dataset(**arrays, minutes=float(header["minutes"]))
             sizes = {len(data.observations), len(data.actions), len(data.episodes)}

@@ -40,7 +40,7 @@ class Distill(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.config.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         folder = self.output or distillation_folder(gait.name)
         r2 = distill(self.config, gait, expert, folder, say, resume=self.resume)
         table = write_r2_table(r2, gait.name, folder)

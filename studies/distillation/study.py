@@ -78,9 +78,10 @@ def distill(
         inputs=inputs,
         resume=resume,
         free=("students", "n_jobs"),  # Students are independent of one another.
-    ):
+    ) as run:
         rows = [
-            _distill_student(kind, config, gait, expert, folder, report) for kind in config.students
+            _distill_student(kind, config, gait, expert, folder, run, report)
+            for kind in config.students
         ]
     return pd.DataFrame(rows)
 
@@ -91,12 +92,13 @@ def _distill_student(
     gait: Gait,
     expert: NeuralPolicy,
     folder: Path,
+    run: str,
     report: Report,
 ) -> dict:
     """Collects, fits and records one student, or reads its record if that is done."""
     path, record_path = student_path(folder, kind), folder / kind / "record.json"
     if record_path.exists():
-        row = read_record(record_path)
+        row = read_record(record_path, of=f"{run} {kind}")
         if not path.exists() or digest(path) != row["digest"]:
             raise InputError(
                 f"{path}: is not what the run wrote; delete {record_path}, and --resume makes it "
@@ -104,12 +106,12 @@ def _distill_student(
             )
     else:
         samples = samples_folder(folder, kind)
-        dataset = _collect_levels(collector(kind), config, gait, expert, samples, report)
+        dataset = _collect_levels(collector(kind), config, gait, expert, samples, run, report)
         started = time.monotonic()
         row = _fit_final(kind, config, gait, expert, dataset, folder, report)
         row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
         row["digest"] = digest(path)
-        write_record(record_path, row)
+        write_record(record_path, row, of=f"{run} {kind}")
     report(f"{STUDENT_TITLES[kind]}: R² {row['r2']:.4f} on held-out episodes")
     return {key: value for key, value in row.items() if key != "digest"}
 
@@ -127,6 +129,7 @@ def _collect_levels(
     gait: Gait,
     expert: NeuralPolicy,
     folder: Path,
+    run: str,
     report: Report,
 ) -> Dataset:
     speeds = np.minimum(config.speeds, gait.max_speed)
@@ -134,8 +137,9 @@ def _collect_levels(
     student = untrained_student(gait.name, expert.observation_names)
     for level in range(1, config.n_levels + 1):
         path = folder / f"level_{level:02d}.safetensors"
+        of = f"{run} {kind} level {level}"
         if path.exists():
-            samples = Dataset.load(path)
+            samples = Dataset.load(path, of=of)
         else:
             started = time.monotonic()
             period = config.period(level)
@@ -158,7 +162,7 @@ def _collect_levels(
                 generator=np.random.default_rng([config.seed, level]),
             )
             samples = replace(samples, minutes=(time.monotonic() - started) / 60)
-            samples.save(path)
+            samples.save(path, of=of)
         dataset = samples if dataset is None else dataset.union(samples)
     assert dataset is not None
     return dataset
@@ -175,7 +179,7 @@ def _fit_final(
 ) -> dict:
     seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
     report(f"{STUDENT_TITLES[kind]}: fitting to {len(seen.actions)} samples, the last time")
-    final, student = _choose_final(kind, config, gait, expert, seen, folder)
+    final, student = _choose_final(kind, config, gait, expert, seen, folder, report)
     if config.compact:
         student = student.compact()
     student.save(student_path(folder, kind))
@@ -205,6 +209,7 @@ def _choose_final(
     expert: NeuralPolicy,
     seen: Dataset,
     folder: Path,
+    report: Report,
 ) -> tuple[DistillationConfig, Policy]:
     """Fits the student; of formulas one of each shape and start weight, to choose from."""
     pairs = product(config.symbolic.shapes_of(kind), config.symbolic.start_weights)
@@ -216,6 +221,9 @@ def _choose_final(
         for title, pair in choices.items()
     }
     candidates = {title: _fit(kind, own, expert, seen) for title, own in settings.items()}
+    report(
+        f"{STUDENT_TITLES[kind]}: letting {len(candidates)} candidates walk alone, to choose one"
+    )
     ranked = rank_alone(candidates, gait, expert, config.episode_steps, config.n_jobs)
     write_table(ranked, folder / f"{kind}_candidates")
     complexities = {title: _complexity(shape) for title, (shape, _) in choices.items()}

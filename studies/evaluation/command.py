@@ -77,7 +77,7 @@ class Evaluate(Settings):
 
     def _alternation(self) -> list[RolloutJob]:
         gait = load_gait(self.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         students = load_students(self.students or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts)
 
@@ -98,7 +98,7 @@ class Evaluate(Settings):
         return gaits
 
     def _team(self, gait: Gait) -> tuple[Gait, Team]:
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         if self.policy == "expert":
             return gait, Team(expert)
         student = find_student(self.policy, expert, self.students)

@@ -92,13 +92,13 @@ def run_jobs(
         InputError: if scores that the folder holds are damaged.
     """
     paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
-    kept = {i: read_record(path) for i, path in enumerate(paths) if path.exists()}
+    kept = {i: read_record(path, of=path.stem) for i, path in enumerate(paths) if path.exists()}
     pending = [i for i in range(len(jobs)) if i not in kept]
     processes = min(processes or os.cpu_count() or 1, max(1, len(pending)))
     with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
         for i, scores in _finished(jobs, pending, processes):
             kept[i] = scores.to_dict(orient="list")
-            write_record(paths[i], kept[i])
+            write_record(paths[i], kept[i], of=paths[i].stem)
             _tell_not_finite(jobs[i], scores)
             progress.update(bar, advance=1, text=jobs[i].name)
     tables = [pd.DataFrame(kept[i]) for i in range(len(jobs))]

@@ -70,7 +70,7 @@ class Explain(Settings):
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         policy = self.policy or default_student(gait.name, self.students)
         joint = joint_index(self.joint)
         student = find_student(policy, expert, self.students)

@@ -65,7 +65,7 @@ class Front(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         samples = self.samples or samples_folder(
             distillation_folder(gait.name), "statewise_symbolic"
         )

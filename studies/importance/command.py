@@ -69,7 +69,7 @@ class Importance(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
         source = self.students or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))

@@ -74,7 +74,7 @@ class ShowRollout(Settings):
     def run(self) -> None:
         """Plays, and writes replay and gait diagram."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait.name, self.expert)
+        expert = load_expert(gait, self.expert)
         student: Policy | None = None
         if self.policy != "expert":
             student = find_student(self.policy, expert, self.students)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from models.errors import InputError
-from models.files import load_arrays, save_arrays
+from models.files import load_arrays, refuse_another, save_arrays
 
 if TYPE_CHECKING:
     from studies.training.study import TrainingRun
@@ -22,6 +22,7 @@ def save_checkpoint(run: "TrainingRun", path: Path) -> None:
         "update": run.progress.update,
         "seconds": run.progress.seconds,
         "curve": run.curve.rows,
+        "of": run.identity,
         "environment": environment_values,
         "learner": learner_values,
     }
@@ -35,6 +36,7 @@ def load_checkpoint(run: "TrainingRun", path: Path) -> None:
         InputError: if the checkpoint is missing, damaged, or does not fit the run.
     """
     arrays, header = load_arrays(path)
+    refuse_another(path, header.get("of"), run.identity)
 
     def part(prefix: str) -> dict:
         return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
@@ -46,6 +48,4 @@ def load_checkpoint(run: "TrainingRun", path: Path) -> None:
         run.progress.seconds = header["seconds"]
         run.curve.rows = header["curve"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise InputError(
-            f"{path}: is damaged, or of other settings; train anew into another folder"
-        ) from error
+        raise InputError(f"{path}: is damaged; train anew into another folder") from error

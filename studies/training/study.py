@@ -1,5 +1,7 @@
 """The training study: collect, learn, log, checkpoint, and in the end an expert."""
 
+import hashlib
+import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ from torch.utils.tensorboard import SummaryWriter
 from models.task.gait import Gait
 from models.task.observation import ObservationLayout
 from models.task.reward import REWARD_TERMS
+from studies.records import to_plain
 from studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
 from studies.training.config import TrainingConfig
 from studies.training.environment import TrainingEnvironment
@@ -118,6 +121,13 @@ class TrainingRun:
         self._ease(row["rhythm"])
         self.curve.append(row)
         return row
+
+    @property
+    def identity(self) -> str:
+        """Tells runs apart that do not learn the same, however far they have come."""
+        settings = {key: value for key, value in to_plain(self.config).items() if key != "updates"}
+        made_of = json.dumps([settings, self.gait.digest()])
+        return hashlib.sha256(made_of.encode()).hexdigest()[:16]
 
     @property
     def control_steps(self) -> int:

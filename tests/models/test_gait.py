@@ -213,3 +213,11 @@ def test_a_file_does_not_pass_for_a_gait_that_ships(tmp_path):
     path.write_text(text.replace("clearance: 0.03", "clearance: 0.05"))
     with pytest.raises(InputError, match="called like the gait 'trot' that ships"):
         load_gait(path)
+
+
+@pytest.mark.parametrize("name", ["config", "checkpoint", "步" * 40])
+def test_names_that_files_of_its_runs_could_not_have_are_refused(name, tmp_path):
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match="gait file"):
+        load_gait(path)

@@ -13,12 +13,13 @@ from models.files import load_arrays, save_arrays
 from models.policies.additive import AdditivePolicy
 from models.policies.boosting import BoostedTreesPolicy, single_precision_cuts
 from models.policies.expression import parse_expression, variable_names
-from models.policies.library import load_expert, load_policy
+from models.policies.library import EXPERT_DIRECTORY, load_expert, load_policy
 from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from models.policies.neural import Network, NeuralPolicy, elu
 from models.policies.open_loop import OpenLoopPolicy
 from models.policies.policy import first_not_finite
 from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from models.task.gait import GAIT_DIRECTORY, load_gait, parse_gait
 from models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -328,7 +329,7 @@ def test_experts_must_be_neural_and_of_the_gait(tmp_path):
     neural().save(path)
     with pytest.raises(InputError, match="is an expert for gait 'trot', not 'walk'"):
         load_expert("walk", path)
-    with pytest.raises(InputError, match="no expert for gait 'amble'"):
+    with pytest.raises(InputError, match="unknown gait 'amble'"):
         load_expert("amble")
 
 
@@ -487,3 +488,15 @@ def test_the_first_entry_that_is_not_finite_is_found():
     values[1, 3], values[1, 7] = np.inf, np.nan
     assert first_not_finite(values) == (1, 3)
     assert first_not_finite(values[1]) == (3,)
+
+
+def test_an_expert_of_a_gait_that_has_other_states_now_is_refused(tmp_path):
+    whole = (GAIT_DIRECTORY / "trot.yaml").read_text()
+    text = whole.replace("states: [q0, q1]", "states: [q0, q1, q2]")
+    text += "  - {from: q0, to: q2, when: FL & FR & RL & RR}\n"
+    gait = parse_gait(text, name="trot")
+    with pytest.raises(
+        InputError, match=r"trot\.safetensors: was trained for a trot of other states"
+    ):
+        load_expert(gait, EXPERT_DIRECTORY / "trot.safetensors")
+    assert load_expert(load_gait("trot")).gait == "trot"

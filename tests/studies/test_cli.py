@@ -20,7 +20,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "time_step is -0.1" in refused(["rollout", "--station.time-step", "-0.1"])
     assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"])
     assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"])
-    assert "divides 0.02" in refused(
+    assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )
     assert "students is empty" in refused(["distill", "--students"])

@@ -124,6 +124,29 @@ def test_another_expert_is_not_mixed_in(finished, expert):
         distill(TINY, GAIT, other, folder, lambda line: None, resume=True)
 
 
+def test_files_of_another_run_or_level_are_not_mixed_in(finished, expert, tmp_path):
+    folder, _ = finished
+    config = replace(TINY, students=("linear",))
+    other = tmp_path / "other"
+    distill(replace(config, seed=1), GAIT, expert, other, lambda line: None)
+
+    def resumed(source, target):
+        run = tmp_path / f"{source.parent.parent.name}_{target}".replace("/", "_")
+        shutil.copytree(folder, run)
+        (run / "linear" / "record.json").unlink()
+        shutil.copy(source, run / target)
+        distill(config, GAIT, expert, run, lambda line: None, resume=True)
+
+    for source, target in (
+        (other / "linear" / "record.json", "linear/record.json"),
+        (folder / "ebm" / "record.json", "linear/record.json"),
+        (other / "linear" / "level_01.safetensors", "linear/level_01.safetensors"),
+        (folder / "linear" / "level_01.safetensors", "linear/level_02.safetensors"),
+    ):
+        with pytest.raises(InputError, match="is of another run, or of another part"):
+            resumed(source, target)
+
+
 @pytest.mark.parametrize("name", ["linear/record.json", "linear/level_01.safetensors"])
 def test_damaged_work_is_told(name, finished, expert, tmp_path):
     folder, _ = finished

@@ -206,6 +206,16 @@ def test_damaged_scores_are_told(expert, tmp_path):
         run_jobs(jobs, tmp_path, processes=1)
 
 
+def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
+    config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
+    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    run_jobs(jobs, tmp_path, processes=1)
+    first, second = sorted(tmp_path.glob("*.json"))
+    second.write_bytes(first.read_bytes())
+    with pytest.raises(InputError, match="is of another run, or of another part"):
+        run_jobs(jobs, tmp_path, processes=1)
+
+
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
     jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)

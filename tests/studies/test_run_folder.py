@@ -9,7 +9,7 @@ import yaml
 
 from models.errors import InputError
 from studies import run_folder
-from studies.run_folder import CONFIG_NAME, digest_of_files, open_run, read_settings
+from studies.run_folder import CONFIG_NAME, digest_of_files, open_run, read_settings, refuse_run
 
 HOLD = """
 import sys, time
@@ -151,6 +151,49 @@ def test_what_is_refused_before_it_made_anything_leaves_nothing(tmp_path):
     assert (folder / "level.safetensors").exists()
     with opened(folder):
         pass
+
+
+def test_hidden_files_of_a_persons_own_are_left(tmp_path):
+    (tmp_path / ".git").mkdir()
+    (tmp_path / ".git" / "HEAD").write_text("mine")
+    with pytest.raises(InputError, match="no"), opened(tmp_path):
+        raise InputError("no")
+    assert {path.name for path in tmp_path.iterdir()} == {".git"}
+    assert (tmp_path / ".git" / "HEAD").read_text() == "mine"
+
+
+def test_a_refusal_is_told_whatever_the_folder_is(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "folder")
+    with pytest.raises(InputError, match="no"), opened(tmp_path / "link"):
+        raise InputError("no")
+    assert not list((tmp_path / "folder").iterdir())
+
+
+def test_a_refused_continuation_leaves_the_record_as_it_was(run):
+    before = (run / CONFIG_NAME).read_text()
+    with pytest.raises(InputError), opened(run, Run(n_jobs=8)):
+        raise InputError("no")
+    assert (run / CONFIG_NAME).read_text() == before
+
+
+def test_runs_are_told_apart_by_all_but_what_is_free(run, tmp_path):
+    identities = []
+    for folder, settings in (
+        (run, Run()),
+        (run, Run(n_jobs=9)),
+        (tmp_path / "copy", Run()),
+        (tmp_path / "other", Run(seed=1)),
+    ):
+        with opened(folder, settings) as identity:
+            identities.append(identity)
+    assert identities[0] == identities[1] == identities[2] != identities[3]
+
+
+def test_a_folder_that_holds_a_run_is_no_place_for_other_results(run, tmp_path):
+    with pytest.raises(InputError, match="holds a run"):
+        refuse_run(run)
+    refuse_run(tmp_path)
 
 
 def test_what_a_killed_process_half_wrote_is_removed(run):
