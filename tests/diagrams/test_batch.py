@@ -90,7 +90,7 @@ def test_slippery_groups_slide_further(trot):
 
 def test_steps_that_do_not_divide_the_control_period_are_refused():
     for step in (0.0, 0.015):
-        with pytest.raises(InputError, match=r"divides 0\.02"):
+        with pytest.raises(InputError, match="must divide the control period"):
             BatchPhysics(StationConfig(time_step=step))
 
 
