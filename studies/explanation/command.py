@@ -26,6 +26,7 @@ from studies.importance.additive_figures import contribution_figure
 from studies.importance.study import draw_student
 from studies.records import to_plain
 from studies.rollout.play import Seconds, play
+from studies.run_folder import refuse_run
 
 CONFIG = "config.yaml"
 """File beside the page that tells whose it is."""
@@ -136,6 +137,7 @@ class Explain(Settings):
 
 def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
     """Refuses a folder that holds another student's page, or a page of something else."""
+    refuse_run(folder)
     path = folder / CONFIG
     if (folder / "index.html").exists() and not path.exists():
         raise InputError(
