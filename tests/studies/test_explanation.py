@@ -162,7 +162,7 @@ def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
 
 @pytest.fixture(scope="module")
 def few():
-    """A student with 3 terms in one state of the machine and 16 in the other, and a step in each."""
+    """A student with 3 terms in one state of the machine and 16 in the other, a step in each."""
     names = load_expert("trot").observation_names
     variables = variable_names(len(names))
     long = " + ".join(f"0.00{i + 1} * x{i}" for i in range(15))
