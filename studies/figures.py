@@ -5,7 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axis import Axis
+from matplotlib.category import StrCategoryFormatter
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from models.files import write_atomically
 from models.task.observation import unit_of
@@ -55,10 +59,35 @@ def label_with_unit(name: str) -> str:
 
 @styled
 def save_figure(figure: Figure, stem: Path, extensions: tuple[str, ...] = ("png", "pdf")) -> None:
-    """Writes a figure as `<stem>.png` and `<stem>.pdf`."""
+    """Writes a figure as `<stem>.png` and `<stem>.pdf`.
+
+    A dollar sign in a title, a label or a legend is one: names are no mathematics.
+    """
+    _take_names_as_text(figure)
     for extension in extensions:
         buffer = io.BytesIO()
         # No date inside: equal runs give equal files.
         metadata = {"CreationDate": None} if extension == "pdf" else {"Software": None}
         figure.savefig(buffer, format=extension, metadata=metadata)
         write_atomically(stem.with_name(f"{stem.name}.{extension}"), buffer.getvalue())
+
+
+def _take_names_as_text(figure: Figure) -> None:
+    axes = [axis for own in figure.axes for axis in (own.xaxis, own.yaxis)]
+    # Matplotlib writes the powers of ten of a logarithmic axis as mathematics.
+    powers = {
+        text
+        for axis in axes
+        if not _is_named(axis)
+        for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks())
+        for text in tick.findobj(Text)
+    }
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and text not in powers:
+            text.set_parse_math(False)
+
+
+def _is_named(axis: Axis) -> bool:
+    """Tells whether somebody gave the labels of the ticks, rather than matplotlib."""
+    given = (FixedFormatter, FuncFormatter, StrCategoryFormatter)
+    return isinstance(axis.get_major_formatter(), given)

@@ -80,7 +80,7 @@ def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) 
     last = rollout.time[-1]
     draw_gait(axes, rollout, gait)
     axes.set_xlim(max(0.0, last - seconds), last)
-    axes.set_title(title, parse_math=False)
+    axes.set_title(title)
     return figure
 
 
@@ -107,16 +107,12 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     axes.set_yticks(range(robot.N_LEGS), robot.LEGS)
     axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
     axes.grid(visible=False)
-    # A person's own names are no mathematics.
     handles = [
-        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name.replace("$", r"\$"))
+        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
         for i, name in enumerate(gait.states)
     ]
     handles.insert(0, Patch(color="0.15", label="contact"))
-    legend = axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    for text in legend.get_texts():
-        # A state's name may hold a dollar sign.
-        text.set_parse_math(False)
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int]]:

@@ -14,21 +14,25 @@ from models.a1.robot import joint_index
 from models.errors import InputError
 from models.files import read_yaml, write_atomically
 from models.policies.library import load_expert
-from models.settings import Settings
+from models.settings import Seed, Settings
 from models.task import CONTROL_PERIOD
 from models.task.gait import load_gait
 from studies.console import console, say
-from studies.distillation.library import default_student, find_student
+from studies.distillation.library import SUMS, default_student, find_student
 from studies.evaluation.team import Team
 from studies.explanation.page import explain_rollout, render_page
 from studies.figures import save_figure
 from studies.importance.additive_figures import contribution_figure
 from studies.importance.study import draw_student
 from studies.records import to_plain
-from studies.rollout.play import play
+from studies.rollout.play import Seconds, play
+from studies.run_folder import refuse_run
 
 CONFIG = "config.yaml"
 """File beside the page that tells whose it is."""
+
+STEP = 100
+"""Step that is shown first, where the rollout lasts so long and a person names none."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,10 @@ class Explain(Settings):
         policy: A kind of student whose actions are sums of terms, or the path of a policy file; by
             default one that ships with the gait.
         joint: Joint that is shown first, and whose figures are drawn.
-        step: Control step that is shown first, and whose contributions are drawn.
+        step: Control step that is shown first, and whose contributions are drawn; by default 100,
+            or the last one of a shorter rollout.
         command: Commanded speed, yaw rate and rhythm.
-        seconds: Length of the rollout (s); a fall ends it before.
+        seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
         seed: Seed of the sensors' noise.
         students: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
@@ -55,10 +60,10 @@ class Explain(Settings):
     gait: str = "trot"
     policy: str | None = None
     joint: str = "FL_hip"
-    step: Annotated[int, Ge(0)] = 100
+    step: Annotated[int, Ge(0)] | None = None
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
-    seconds: Annotated[float, Ge(CONTROL_PERIOD)] = 6.0
-    seed: Annotated[int, Ge(0)] = 0
+    seconds: Seconds = 6.0
+    seed: Seed = 0
     students: Path | None = None
     expert: Path | None = None
     output: Path | None = None
@@ -72,6 +77,11 @@ class Explain(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         policy = self.policy or default_student(gait.name, self.students)
+        if policy == "expert":
+            raise InputError(
+                "--policy expert: the expert's actions are no sums of terms; name a student, of "
+                f"the kinds {', '.join(SUMS)}"
+            )
         joint = joint_index(self.joint)
         student = find_student(policy, expert, self.students)
         # Refused before the rollout, where the student's actions are no sums of terms.
@@ -91,13 +101,15 @@ class Explain(Settings):
             seconds=self.seconds,
             seed=self.seed,
         )
-        self._check_step(len(rollout.time) - 1, "ended in a fall" if rollout.failed else "ends")
+        last = len(rollout.time) - 1
+        self._check_step(last, "ended in a fall" if rollout.failed else "ends")
+        step = min(STEP, last) if self.step is None else self.step
         say("splitting every action into its terms")
         explained = explain_rollout(student, rollout)
-        observation = rollout["observations"][self.step]
-        title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {self.step}"
-        local = folder / f"{name}_{self.joint}_step_{self.step}"
-        save_figure(contribution_figure(student.explain(observation, joint), title), local)
+        title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {step}"
+        local = folder / f"{name}_{self.joint}_step_{step}"
+        terms = student.explain(rollout["observations"][step], joint)
+        save_figure(contribution_figure(explained[joint].active_of(terms, step), title), local)
         stems = draw_student(gait.name, name, student, joint, rollout["observations"], folder)
         page = render_page(
             gait=gait,
@@ -107,15 +119,16 @@ class Explain(Settings):
             explained=explained,
             replay=replay.read_text(),
             joint=joint,
-            step=self.step,
+            step=step,
             figures=[stem.with_name(f"{stem.name}.png") for stem in (local, *stems)],
         )
-        write_atomically(folder / CONFIG, yaml.safe_dump(whose, sort_keys=False))
+        record = yaml.safe_dump({**whose, "step": step}, sort_keys=False)
+        write_atomically(folder / CONFIG, record)
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")
 
     def _check_step(self, last: int, end: str) -> None:
-        if self.step > last:
+        if self.step is not None and self.step > last:
             raise InputError(
                 f"--step {self.step}: the rollout {end} at step {last}; name one from 0 to {last}, "
                 "or raise --seconds"
@@ -123,8 +136,14 @@ class Explain(Settings):
 
 
 def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
-    """Refuses a folder that holds another student's page."""
+    """Refuses a folder that holds another student's page, or a page of something else."""
+    refuse_run(folder)
     path = folder / CONFIG
+    if (folder / "index.html").exists() and not path.exists():
+        raise InputError(
+            f"{folder}: holds a page that 'glassgait explain' did not write; name a new folder "
+            "with --output"
+        )
     theirs = read_yaml(path) if path.exists() else whose
     for key in ("gait", "policy", "students", "expert"):
         if not isinstance(theirs, dict) or theirs.get(key) != whose[key]:

@@ -12,7 +12,7 @@ from diagrams.rollout import Rollout
 from models.a1 import robot
 from models.policies.expression import Expression, variable
 from models.policies.gates import GATE_MEANINGS, named_gates
-from models.policies.policy import Policy
+from models.policies.policy import Contributions, Policy
 from models.policies.symbolic import TERM_DIGITS, Tape
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
@@ -36,11 +36,25 @@ class ExplainedJoint:
         products: What the terms are made of (k).
         values: How much each term adds (n_steps, k).
         actions: The actions (n_steps,).
+        states: State of the machine (n_steps,).
     """
 
     products: tuple[Product, ...]
     values: np.ndarray
     actions: np.ndarray
+    states: np.ndarray
+
+    def active(self) -> np.ndarray:
+        """Tells which terms are in the formula of the step's state (n_steps, k)."""
+        # A term that serves all states has none of its own.
+        own = np.array([-1 if term.state is None else term.state for term in self.products])
+        return (own == -1) | (own == self.states[:, None])
+
+    def active_of(self, contributions: Contributions, step: int) -> Contributions:
+        """Leaves those parts (k) of a step's action that are in the formula of its state."""
+        kept = np.flatnonzero(self.active()[step])
+        terms = tuple(contributions.terms[index] for index in kept)
+        return Contributions(terms, contributions.values[kept])
 
     def importances(self) -> np.ndarray:
         """Returns the mean size of each term's swings over the rollout (k)."""
@@ -58,9 +72,13 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
         InputError: if this kind of policy has no such terms.
     """
     observations, actions = rollout["observations"], rollout["actions"]
+    states = rollout["rm_state"].argmax(axis=1)
     return tuple(
         ExplainedJoint(
-            products(policy, joint), policy.explain(observations, joint).values, actions[:, joint]
+            products(policy, joint),
+            policy.explain(observations, joint).values,
+            actions[:, joint],
+            states,
         )
         for joint in range(robot.N_JOINTS)
     )
@@ -112,7 +130,7 @@ def render_page(
         gait=gait,
         policy=POLICY_TITLES.get(policy_name, policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
-        n_shown=N_SHOWN,
+        additive=any(not term.weights for own in explained for term in own.products),
         gates=_gates(quantities.values()),
         data=_embedded(data),
         replay=_embedded(replay),
@@ -147,10 +165,17 @@ def _gates(titles: Iterable[str]) -> dict[str, str]:
 
 
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
-    """Keeps each action's largest terms as pairs of index and value, and the others' sum."""
-    values = explained.values
-    order = np.argsort(-np.abs(values), axis=1, kind="stable")[:, :N_SHOWN]
-    shown = np.take_along_axis(values, order, axis=1)
+    """Keeps each action's largest terms as pairs of index and value, and the others' sum.
+
+    The terms of other states than the machine's are none of the action's.
+    """
+    values, active = explained.values, explained.active()
+    sizes = np.where(active, np.abs(values), -1.0)
+    order = np.argsort(-sizes, axis=1, kind="stable")[:, :N_SHOWN]
+    n_active = active.sum(axis=1)
+    index = [own[:n].tolist() for own, n in zip(order, n_active, strict=True)]
+    shown = [own[kept] for own, kept in zip(values, index, strict=True)]
+    rest = [own.sum() - kept.sum() for own, kept in zip(values, shown, strict=True)]
     importances = explained.importances()
     ranked = np.argsort(-importances, kind="stable")[:N_SHOWN]
     place = {quantity: index for index, quantity in enumerate(quantities)}
@@ -164,9 +189,10 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
             for product in explained.products
         ],
         "action": _rounded(explained.actions),
-        "index": order.tolist(),
-        "value": _rounded(shown),
-        "rest": _rounded(values.sum(axis=1) - shown.sum(axis=1)),
+        "index": index,
+        "value": [_rounded(own) for own in shown],
+        "others": np.maximum(n_active - N_SHOWN, 0).tolist(),
+        "rest": _rounded(np.array(rest)),
         "error": float(np.abs(values.sum(axis=1) - explained.actions).max()),
         "ranked": ranked.tolist(),
         "importance": _rounded(importances[ranked]),

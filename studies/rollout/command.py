@@ -2,28 +2,30 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-from annotated_types import Ge
+import yaml
 
 from diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
 from diagrams.station import StationConfig
 from diagrams.visualization import open_meshcat
 from models.errors import InputError
+from models.files import write_atomically
 from models.policies.library import load_expert
 from models.policies.policy import Policy
-from models.settings import Settings
-from models.task import CONTROL_PERIOD
-from models.task.alternation import parse_ratio
+from models.settings import Seed, Settings
+from models.task.alternation import parse_ratio, ratio_title
 from models.task.gait import load_gait
 from studies.console import console
 from studies.distillation.library import find_student
 from studies.evaluation.figures import gait_figure
 from studies.evaluation.team import Team
 from studies.figures import save_figure
+from studies.records import to_plain
 from studies.rollout.live import play_live
-from studies.rollout.play import play
+from studies.rollout.play import Seconds, play
 from studies.rollout.stills import gait_strip
+from studies.run_folder import refuse_run
 
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""
@@ -42,7 +44,8 @@ class ShowRollout(Settings):
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
         command: The command where there are no sliders.
-        seconds: Length of the rollout (s), 10 by default; a fall ends it before. Not with --live.
+        seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
+            Not with --live.
         seed: Seed of the sensors' noise.
         station: Physics.
         students: Folder of a distillation; by default runs/distillation/<gait>, and where that
@@ -59,8 +62,8 @@ class ShowRollout(Settings):
     stills: bool = False
     live: bool = False
     command: FixedCommand = field(default_factory=FixedCommand)
-    seconds: Annotated[float, Ge(CONTROL_PERIOD)] | None = None
-    seed: Annotated[int, Ge(0)] = 0
+    seconds: Seconds | None = None
+    seed: Seed = 0
     station: StationConfig = field(default_factory=StationConfig)
     students: Path | None = None
     expert: Path | None = None
@@ -72,13 +75,15 @@ class ShowRollout(Settings):
             raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
 
     def run(self) -> None:
-        """Plays, and writes replay and gait diagram."""
+        """Plays, and writes replay, gait diagram and, beside them, these settings."""
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         student: Policy | None = None
         if self.policy != "expert":
             student = find_student(self.policy, expert, self.students)
-        period = parse_ratio(self.ratio or ("1" if student is None else "0"))
+        period = parse_ratio(
+            ("1" if student is None else "0") if self.ratio is None else self.ratio
+        )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
         team = Team(expert, student, period)
@@ -88,8 +93,11 @@ class ShowRollout(Settings):
             alternation_period=period,
             sensor_noise=1.0,
         )
-        name = f"{Path(self.policy).stem}_{(self.ratio or 'alone').replace('/', '-')}"
+        # As the paper writes it, so that 0.25 and 1/4 are one.
+        ratio = None if self.ratio is None else ratio_title(period)
+        name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
         stem = (self.output or Path("runs/rollout") / gait.name) / name
+        refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
             rollout = play_live(gait, team, config, meshcat, replay, seed=self.seed)
@@ -100,7 +108,11 @@ class ShowRollout(Settings):
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
             console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")
-        save_figure(gait_figure(rollout, gait, f"{gait.name}, {self.policy}"), stem)
+        record = yaml.safe_dump(to_plain(self), sort_keys=False)
+        write_atomically(stem.with_name(f"{name}.yaml"), record)
+        title = f"{gait.name}, {self.policy}" + (f", ratio {ratio}" if ratio else "")
+        save_figure(gait_figure(rollout, gait, title), stem)
         if self.stills:
             save_figure(gait_strip(rollout, gait), stem.with_name(f"{name}_stills"))
-        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf")
+        stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
+        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")

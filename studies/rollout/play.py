@@ -1,7 +1,9 @@
 """Playing one robot as fast as it goes, and keeping the replay."""
 
 from pathlib import Path
+from typing import Annotated
 
+from annotated_types import Ge, Le
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
@@ -11,6 +13,9 @@ from diagrams.rollout import Rollout, make_simulator, record
 from models.task import CONTROL_PERIOD
 from models.task.gait import Gait
 from studies.evaluation.team import Team
+
+Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
+"""Length of a rollout (s): a step at least, and an hour at most, which the memory holds."""
 
 
 def play(

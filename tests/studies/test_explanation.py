@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from diagrams.rollout import Rollout
+from models.policies.expression import parse_expression, variable_names
 from models.policies.library import load_expert, load_student
 from models.policies.linear import LinearPolicy
 from models.policies.open_loop import OpenLoopPolicy
-from models.policies.symbolic import Tape
+from models.policies.symbolic import StatewiseSymbolicPolicy, Tape
+from models.task.gait import load_gait
 from models.task.observation import machine_state_entries
 from studies.cli import main
 from studies.explanation.page import explain_rollout, render_page
@@ -135,6 +138,101 @@ def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, r
     assert page.read_bytes() != before
 
 
+def test_a_page_of_something_else_is_kept(tmp_path, refused):
+    page = tmp_path / "index.html"
+    page.write_text("mine")
+    assert "did not write" in refused(["explain", "--output", str(tmp_path)])
+    assert page.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [page]
+
+
+def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path):
+    where = ["--students", str(students), "--output", str(tmp_path)]
+    main(["explain", "--policy", "linear", "--seconds", "0.2", *where])
+    assert embedded(tmp_path / "index.html", "data")["step"] == 10
+    assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
+    assert (tmp_path / "linear_FL_hip_step_10.png").exists()
+
+
+def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
+    assert "additive model" not in page.read_text()
+    main(["explain", "--policy", "ebm", "--seconds", "0.2", "--output", str(tmp_path)])
+    assert "additive model is a function" in (tmp_path / "index.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def few():
+    """A student with 3 terms in one state of the machine and 16 in the other, a step in each."""
+    names = load_expert("trot").observation_names
+    variables = variable_names(len(names))
+    long = " + ".join(f"0.00{i + 1} * x{i}" for i in range(15))
+    texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
+    expressions = [[parse_expression(text, variables)] * 12 for text in texts]
+    policy = StatewiseSymbolicPolicy("trot", names, expressions)
+    observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
+    observations[:, machine_state_entries(names)] = np.eye(2)
+    values = {"observations": observations, "actions": policy(observations)}
+    values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
+    return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
+
+
+@pytest.fixture(scope="module")
+def few_page(few, tmp_path_factory):
+    policy, rollout = few
+    path = tmp_path_factory.mktemp("few") / "index.html"
+    text = render_page(
+        gait=load_gait("trot"),
+        policy_name="few",
+        observation_names=policy.observation_names,
+        rollout=rollout,
+        explained=explain_rollout(policy, rollout),
+        replay="",
+        joint=0,
+        step=0,
+        figures=[],
+    )
+    path.write_text(text)
+    return path
+
+
+def test_terms_of_other_states_are_none_of_the_actions(few_page):
+    data = embedded(few_page, "data")
+    assert data["state"] == [0, 1]
+    for joint in data["explained"]:
+        own = zip(data["state"], joint["index"], joint["value"], joint["others"], strict=True)
+        for state, index, value, others in own:
+            assert {joint["terms"][k]["state"] for k in index} == {state}
+            assert (len(index), others) == ((3, 0), (14, 2))[state]
+            assert len(value) == len(index)
+        total = np.array([sum(value) for value in joint["value"]]) + joint["rest"]
+        np.testing.assert_allclose(total, joint["action"], atol=2e-4)
+
+
+def test_browser_shows_the_terms_of_the_state_alone(few_page, browser):
+    shown = {}
+    for state in (0, 1):
+        browser.get("about:blank")
+        browser.get(f"file://{few_page}#joint=FL_hip&step={state}")
+        rows = browser.find_elements("css selector", "#local tbody td.term")
+        shown[state] = browser.find_element("id", "which").text, [row.text for row in rows]
+    which, terms = shown[0]
+    assert which == "All 3 terms"
+    assert (len(terms), terms.count("intercept"), terms[-1]) == (4, 1, "sum = action")
+    which, terms = shown[1]
+    assert which == "The 14 largest terms"
+    assert (len(terms), terms.count("intercept")) == (16, 1)
+    assert terms[-2:] == ["2 other terms", "sum = action"]
+
+
+def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
+    policy, rollout = few
+    own = explain_rollout(policy, rollout)[0]
+    for step, count in ((0, 3), (1, 16)):
+        parts = own.active_of(policy.explain(rollout["observations"][step], 0), step)
+        assert len(parts.terms) == len(parts.values) == count
+        assert parts.values.sum() == pytest.approx(rollout["actions"][step, 0])
+
+
 @pytest.fixture(scope="module")
 def formulas(tmp_path_factory):
     """The page of formulas that ship, whose terms have long names."""
@@ -238,7 +336,11 @@ def test_a_reader_can_check_every_product_by_hand(opened):
         (["--step", "-1"], "step is -1; it must be"),
         (["--seconds", "0"], "seconds is 0.0; it must be"),
         (["--seconds", "nan"], "seconds is nan; it must be"),
+        (["--seconds", "1e308"], "it must be 3600 or less"),
+        (["--seconds", "1e18"], "it must be 3600 or less"),
         (["--seed", "-1"], "seed is -1; it must be"),
+        (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
+        (["--policy", "expert"], "the expert's actions are no sums of terms; name a student"),
         (["--policy", "forest"], "unknown policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),

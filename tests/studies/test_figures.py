@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 
 import studies.rollout.stills
 from diagrams.camera import Camera
@@ -17,9 +18,12 @@ from models.errors import InputError
 from models.policies.library import EXPERT_DIRECTORY, load_expert
 from models.policies.policy import Contributions
 from models.task.gait import load_gait
-from studies.evaluation.figures import gait_figure
-from studies.figures import save_figure
+from studies.curricula.figures import curricula_figure
+from studies.evaluation.figures import gait_figure, reward_figure
+from studies.figures import save_figure, subplots
+from studies.front.figures import front_figure
 from studies.importance.additive_figures import contribution_figure
+from studies.importance.figures import importance_map, loss_figure, truth_figure
 from studies.rollout.stills import gait_strip, last_cycle
 from studies.training.figures import curriculum_curves, learning_curves
 
@@ -58,6 +62,55 @@ def test_names_of_a_gait_are_no_formulas(rollout, tmp_path):
     gait = replace(load_gait("trot"), states=("$\\stance{$", "swing"))
     save_figure(gait_figure(rollout, gait, "$\\mine{$, expert"), tmp_path / "gait", ("png",))
     assert (tmp_path / "gait.png").exists()
+
+
+HOSTILE = r"a$\frac$b"
+
+
+def titled_figures(curve):
+    """Draws every figure that takes a title from tables with hostile names."""
+    measures = {"reward": 9.0, "plain_reward": 9.0, "rhythm": 1.0, "speed_error": 0.1}
+    measures |= {"yaw_rate_error": 0.1, "cost_of_transport": 1.0, "fell": False}
+    who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
+    scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
+    row = {"policy": HOSTILE, "without": HOSTILE, "lost": 0.5, "lost_ci": 0.1}
+    lost = pd.DataFrame([{**row, "mode": mode} for mode in ("mean", "shuffled", "delayed")])
+    ranks = lost.head(1)[["policy", "without"]].assign(method="terms", importance=1.0)
+    ranks = pd.concat([ranks, ranks.assign(without="b", importance=0.5)])
+    lost = pd.concat([lost, lost.assign(without="b", lost=0.2)])
+    front = pd.DataFrame({"family": ["linear"], "nodes": [9.0], "share": [0.9]})
+    front = front.assign(fall_rate=0.0, r2=0.9)
+    curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
+    parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
+    return {
+        "reward": reward_figure(scores, HOSTILE),
+        "contributions": contribution_figure(parts, HOSTILE),
+        "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
+        "losses": loss_figure(lost, HOSTILE),
+        "truth": truth_figure(ranks, lost, HOSTILE),
+        "front": front_figure(front, HOSTILE),
+        "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
+        "learning": learning_curves({HOSTILE: curve}),
+    }
+
+
+def test_dollars_in_names_are_no_mathematics(curve, tmp_path):
+    figures = titled_figures(curve)
+    for name, figure in figures.items():
+        assert any(HOSTILE in text.get_text() for text in figure.findobj(Text))
+        save_figure(figure, tmp_path / name)
+    assert len(list(tmp_path.iterdir())) == 2 * len(figures)
+
+
+def test_powers_of_ten_are_still_written_as_such(tmp_path):
+    figure, axes = subplots()
+    axes.plot([1e-5, 1e-1], [1, 2])
+    axes.set(xscale="log", title=HOSTILE)
+    save_figure(figure, tmp_path / "powers")
+    labels = [label for label in axes.get_xticklabels() if "10^" in label.get_text()]
+    assert labels
+    assert all(label.get_parse_math() for label in labels)
+    assert not axes.title.get_parse_math()
 
 
 def test_long_terms_are_drawn_whole():

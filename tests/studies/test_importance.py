@@ -274,7 +274,8 @@ def test_interprets_dashboard_draws_the_rebuilt_model(additive):
 
 def test_additive_students_are_drawn(additive, tmp_path):
     policy, _, observations = additive
-    stems = draw_student("trot", "ebm", policy, 0, observations, tmp_path)
+    # A dollar sign in a name is one.
+    stems = draw_student(r"a$\frac$b", "ebm", policy, 0, observations, tmp_path)
     assert [stem.name for stem in stems] == [
         f"ebm_FL_hip_{what}" for what in ("terms", "shapes", "pair_1", "pair_2")
     ]

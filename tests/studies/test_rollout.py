@@ -11,12 +11,16 @@ from queue import Empty, Queue
 
 import numpy as np
 import pytest
+import yaml
 
+import studies.rollout.command
 import studies.rollout.live
 from diagrams.locomotion import LocomotionConfig, SliderCommand
 from diagrams.visualization import open_meshcat
 from models.policies.library import load_expert
 from models.policies.linear import LinearPolicy
+from studies.cli import main
+from studies.evaluation.figures import gait_figure
 from studies.evaluation.team import Team
 from studies.rollout.live import play_live
 
@@ -109,7 +113,7 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
     seconds = float(until_said(lines, r"stopped after ([\d.]+) s").group(1))
     assert process.wait(timeout=60) == 0
     assert seconds > 2.0
-    assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf"}
+    assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf", ".yaml"}
     replay = (tmp_path / "expert_alone.html").read_text()
     assert "yaw rate" not in replay
 
@@ -167,7 +171,11 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
         (["--seconds", "-3"], "seconds is -3.0; it must be"),
         (["--seconds", "nan"], "seconds is nan; it must be"),
         (["--seconds", "inf"], "seconds is inf; it must be"),
+        (["--seconds", "1e308"], "it must be 3600 or less"),
+        (["--seconds", "1e18"], "it must be 3600 or less"),
         (["--seed", "-1"], "seed is -1; it must be"),
+        (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
+        (["--policy", "symbolic", "--ratio", ""], "is not an alternation ratio"),
         (["--live", "--seconds", "3"], "leave --seconds out"),
         (["--command.speed", "30"], "speed"),
         (["--command.speed", "nan"], "speed"),
@@ -179,3 +187,61 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
 def test_bad_settings_are_told_before_anything_is_written(refused, tmp_path, arguments, message):
     assert message in refused(["rollout", *arguments, "--output", str(tmp_path / "shown")])
     assert not (tmp_path / "shown").exists()
+
+
+@pytest.fixture
+def titles(monkeypatch):
+    """Notes the titles of the gait diagrams that are drawn."""
+    noted = []
+
+    def noting(rollout, gait, title):
+        noted.append(title)
+        return gait_figure(rollout, gait, title)
+
+    monkeypatch.setattr(studies.rollout.command, "gait_figure", noting)
+    return noted
+
+
+def test_a_replay_has_its_settings_beside_it(tmp_path):
+    asked = ["--seconds", "0.2", "--seed", "7", "--command.speed", "0.3"]
+    main(["rollout", *asked, "--output", str(tmp_path)])
+    kept = yaml.safe_load((tmp_path / "expert_alone.yaml").read_text())
+    assert (kept["gait"], kept["policy"], kept["seconds"], kept["seed"]) == (
+        "trot",
+        "expert",
+        0.2,
+        7,
+    )
+    assert kept["command"]["speed"] == 0.3
+
+
+def test_a_ratio_has_one_name_however_it_is_written(tmp_path, titles):
+    command = ["rollout", "--policy", "symbolic", "--seconds", "0.2", "--output", str(tmp_path)]
+    main([*command, "--ratio", "1/4"])
+    before = {path.name for path in tmp_path.iterdir()}
+    main([*command, "--ratio", "0.25"])
+    assert {path.name for path in tmp_path.iterdir()} == before
+    assert "symbolic_1-4.html" in before
+    main(command)
+    assert titles == ["trot, symbolic, ratio 1/4"] * 2 + ["trot, symbolic"]
+
+
+def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
+    drawn = studies.rollout.command.gait_figure
+    monkeypatch.setattr(
+        studies.rollout.command, "gait_strip", lambda rollout, gait: drawn(rollout, gait, "stills")
+    )
+    command = ["rollout", "--seconds", "0.2", "--output", str(tmp_path)]
+    main(command)
+    assert "stills to" not in capsys.readouterr().out
+    main([*command, "--stills"])
+    said = capsys.readouterr().out.replace("\n", "")
+    assert f"stills to {tmp_path / 'expert_alone_stills.png'}" in said
+    assert (tmp_path / "expert_alone_stills.pdf").exists()
+
+
+def test_the_folder_of_a_run_is_refused(tmp_path, refused):
+    (tmp_path / "config.yaml").write_text("study: train\nsettings: {}\n")
+    for command in ("rollout", "explain"):
+        assert "holds a run" in refused([command, "--output", str(tmp_path)])
+    assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]

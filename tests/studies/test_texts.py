@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from matplotlib import pyplot as plt
 
 from diagrams.rollout import Rollout
 from models.task.gait import GAIT_DIRECTORY, load_gait
 from studies.cli import main
 from studies.console import console, progress_bar, say
 from studies.evaluation.figures import draw_gait
+from studies.figures import save_figure, subplots
 from studies.tables import print_table, to_markdown
 
 WORDS = ["[/y]", "[bold]x[/bold]", "x[y]", ":smile:", "[link=a]b[/link]", "\\[x]"]
@@ -57,7 +57,7 @@ def test_states_named_like_mathematics_are_drawn(tmp_path):
     rollout = Rollout(
         np.arange(4.0), {"rm_state": np.eye(2)[[0, 1, 0, 1]], "foot_contact": np.eye(4)}
     )
-    figure, axes = plt.subplots()
+    figure, axes = subplots()
     draw_gait(axes, rollout, gait)
-    figure.canvas.draw()
-    plt.close(figure)
+    save_figure(figure, tmp_path / "gait")
+    assert (tmp_path / "gait.png").exists()
