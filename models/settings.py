@@ -9,7 +9,7 @@ from dataclasses import fields
 from functools import cache
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -54,6 +54,9 @@ DISTINCT = AfterValidator(_distinct)
 
 IN_ORDER = AfterValidator(_in_order)
 """Annotates a pair of which the first is at most the second."""
+
+FEW = MaxLen(100)
+"""Bounds a list, which a run records and reads back."""
 
 Interval = Annotated[tuple[float, float], IN_ORDER]
 """The least and the greatest of a range; they may be the same."""
@@ -136,7 +139,7 @@ _WANTED = {
     "literal_error": "{expected}",
     "tuple_type": "a list",
     "missing": "longer",
-    "too_long": "of {max_length} values",
+    "too_long": "of {max_length} values at most",
     "path_type": "a path",
     "is_instance_of": "a path",
     "dataclass_type": "a mapping of settings",

@@ -3,10 +3,16 @@
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from models.errors import InputError, shown
-from studies.ending import end_at_once_from_now_on, ended_at_once, told_plainly
+from studies.ending import (
+    end_at_once_from_now_on,
+    ended_at_once,
+    take_signals,
+    told_plainly,
+)
 
 COMMANDS = {
     "demo": (
@@ -67,9 +73,13 @@ TRAINS = ("train", "benchmark")
 def main(arguments: list[str] | None = None) -> None:
     """Runs a command; bad input ends in one sentence and exit code 2.
 
+    Ctrl-C ends in one with exit code 130, SIGTERM with 143.
+
     Args:
         arguments: The command and its settings; those that the process was called with by default.
     """
+    if arguments is None:
+        take_signals()
     try:
         with told_plainly():
             _run(sys.argv[1:] if arguments is None else arguments)
@@ -86,6 +96,7 @@ def _run(arguments: list[str]) -> None:
             with ended_at_once():
                 print(_version())
         case [name, *rest] if name in COMMANDS:
+            _check_working_folder()
             with ended_at_once():
                 command = _parse(name, rest)
             command.run()
@@ -93,6 +104,14 @@ def _run(arguments: list[str]) -> None:
             raise InputError(
                 f"there is no command {shown(name)}; the commands are {', '.join(COMMANDS)}"
             )
+
+
+def _check_working_folder() -> None:
+    # The libraries that are imported next would end the process where it is gone.
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise InputError("the working folder is gone; change to one that is there") from error
 
 
 def _parse(name: str, arguments: list[str]) -> Any:

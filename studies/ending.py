@@ -1,14 +1,17 @@
-"""How commands end on a mistake, a full disk or Ctrl-C: in one sentence, never in a traceback.
+"""How commands end on a mistake, a full disk or a signal: in one sentence, never in a traceback.
 
 Nothing heavy is imported here, so that the sentence comes even while all else is imported.
 """
 
+import _thread
+import atexit
 import errno
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from typing import NoReturn
 
@@ -17,14 +20,23 @@ from models.errors import InputError
 BROKEN_PIPE = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
+TERMINATED = 143
+
+PATIENCE = 15.0
+"""Seconds after a signal in which the process may unwind, before it ends all the same."""
+
+_SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_NO_MEMORY = "there is not enough memory; ask for fewer robots, samples or bins"
 
 
 @contextmanager
 def told_plainly() -> Iterator[None]:
     """Turns bad input, and what the system refuses, into one sentence and exit code 2.
 
-    Ctrl-C ends with exit code 130, and a reader that wants no more output in silence.
+    Ctrl-C ends with exit code 130, SIGTERM with 143, and a reader that wants no more output in
+    silence.
     """
+    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             # What a terminal cannot write, such as a path that is not UTF-8, goes by its codes.
@@ -34,43 +46,111 @@ def told_plainly() -> Iterator[None]:
         sys.stdout.flush()
     except InputError as error:
         _end(str(error), BAD_INPUT)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        _replace_handlers(_end_at_once, _end_quietly)
+        number = signal.SIGTERM if signal.SIGTERM in interrupt.args else signal.SIGINT
         print(file=sys.stderr)
-        _end("interrupted; what was finished is kept", INTERRUPTED)
+        _end(f"{_SIGNALS[number]}; what was finished is kept", 128 + number)
     except BrokenPipeError:
         # Python flushes the output once more when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(BROKEN_PIPE)
     except MemoryError:
-        _end("there is not enough memory; ask for fewer robots, samples or bins", BAD_INPUT)
+        _end(_NO_MEMORY, BAD_INPUT)
+    except RuntimeError as error:
+        # torch has no class of its own for it.
+        if "allocate memory" not in str(error):
+            raise
+        _end(_NO_MEMORY, BAD_INPUT)
     except OSError as error:
         _end(_refusal(error), BAD_INPUT)
 
 
+def take_signals() -> None:
+    """Has the first Ctrl-C or SIGTERM unwind this process, and the next one end it at once."""
+    for number in _SIGNALS:
+        # A shell has its background commands ignore Ctrl-C: they still do.
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+    # What is registered first runs last: only Python's own ending follows, which would drop the
+    # handlers and have a signal end the process with its own code.
+    atexit.register(_ignore_signals)
+
+
 @contextmanager
 def ended_at_once() -> Iterator[None]:
-    """Has Ctrl-C end the process at once, where an exception would be lost inside of an import."""
-    before = signal.signal(signal.SIGINT, _end_at_once)
+    """Has signals end the process at once, where an exception would be lost inside of an import."""
+    before = {
+        number: signal.signal(number, _end_at_once)
+        for number in _SIGNALS
+        if signal.getsignal(number) is not signal.SIG_IGN
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def end_at_once_from_now_on() -> None:
-    """Has Ctrl-C end the process at once, which is about to end: there is nothing to unwind."""
-    signal.signal(signal.SIGINT, _end_at_once)
+    """Has signals end the process at once, which is about to end: there is nothing to unwind."""
+    _replace_handlers(_interrupt, _end_at_once)
 
 
-def _end_at_once(*_: object) -> NoReturn:
-    os.write(sys.__stderr__.fileno(), b"\nglassgait: interrupted\n")  # type: ignore[union-attr]
-    os._exit(INTERRUPTED)
+def _interrupt(number: int, _: object) -> NoReturn:
+    _replace_handlers(_interrupt, _end_at_once)
+    # A thread of `threading` would need locks that the interrupted code may hold.
+    _thread.start_new_thread(_end_late, (number,))
+    raise KeyboardInterrupt(number)
+
+
+def _end_late(number: int) -> None:
+    time.sleep(PATIENCE)
+    if signal.getsignal(number) is _end_at_once:
+        _end_at_once(number)
+    _end_quietly(number)
+
+
+def _end_at_once(number: int, *_: object) -> NoReturn:
+    with suppress(OSError):
+        os.write(2, f"\nglassgait: {_SIGNALS[signal.Signals(number)]}\n".encode())
+    os._exit(128 + number)
+
+
+def _end_quietly(number: int, *_: object) -> NoReturn:
+    os._exit(128 + number)
+
+
+def _ignore_signals() -> None:
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _replace_handlers(old: Callable[..., NoReturn], new: Callable[..., NoReturn]) -> None:
+    for number in _SIGNALS:
+        if signal.getsignal(number) is old:
+            signal.signal(number, new)
+
+
+def _open_streams() -> None:
+    """Has output that was closed before the start go nowhere, rather than into other files."""
+    for descriptor, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+            os.set_inheritable(descriptor, True)
+            setattr(sys, name, os.fdopen(descriptor, "w", closefd=False))
 
 
 def _end(sentence: str, code: int) -> NoReturn:
+    end_at_once_from_now_on()
     sys.stdout.flush()
-    print(f"glassgait: {sentence}", file=sys.stderr)
+    print(f"glassgait: {_on_one_line(sentence)}", file=sys.stderr)
     sys.exit(code)
+
+
+def _on_one_line(sentence: str) -> str:
+    # A path may hold line breaks, and codes that a terminal obeys.
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
 
 
 def _refusal(error: OSError) -> str:

@@ -8,7 +8,7 @@ from pydantic import AfterValidator
 
 from diagrams.station import StationConfig
 from models.errors import InputError
-from models.settings import DISTINCT, Count, Natural, Seed, Settings, Share
+from models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, Share
 from models.task.gait import Gait
 from studies.distillation.collection import HELD_OUT_EVERY
 
@@ -185,9 +185,13 @@ class SymbolicConfig(Settings):
     generations: Count = 100
     population: Annotated[Count, Ge(2)] = 200
     coefficient_iterations: Natural = 3
-    shapes: Annotated[tuple[Shape, ...], MinLen(1)] = ((90, 90), (64, 64), (74, 90))
-    statewise_shapes: Annotated[tuple[Shape, ...], MinLen(1)] = ((64, 64), (90, 90), (120, 120))
-    start_weights: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = (1, 20)
+    shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = ((90, 90), (64, 64), (74, 90))
+    statewise_shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = (
+        (64, 64),
+        (90, 90),
+        (120, 120),
+    )
+    start_weights: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = (1, 20)
     max_samples: Count = 3000
     alone_episodes: Count = 13
 
@@ -249,7 +253,7 @@ class DistillationConfig(Settings):
     title: ClassVar[str] = "distillation"
 
     gait: str = "trot"
-    students: Annotated[tuple[StudentKind, ...], MinLen(1), DISTINCT] = tuple(STUDENT_TITLES)
+    students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = tuple(STUDENT_TITLES)
     seed: Seed = 0
     episodes: Count = 30
     episodes_per_level: Count = 4
@@ -258,7 +262,7 @@ class DistillationConfig(Settings):
     alone_steps: Steps = 250
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
-    speeds: Annotated[tuple[float, ...], MinLen(1)] = (0.0, 0.25, 0.5, 0.75)
+    speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
     station: StationConfig = field(default_factory=StationConfig)
     gbm: GbmConfig = field(default_factory=GbmConfig)
     histogram_gbm: HistogramGbmConfig = field(default_factory=HistogramGbmConfig)

@@ -10,7 +10,7 @@ from annotated_types import MinLen
 
 from models.errors import InputError
 from models.policies.library import load_expert, shipped_experts, shipped_students
-from models.settings import DISTINCT, Settings
+from models.settings import DISTINCT, FEW, Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console
 from studies.distillation.library import distillation_folder, find_student, load_students
@@ -48,7 +48,7 @@ class Evaluate(Settings):
 
     gait: str = "trot"
     policy: str = "expert"
-    worlds: Annotated[tuple[WorldName | Literal["all"], ...], MinLen(1), DISTINCT] = ("all",)
+    worlds: Annotated[tuple[WorldName | Literal["all"], ...], MinLen(1), FEW, DISTINCT] = ("all",)
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )

@@ -12,7 +12,7 @@ from annotated_types import MinLen
 from models.policies.library import load_expert, load_policy
 from models.policies.neural import NeuralPolicy
 from models.policies.symbolic import FormulaPolicy
-from models.settings import DISTINCT, Count, Settings
+from models.settings import DISTINCT, FEW, Count, Settings
 from models.task.gait import Gait, load_gait
 from studies.console import console, say
 from studies.distillation.collection import Dataset, level_paths, load_levels
@@ -54,7 +54,7 @@ class Front(Settings):
 
     gait: str = "trot"
     samples: Path | None = None
-    lengths: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = LENGTHS
+    lengths: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = LENGTHS
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )

@@ -12,7 +12,7 @@ from models.a1.robot import joint_index
 from models.errors import InputError
 from models.policies.library import load_expert
 from models.policies.policy import Policy
-from models.settings import DISTINCT, Count, Settings
+from models.settings import DISTINCT, FEW, Count, Settings
 from models.task.gait import load_gait
 from studies.console import console, say
 from studies.distillation.collection import level_paths
@@ -48,7 +48,7 @@ class Importance(Settings):
     title: ClassVar[str] = "importance"
 
     gait: str = "trot"
-    policies: Annotated[tuple[StudentKind, ...], MinLen(1), DISTINCT] = (
+    policies: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = (
         "gbm",
         "ebm",
         "statewise_linear",

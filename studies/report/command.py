@@ -11,7 +11,7 @@ from annotated_types import MinLen
 from models.errors import InputError
 from models.files import write_atomically
 from models.policies.library import load_expert, shipped_experts
-from models.settings import DISTINCT, Settings
+from models.settings import DISTINCT, FEW, Settings
 from studies.console import console, say
 from studies.pages import inline_image, page_template
 from studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
@@ -36,7 +36,7 @@ class Report(Settings):
 
     title: ClassVar[str] = "report"
 
-    gaits: Annotated[tuple[str, ...], MinLen(1), DISTINCT] = PAPER_GAITS
+    gaits: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = PAPER_GAITS
     quick: bool = False
     resume: bool = False
     output: Path | None = None

@@ -3,16 +3,27 @@
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
-from annotated_types import Le, MinLen
+from annotated_types import Le, MaxLen, MinLen
 
 from diagrams.station import StationConfig
 from models.errors import InputError
-from models.settings import IN_ORDER, Count, Natural, NotNegative, Positive, Seed, Settings, Share
+from models.settings import (
+    FEW,
+    IN_ORDER,
+    Count,
+    Natural,
+    NotNegative,
+    Positive,
+    Seed,
+    Settings,
+    Share,
+)
 from models.task.randomization import Randomization
 from models.task.termination import TerminationLimits
 
 Fraction = Annotated[NotNegative, Le(1.0)]
-Layers = Annotated[tuple[Count, ...], MinLen(1)]
+LearningRate = Annotated[Positive, Le(1.0)]
+Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
@@ -73,7 +84,7 @@ class PpoConfig(Settings):
     entropy: NotNegative = 0.01
     final_entropy: NotNegative = 0.001
     entropy_decay: Updates = (400, 600)
-    learning_rate: Positive = 1e-3
+    learning_rate: LearningRate = 1e-3
     desired_kl: Positive = 0.01
     final_kl: Positive = 0.002
     kl_decay: Updates = (1300, 1400)
@@ -97,7 +108,7 @@ class EstimatorConfig(Settings):
     title: ClassVar[str] = "training: estimator"
 
     layers: Layers = (128, 128)
-    learning_rate: Positive = 1e-3
+    learning_rate: LearningRate = 1e-3
     epochs: Count = 1
     mini_batches: Count = 4
 
@@ -132,8 +143,8 @@ class TrainingConfig(Settings):
     updates: Count = 1450
     n_robots: Count = 256
     n_groups: Count = 8
-    payloads: tuple[NotNegative, ...] = (2.0, 2.0)
-    fine_steps: tuple[Positive, ...] = (0.005, 0.0025)
+    payloads: Annotated[tuple[NotNegative, ...], FEW] = (2.0, 2.0)
+    fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     station: StationConfig = field(default_factory=StationConfig)

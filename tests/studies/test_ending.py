@@ -16,7 +16,7 @@ import pytest
 
 from models.errors import InputError
 from studies.cli import COMMANDS, main
-from studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, told_plainly
+from studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, TERMINATED, told_plainly
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"matplotlib", "numpy", "pydantic", "pydrake", "rich", "torch", "tyro"}
@@ -76,7 +76,10 @@ NO_ROOM = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 ENDINGS = [
     (InputError("a: is not b; mend it"), BAD_INPUT, "a: is not b; mend it"),
     (KeyboardInterrupt(), INTERRUPTED, "interrupted; what was finished is kept"),
+    (KeyboardInterrupt(signal.SIGTERM), TERMINATED, "terminated; what was finished is kept"),
+    (InputError("a\nb\x1b[31m\u202eé: mend it"), BAD_INPUT, "a\\nb\\x1b[31m\\u202eé: mend it"),
     (MemoryError(), BAD_INPUT, "there is not enough memory"),
+    (RuntimeError("DefaultCPUAllocator: can't allocate memory"), BAD_INPUT, "there is not enough"),
     (PermissionError(errno.EACCES, "Permission denied", "runs/a"), BAD_INPUT, "runs/a: Permission"),
     (PermissionError(errno.EACCES, "Denied", b"runs/\xff"), BAD_INPUT, "runs/"),
     (NO_ROOM, BAD_INPUT, "No space left on device; make room there"),
@@ -94,9 +97,10 @@ def test_an_error_ends_in_one_sentence(error, code, told, capsys):
     assert line.startswith(f"glassgait: {told}")
 
 
-def test_an_error_of_the_program_keeps_its_traceback():
-    with pytest.raises(ZeroDivisionError), told_plainly():
-        raise ZeroDivisionError
+@pytest.mark.parametrize("error", [ZeroDivisionError, RuntimeError])
+def test_an_error_of_the_program_keeps_its_traceback(error):
+    with pytest.raises(error), told_plainly():
+        raise error
 
 
 @pytest.mark.parametrize(
@@ -132,6 +136,102 @@ def test_a_full_disk_is_told(command):
     assert process.returncode == BAD_INPUT
     (line,) = process.stderr.splitlines()
     assert line.startswith("glassgait: No space left on device; make room there")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [("gait trot", 0), ("--help", 0), ("gait gallop", BAD_INPUT)]
+)
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_output_that_is_closed_is_done_without(arguments, code, closed):
+    process = subprocess.run(
+        ["sh", "-c", f"exec '{sys.executable}' -m studies.cli {arguments} {closed}"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == code
+    assert "Traceback" not in process.stderr
+    assert bool(process.stdout) == (code == 0 and not closed.startswith(">"))
+
+
+def test_a_working_folder_that_is_gone_is_told(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = "import os\nfrom studies.cli import main\nos.rmdir(os.getcwd())\nmain(['train'])"
+    process = start(code, cwd=gone)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == BAD_INPUT
+    assert told == "glassgait: the working folder is gone; change to one that is there\n"
+
+
+# A command that is at work as soon as it has started, and that may be slow to unwind.
+AT_WORK = """
+import os, sys, time
+from studies import cli, ending
+
+class Work:
+    def run(self):
+        try:
+            os.write(1, b".")
+            time.sleep(60)
+        finally:
+            os.write(1, b".")
+            %s
+
+ending.PATIENCE = 1.0
+cli._parse = lambda *_: Work()
+sys.argv[1:] = ["train"]
+cli.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, INTERRUPTED, "interrupted"), (signal.SIGTERM, TERMINATED, "terminated")],
+)
+def test_a_signal_ends_a_command_in_one_sentence(number, code, word):
+    process = start(AT_WORK % "pass")
+    assert process.stdout.read(1) == "."
+    process.send_signal(number)
+    _, told = process.communicate(timeout=30)
+    assert (process.returncode, told) == (
+        code,
+        f"\nglassgait: {word}; what was finished is kept\n",
+    )
+
+
+@pytest.mark.parametrize("again", [0, 1])
+def test_a_command_that_hangs_on_its_way_out_ends_all_the_same(again):
+    process = start(AT_WORK % "import threading; threading.Event().wait()")
+    for _ in range(1 + again):
+        assert process.stdout.read(1) == "."
+        process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=30)
+    assert (process.returncode, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+
+
+AT_EXIT = """
+import atexit, os, sys, time
+
+# The last that Python does, and later than all that it calls at the exit: modules are gone by then.
+class Last:
+    def __del__(self, write=os.write, sleep=time.sleep):
+        write(1, b".")
+        sleep(1.0)
+
+sys.last = Last()
+"""
+
+
+def test_an_interrupt_after_the_sentence_keeps_the_exit_code():
+    process = start(AT_EXIT + AT_WORK % "pass")
+    assert process.stdout.read(1) == "."
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.read(2) == ".."
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert process.returncode == INTERRUPTED
 
 
 def interrupt_after(seconds, arguments, folder):

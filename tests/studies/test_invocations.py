@@ -8,7 +8,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import pytest
-from annotated_types import Ge, Gt, Le, Lt, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from models.settings import Settings
 from studies.cli import COMMANDS, main
@@ -140,6 +140,8 @@ def _within(value: Any, bound: Any) -> bool:
             return value < more
         case MinLen(length):
             return len(value) >= length
+        case MaxLen(length):
+            return len(value) <= length
         case _:
             return True
 

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -11,7 +12,8 @@ import psutil
 import pytest
 from joblib import delayed
 
-from studies.parallel import run_parallel
+from models.errors import InputError
+from studies.parallel import _signals_held, run_parallel
 
 PARENT = """
 import os, time
@@ -60,6 +62,42 @@ def test_results_come_in_the_order_of_the_calls():
     assert sorted(loose) == list(range(9))
 
 
+def test_a_worker_that_is_killed_is_told():
+    with pytest.raises(InputError, match="a worker process was ended from outside"):
+        list(run_parallel((delayed(_end)() for _ in range(4)), 2))
+
+
+def _end():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_until_workers_have_started_whoever_lets_them_through(number):
+    came, at_once = [], []
+
+    def send():
+        # As a library's thread, which blocks no signals.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
+        ready.wait()
+        os.kill(os.getpid(), number)
+        sent.set()
+
+    ready, sent = threading.Event(), threading.Event()
+    before = signal.signal(number, lambda *_: came.append(number))
+    try:
+        thread = threading.Thread(target=send)
+        thread.start()
+        with _signals_held():
+            ready.set()
+            sent.wait()
+            time.sleep(0.2)
+            at_once += came
+        thread.join()
+    finally:
+        signal.signal(number, before)
+    assert (at_once, came) == ([], [number])
+
+
 def test_one_at_a_time_stays_in_this_process():
     assert set(run_parallel((delayed(os.getpid)() for _ in range(3)), 1)) == {os.getpid()}
 
@@ -71,11 +109,12 @@ def test_workers_end_with_a_parent_that_is_killed(parent):
     assert _gone(workers, 10)
 
 
-def test_workers_leave_an_interrupt_to_their_parent(parent):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_workers_leave_signals_to_their_parent(parent, number):
     workers = _workers(parent)
     # As a terminal's Ctrl-C does: to every process of the group.
     for worker in workers:
-        os.kill(worker.pid, signal.SIGINT)
+        os.kill(worker.pid, number)
     time.sleep(0.5)
     assert all(worker.is_running() for worker in workers)
     os.killpg(parent.pid, signal.SIGINT)
