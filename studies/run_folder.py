@@ -244,18 +244,3 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def refuse_run(folder: Path) -> None:
-    """Refuses a folder that holds a run, for commands that keep something else.
-
-    Raises:
-        InputError: if it holds one.
-    """
-    path = folder / CONFIG_NAME
-    found = read_yaml(path) if path.exists() else None
-    if isinstance(found, dict) and "study" in found:
-        raise InputError(
-            f"{folder}: holds a run of 'glassgait {shown(found['study'])[1:-1]}'; name another "
-            "folder with --output"
-        )
