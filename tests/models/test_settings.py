@@ -63,7 +63,7 @@ BY_HAND = [
     ({"counts": (2, 0)}, "counts is (2, 0); it must be 1 or more"),
     ({"counts": (2, 2)}, "counts is (2, 2); it must be a list that names nothing twice"),
     ({"bounds": (1.0,)}, "bounds is (1.0,); it must be longer"),
-    ({"bounds": (1.0, 2.0, 3.0)}, "it must be of 2 values"),
+    ({"bounds": (1.0, 2.0, 3.0)}, "it must be of 2 values at most"),
     ({"bounds": (2.0, 1.0)}, "bounds is (2.0, 1.0); it must be the least, then the greatest"),
     ({"path": "a"}, "path is 'a'; it must be a path"),
     ({"inner": 3}, "inner is 3; it must be a mapping of settings"),
