@@ -1,5 +1,6 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
+import signal
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +15,10 @@ from models.task.gait import Gait, load_gait
 from models.task.observation import ObservationLayout
 from studies.cli import main
 from studies.ending import BAD_INPUT
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
