@@ -3,7 +3,6 @@
 import errno
 import hashlib
 import json
-import math
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from models.errors import InputError, brief, shown
-from models.plain_yaml import LONGEST_NUMBER, parse_yaml
+from models.errors import InputError
+from models.plain_yaml import parse_yaml
 
 TEXT_BYTES = 1_000_000
 """Greatest size of a text file that a person writes."""
@@ -137,33 +136,6 @@ def read_yaml(path: Path) -> Any:
         raise InputError(f"{path}: {error}") from error
 
 
-def read_json(path: Path, *, nan: bool = False) -> Any:
-    """Reads values from a JSON file.
-
-    Args:
-        path: The file.
-        nan: Whether it may hold NaN and infinities.
-
-    Raises:
-        InputError: if it cannot be read, is not valid, is nested too deeply, gives a key twice or
-            holds a number that is too large.
-    """
-    text = read_text(path, RECORD_BYTES)
-    constant = float if nan else _refused_constant
-    try:
-        return json.loads(
-            text,
-            parse_int=_whole_number,
-            parse_float=lambda digits: _float(digits, nan),
-            parse_constant=constant,
-            object_pairs_hook=_unique_keys,
-        )
-    except RecursionError as error:
-        raise InputError(f"{path}: is nested too deeply; mend it") from error
-    except ValueError as error:
-        raise InputError(f"{path}: is not valid JSON ({brief(str(error))}); mend it") from error
-
-
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> None:
     """Writes named arrays, a JSON header and their checksum to one safetensors file, atomically.
 
@@ -256,32 +228,6 @@ def refuse_another(path: Path, theirs: Any, of: str | None) -> None:
             f"{path}: is of another run, or of another part of this one; delete it, and --resume "
             "makes it anew"
         )
-
-
-def _whole_number(digits: str) -> int:
-    if len(digits) > LONGEST_NUMBER:
-        raise ValueError(f"a number of more than {LONGEST_NUMBER} characters")
-    return int(digits)
-
-
-def _float(digits: str, nan: bool) -> float:
-    value = float(digits)
-    if not nan and not math.isfinite(value):
-        raise ValueError(f"number {brief(digits)} is too large")
-    return value
-
-
-def _refused_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number")
-
-
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {shown(twice)} is given twice")
-    return values
 
 
 def _checksum(arrays: Mapping[str, NDArray[Any]], header: Mapping[str, Any]) -> str:

@@ -18,7 +18,6 @@ from models.errors import InputError
 from models.files import (
     digest,
     load_arrays,
-    read_json,
     read_record,
     read_text,
     read_yaml,
@@ -239,7 +238,7 @@ def test_containers_of_other_kinds_are_refused(tmp_path, data):
 def test_folders_and_pipes_are_never_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path, tmp_path / "pipe"):
-        for read in (load_arrays, read_record, read_text, read_yaml, read_json, digest):
+        for read in (load_arrays, read_record, read_text, read_yaml, digest):
             with pytest.raises(InputError, match=f"^{path}: cannot be read .*regular file"):
                 read(path)
 
@@ -295,33 +294,6 @@ def test_records_of_other_kinds_are_damaged(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
         read_record(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[" * 100_000, "nested too deeply"),
-        ("9" * 101, "more than 100 characters"),
-        ('{"a": 1, "a": 2}', "key 'a' is given twice"),
-        ("[NaN]", "NaN is no number"),
-        ("1e999", "number 1e999 is too large"),
-        ("{", "not valid JSON"),
-        ("\x00", "control character"),
-    ],
-)
-def test_json_that_is_no_plain_data_is_refused(tmp_path, text, message):
-    path = tmp_path / "file.json"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message) as raised:
-        read_json(path)
-    assert str(raised.value).startswith(str(path))
-    assert len(str(raised.value)) < 300
-
-
-def test_json_holds_nan_where_that_is_asked_for(tmp_path):
-    path = tmp_path / "file.json"
-    path.write_text('\ufeff{"a": [NaN, -Infinity, 1e999, 7, 0.5]}')
-    assert repr(read_json(path, nan=True)) == repr({"a": [math.nan, -math.inf, math.inf, 7, 0.5]})
 
 
 @pytest.mark.parametrize(
