@@ -1,7 +1,7 @@
 """The batch simulator: the locomotion task for hundreds of robots at once.
 
-Physics runs in C++ threads; the task is the same batch-first functions of `models.task` that the
-systems diagram calls for one robot.
+Physics runs in C++ threads; the task is the same batch-first functions of
+`glassgait.models.task` that the systems diagram calls for one robot.
 """
 
 from collections.abc import Callable
@@ -12,19 +12,19 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from diagrams.batch_physics import BatchPhysics
-from models.a1 import robot
-from models.a1.robot import Array
-from models.settings import Interval, Settings
-from models.task import COMMAND_STEPS, EPISODE_STEPS
-from models.task.command import Command, sample_commands
-from models.task.contact import sense_feet
-from models.task.gait import Gait
-from models.task.observation import ObservationLayout, body_state, proprioception
-from models.task.randomization import Randomization
-from models.task.reward import RewardWeights, step_reward
-from models.task.reward_machine import MachineState, RewardMachine
-from models.task.termination import FAILURES, TerminationLimits, failures
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.settings import Interval, Settings
+from glassgait.models.task import COMMAND_STEPS, EPISODE_STEPS
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.contact import sense_feet
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.reward import RewardWeights, step_reward
+from glassgait.models.task.reward_machine import MachineState, RewardMachine
+from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 BoolArray = NDArray[np.bool_]
 
@@ -113,7 +113,7 @@ class BatchStep(NamedTuple):
         terms: Weighted terms of the reward (n, 9).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
-        failures: Flags in the order of `models.task.termination.FAILURES` (n, 6).
+        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 6).
         terminated: Whether any failure showed (n,).
         truncated: Whether the episode reached its end (n,).
     """

@@ -8,9 +8,9 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
-from models.a1 import robot
-from models.a1.robot import Array
+from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 
 
 class BatchPhysics:

@@ -18,10 +18,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
-from diagrams.station import AddA1Station, StationConfig
-from diagrams.visualization import TILE
-from models.a1 import robot
-from models.a1.robot import Array
+from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.diagrams.visualization import TILE
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 
 _RENDERER = "vtk"
 _SKY = np.array([0.93, 0.95, 0.97])

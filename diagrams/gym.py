@@ -9,18 +9,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from diagrams.batch import BatchSimulator, TaskConfig
-from diagrams.batch_physics import BatchPhysics
-from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, push
-from diagrams.rollout import make_simulator
-from diagrams.station import StationConfig, set_friction
-from models.a1 import robot
-from models.a1.robot import Array
-from models.task import CONTROL_PERIOD, EPISODE_STEPS
-from models.task.gait import Gait
-from models.task.observation import ObservationLayout
-from models.task.randomization import Randomization
-from models.task.termination import FAILURES
+from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, push
+from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.station import StationConfig, set_friction
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.termination import FAILURES
 
 ACTION_BOUND = 10.0
 """Bound of the action spaces; ten is 2.5 rad of joint target, past every joint's range."""

@@ -18,31 +18,31 @@ from pydrake.systems.primitives import (
     RandomSource,
 )
 
-from diagrams.station import AddA1Station, StationConfig, actuated_joints
-from diagrams.visualization import AddLocomotionDisplay
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.errors import InputError, shown
-from models.policies.policy import Policy
-from models.settings import Interval, Settings
-from models.task import COMMAND_STEPS, CONTROL_PERIOD
-from models.task.gait import Gait
-from models.task.observation import N_ESTIMATED, ObservationLayout
-from models.task.reward import RewardWeights
-from models.task.termination import TerminationLimits
-from systems.action_hold import ActionHold
-from systems.alternation import AlternationSchedule
-from systems.body_state_sensor import BodyStateSensor
-from systems.command import RandomCommand
-from systems.fall_monitor import FallMonitor
-from systems.foot_sensor import FootSensor
-from systems.joint_targets import JointTargets
-from systems.meshcat_command import MeshcatCommand
-from systems.observer import Observer
-from systems.policy import PolicySystem
-from systems.reward import RewardSystem
-from systems.reward_machine import RewardMachineSystem
-from systems.state_estimator import StateEstimator
+from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
+from glassgait.diagrams.visualization import AddLocomotionDisplay
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Interval, Settings
+from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import TerminationLimits
+from glassgait.systems.action_hold import ActionHold
+from glassgait.systems.alternation import AlternationSchedule
+from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.command import RandomCommand
+from glassgait.systems.fall_monitor import FallMonitor
+from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.joint_targets import JointTargets
+from glassgait.systems.meshcat_command import MeshcatCommand
+from glassgait.systems.observer import Observer
+from glassgait.systems.policy import PolicySystem
+from glassgait.systems.reward import RewardSystem
+from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.state_estimator import StateEstimator
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from pathlib import Path
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
-from diagrams.locomotion import set_plant_state
-from diagrams.rollout import Rollout
-from models.files import write_atomically
-from models.task import CONTROL_PERIOD
-from systems.gait_display import GaitDisplay
+from glassgait.diagrams.locomotion import set_plant_state
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.files import write_atomically
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.systems.gait_display import GaitDisplay
 
 
 def save_replay(diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path) -> None:

@@ -10,11 +10,11 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from diagrams.locomotion import find_locomotion, set_plant_state
-from models.a1.robot import Array
-from models.errors import InputError, shown
-from models.task import CONTROL_PERIOD
-from models.task.termination import FAILURES
+from glassgait.diagrams.locomotion import find_locomotion, set_plant_state
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.termination import FAILURES
 
 RECORDED_PORTS = (
     "actions",

@@ -34,11 +34,11 @@ from pydrake.multibody.tree import (
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from models.a1 import kinematics, robot
-from models.errors import InputError
-from models.settings import Settings
-from models.task import CONTROL_PERIOD
-from models.task.randomization import NOMINAL
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.randomization import NOMINAL
 
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
@@ -146,7 +146,7 @@ def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
 
     Inputs: desired_state (24; rad, rad/s), joint positions then velocities, in the order of the
     plant's actuators.
-    Outputs: state (37), as laid out in `models.a1.robot`. contact_results (abstract).
+    Outputs: state (37), as laid out in `glassgait.models.a1.robot`. contact_results (abstract).
     """
     builder = DiagramBuilder()
     plant, _, instance = AddA1Station(builder, config or StationConfig())

@@ -17,10 +17,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from models.task.gait import Gait
-from systems.foot_sensor import FootSensor
-from systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
-from systems.reward_machine import RewardMachineSystem
+from glassgait.models.task.gait import Gait
+from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
+from glassgait.systems.reward_machine import RewardMachineSystem
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:

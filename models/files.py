@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from models.errors import InputError
-from models.plain_yaml import parse_yaml
+from glassgait.models.errors import InputError
+from glassgait.models.plain_yaml import parse_yaml
 
 TEXT_BYTES = 1_000_000
 """Greatest size of a text file that a person writes."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from models.errors import InputError, brief
+from glassgait.models.errors import InputError, brief
 
 DEEPEST = 20
 """Greatest nesting."""

@@ -19,7 +19,7 @@ from pydantic import (
     create_model,
 )
 
-from models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown
 
 T = TypeVar("T", bound=tuple[Any, ...])
 

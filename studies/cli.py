@@ -6,8 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from models.errors import InputError, shown
-from studies.ending import (
+from glassgait.models.errors import InputError, shown
+from glassgait.studies.ending import (
     end_at_once_from_now_on,
     ended_at_once,
     take_signals,
@@ -16,52 +16,52 @@ from studies.ending import (
 
 COMMANDS = {
     "demo": (
-        "studies.demo.command:Demo",
+        "glassgait.studies.demo.command:Demo",
         "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
     ),
-    "train": ("studies.training.command:Train", "Train a neural expert by PPO."),
+    "train": ("glassgait.studies.training.command:Train", "Train a neural expert by PPO."),
     "distill": (
-        "studies.distillation.command:Distill",
+        "glassgait.studies.distillation.command:Distill",
         "Distil an expert into glass-box students by DAgger with alternation.",
     ),
     "evaluate": (
-        "studies.evaluation.command:Evaluate",
+        "glassgait.studies.evaluation.command:Evaluate",
         "Roll policies out in closed loop and score them.",
     ),
     "convergence": (
-        "studies.convergence.command:Convergence",
+        "glassgait.studies.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",
     ),
     "front": (
-        "studies.front.command:Front",
+        "glassgait.studies.front.command:Front",
         "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
     ),
     "curricula": (
-        "studies.curricula.command:Curricula",
+        "glassgait.studies.curricula.command:Curricula",
         "Distil by other curricula with as many samples, and let the students walk alone.",
     ),
     "importance": (
-        "studies.importance.command:Importance",
+        "glassgait.studies.importance.command:Importance",
         "Measure what each student looks at, and take it away to see whether that is true.",
     ),
     "explain": (
-        "studies.explanation.command:Explain",
+        "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",
     ),
     "report": (
-        "studies.report.command:Report",
+        "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
     ),
     "rollout": (
-        "studies.rollout.command:ShowRollout",
+        "glassgait.studies.rollout.command:ShowRollout",
         "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
     ),
     "gait": (
-        "studies.gait_command:ShowGait",
+        "glassgait.studies.gait_command:ShowGait",
         "Check a gait file and draw its reward machine.",
     ),
     "benchmark": (
-        "studies.benchmark.command:Benchmark",
+        "glassgait.studies.benchmark.command:Benchmark",
         "Measure training throughput and the time of one action, as ratios.",
     ),
 }

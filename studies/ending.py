@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from typing import NoReturn
 
-from models.errors import InputError
+from glassgait.models.errors import InputError
 
 BROKEN_PIPE = 1
 BAD_INPUT = 2

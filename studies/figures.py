@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
-from models.files import write_atomically
-from models.task.observation import unit_of
+from glassgait.models.files import write_atomically
+from glassgait.models.task.observation import unit_of
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""

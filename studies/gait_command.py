@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 import tyro
 
-from models.errors import InputError
-from models.files import write_atomically
-from models.task.drawing import to_graphviz, to_mermaid
-from models.task.gait import load_gait
-from studies.console import console
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.task.drawing import to_graphviz, to_mermaid
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console
 
 EXTENSIONS = {".mmd": "mermaid", ".md": "mermaid", ".dot": "graphviz", ".gv": "graphviz"}
 """Languages by the extension of a drawing's file."""

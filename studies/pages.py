@@ -5,7 +5,7 @@ from pathlib import Path
 
 import jinja2
 
-from studies.tables import format_cell
+from glassgait.studies.tables import format_cell
 
 SHARED_TEMPLATES = Path(__file__).parent / "templates"
 

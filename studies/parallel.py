@@ -13,7 +13,7 @@ from typing import Any
 from joblib import Parallel
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from models.errors import InputError
+from glassgait.models.errors import InputError
 
 WATCH_PERIOD = 1.0
 """Seconds between two looks of a worker for its parent."""

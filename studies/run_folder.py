@@ -12,9 +12,9 @@ from typing import Any
 import yaml
 from filelock import FileLock, Timeout
 
-from models.errors import InputError, brief, shown
-from models.files import digest, read_yaml, remove_litter, write_atomically
-from studies.records import to_plain
+from glassgait.models.errors import InputError, brief, shown
+from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
+from glassgait.studies.records import to_plain
 
 CONFIG_NAME = "config.yaml"
 LOCK_NAME = ".lock"

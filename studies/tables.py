@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
-from models.files import write_atomically
-from studies.console import console
+from glassgait.models.files import write_atomically
+from glassgait.studies.console import console
 
 
 def print_table(title: str, frame: pd.DataFrame) -> None:

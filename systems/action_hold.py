@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
 
-from models.a1 import robot
-from models.task import CONTROL_PERIOD
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
 
 
 class ActionHold(LeafSystem):

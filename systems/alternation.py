@@ -3,8 +3,8 @@
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPortIndex, LeafSystem, OutputPort
 
-from models.task import CONTROL_PERIOD
-from models.task.alternation import expert_acts
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.alternation import expert_acts
 
 
 class AlternationSchedule(LeafSystem):

@@ -2,8 +2,8 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1 import robot
-from models.task.observation import N_ESTIMATED, body_state
+from glassgait.models.a1 import robot
+from glassgait.models.task.observation import N_ESTIMATED, body_state
 
 
 class BodyStateSensor(LeafSystem):

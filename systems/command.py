@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.task import COMMAND_STEPS, CONTROL_PERIOD
-from models.task.command import Command, sample_commands
-from models.task.gait import Gait
+from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.gait import Gait
 
 
 class RandomCommand(LeafSystem):

@@ -2,8 +2,8 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1 import robot
-from models.task.termination import FAILURES, TerminationLimits, failures
+from glassgait.models.a1 import robot
+from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 
 class FallMonitor(LeafSystem):

@@ -2,9 +2,9 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
 
-from models.a1 import robot
-from models.task import CONTROL_PERIOD
-from models.task.contact import FootSense, sense_feet
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import FootSense, sense_feet
 
 
 class FootSensor(LeafSystem):
@@ -19,7 +19,7 @@ class FootSensor(LeafSystem):
         - foot_contact
         - foot_height
 
-    Inputs: state (37), the plant's, as laid out in `models.a1.robot`.
+    Inputs: state (37), the plant's, as laid out in `glassgait.models.a1.robot`.
     Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
     foot_height (4, m), of each foot's lowest point above the ground, world frame.
     State: contacts of the previous control step, latched every 20 ms (unrestricted update).

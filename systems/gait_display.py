@@ -5,9 +5,9 @@ from pydrake.geometry import Box, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem
 
-from models.a1 import kinematics, robot
-from models.task.gait import Gait
-from models.task.palette import STATE_COLORS
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import STATE_COLORS
 
 DISPLAY_PERIOD = 1.0 / 32.0
 """Time between two pictures (s)."""

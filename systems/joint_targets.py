@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1 import robot
+from glassgait.models.a1 import robot
 
 
 class JointTargets(LeafSystem):

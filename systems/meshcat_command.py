@@ -3,8 +3,8 @@
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, OutputPort, State
 
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
 
 # Short, since Meshcat cuts long names.
 SPEED_SLIDER = "speed (m/s)"

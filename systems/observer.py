@@ -4,8 +4,8 @@ import math
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1 import robot
-from models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
+from glassgait.models.a1 import robot
+from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
 
 
 class Observer(LeafSystem):

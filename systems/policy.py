@@ -3,10 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1 import robot
-from models.errors import InputError
-from models.policies.policy import Policy, first_not_finite
-from models.task import CONTROL_PERIOD
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.policy import Policy, first_not_finite
+from glassgait.models.task import CONTROL_PERIOD
 
 
 class PolicySystem(LeafSystem):

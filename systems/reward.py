@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
 
-from models.a1 import robot
-from models.task import CONTROL_PERIOD
-from models.task.reward import Reward, RewardWeights, step_reward
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.reward import Reward, RewardWeights, step_reward
 
 
 class RewardSystem(LeafSystem):

@@ -3,10 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
 
-from models.a1 import robot
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait
-from models.task.reward_machine import MachineState, MachineStep, RewardMachine
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 
 class RewardMachineSystem(LeafSystem):

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from models.a1.robot import Array
-from models.task.observation import N_ESTIMATED
+from glassgait.models.a1.robot import Array
+from glassgait.models.task.observation import N_ESTIMATED
 
 
 class StateEstimator(LeafSystem):

@@ -8,13 +8,13 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.policies.linear import LinearPolicy
-from models.task.gait import Gait, load_gait
-from models.task.observation import ObservationLayout
-from studies.cli import main
-from studies.ending import BAD_INPUT
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.cli import main
+from glassgait.studies.ending import BAD_INPUT
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.

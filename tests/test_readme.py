@@ -9,10 +9,10 @@ from pkgutil import resolve_name
 import interpret
 import pytest
 
-from models.policies.library import load_expert
-from models.task.gait import parse_gait
-from studies.cli import COMMANDS, main
-from studies.distillation.library import default_student, find_student
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import parse_gait
+from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.distillation.library import default_student, find_student
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()

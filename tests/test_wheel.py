@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from studies.distillation.library import default_student
+from glassgait.studies.distillation.library import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")
@@ -66,7 +66,7 @@ def installed(wheel, tmp_path_factory) -> Callable[..., str]:
         return done.stdout
 
     for name in PACKAGES:
-        origin = run("python", "-c", f"import {name}; print({name}.__file__)")
+        origin = run("python", "-c", f"import glassgait.{name} as package; print(package.__file__)")
         assert Path(origin.strip()).is_relative_to(folder)
     return run
 
@@ -88,7 +88,7 @@ def test_every_tracked_file_but_the_pages_pictures_is_in_the_wheel(wheel, tracke
         if Path(name).parent == Path("studies/pictures") and Path(name).suffix in (".png", ".gif")
     }
     names = {name for name in ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    assert names == set(tracked) - of_pages
+    assert names == {f"glassgait/{name}" for name in set(tracked) - of_pages}
     assert wheel.stat().st_size < LARGEST
 
 

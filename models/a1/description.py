@@ -1,15 +1,16 @@
-"""Writes the A1's URDF from the vendor's inertial table: `python -m models.a1.description`.
+"""Writes the A1's URDF from the vendor's inertial table.
 
-The feet are merged into the calves, one body fewer a leg; every shape is a primitive. The file is
-kept beside this module so that any URDF reader can open it, and a test holds the two together.
+`python -m glassgait.models.a1.description` does it. The feet are merged into the calves, one body
+fewer a leg; every shape is a primitive. The file is kept beside this module so that any URDF reader
+can open it, and a test holds the two together.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from models.a1 import robot
-from models.a1.robot import Array
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 
 ROBOT_NAME = "a1"
 

@@ -1,15 +1,16 @@
 """Closed-form kinematics of the A1, for any number of robots at once.
 
 Every function takes the plant's state or positions with robots along the leading axes; see
-`models.a1.robot` for the layout. Vectors are expressed in the trunk's frame (B) or the world's (W).
+`glassgait.models.a1.robot` for the layout. Vectors are expressed in the trunk's
+frame (B) or the world's (W).
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from models.a1 import robot
-from models.a1.robot import Array
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 
 _SIDE: Array = np.array([1.0, -1.0, 1.0, -1.0])
 _HIP_ORIGIN: Array = np.stack(

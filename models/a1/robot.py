@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown
 
 Array = NDArray[np.float64]
 

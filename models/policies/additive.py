@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1.robot import Array
-from models.policies.arrays import Indices, Reals
-from models.policies.policy import INTERCEPT, Contributions, Policy
-from models.policies.precision import rounded
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.policy import INTERCEPT, Contributions, Policy
+from glassgait.models.policies.precision import rounded
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown
 
 LARGEST = 1e30
 """Greatest size of a parameter: products of a few, as in a network, stay finite."""

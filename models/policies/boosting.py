@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
-from models.a1.robot import Array
-from models.errors import InputError
-from models.policies.arrays import Indices, Reals
-from models.policies.policy import Policy
-from models.policies.precision import rounded
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.precision import rounded
 
 _LOWER = "thresholds_lower_neighbours"
 """The array that a file holds instead of thresholds which tell no more."""

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import sympy
 
-from models.errors import InputError, shown
+from glassgait.models.errors import InputError, shown
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")

@@ -5,9 +5,9 @@ are in the air. All are bounded; a product with the iterations themselves would 
 where the robot is late.
 """
 
-from models.a1 import robot
-from models.policies.expression import Expression, constant, scaled, variable
-from models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.models.a1 import robot
+from glassgait.models.policies.expression import Expression, constant, scaled, variable
+from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
 
 LATE = 4
 """Control steps in a state of the machine that are neither early nor late."""

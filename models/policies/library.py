@@ -2,16 +2,16 @@
 
 from pathlib import Path
 
-from models.errors import InputError, shown
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.neural import NeuralPolicy
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.policy import Policy, read_policy_file
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from models.task.gait import Gait, load_gait
-from models.task.observation import ObservationLayout
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy, read_policy_file
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.observation import ObservationLayout
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
     policy.kind: policy

@@ -4,10 +4,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.a1.robot import Array
-from models.policies.arrays import Reals
-from models.policies.policy import INTERCEPT, Contributions, Policy
-from models.task.observation import STATE_ENTRY, machine_state_entries
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.arrays import Reals
+from glassgait.models.policies.policy import INTERCEPT, Contributions, Policy
+from glassgait.models.task.observation import STATE_ENTRY, machine_state_entries
 
 
 class LinearPolicy(Policy):

@@ -8,11 +8,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1.robot import Array
-from models.errors import InputError
-from models.policies.arrays import ArraySpec, Reals, take_arrays
-from models.policies.policy import Policy
-from models.task.observation import N_ESTIMATED
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.observation import N_ESTIMATED
 
 MAX_LAYERS = 8
 

@@ -12,13 +12,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.errors import InputError, shown
-from models.files import load_arrays, save_arrays
-from models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
-from models.policies.precision import narrowest
-from models.task.observation import STATE_ENTRY
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import load_arrays, save_arrays
+from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
+from glassgait.models.policies.precision import narrowest
+from glassgait.models.task.observation import STATE_ENTRY
 
 FORMAT_VERSION = 1
 

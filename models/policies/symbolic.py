@@ -11,19 +11,19 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.errors import InputError
-from models.policies.arrays import refuse_other_arrays
-from models.policies.expression import (
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.arrays import refuse_other_arrays
+from glassgait.models.policies.expression import (
     Expression,
     parse_expression,
     refuse_unfit,
     variable_names,
 )
-from models.policies.gates import named_gates
-from models.policies.policy import Contributions, Policy
-from models.task.observation import STATE_ENTRY, machine_state_entries
+from glassgait.models.policies.gates import named_gates
+from glassgait.models.policies.policy import Contributions, Policy
+from glassgait.models.task.observation import STATE_ENTRY, machine_state_entries
 
 TERM_DIGITS = 3
 """Digits of the constants in the terms that an action is split into."""

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError
+from glassgait.models.errors import InputError
 
 
 def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:

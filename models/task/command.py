@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.a1.robot import Array
-from models.task.gait import Gait
+from glassgait.models.a1.robot import Array
+from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2
 """Commanded speeds below this (m/s) become 0."""

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import kinematics
-from models.a1.robot import Array
+from glassgait.models.a1 import kinematics
+from glassgait.models.a1.robot import Array
 
 
 class FootSense(NamedTuple):

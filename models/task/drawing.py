@@ -5,8 +5,8 @@ Names are a person's own words, so they are quoted as each language asks.
 
 import re
 
-from models.task.gait import Gait, Transition
-from models.task.palette import STATE_COLORS
+from glassgait.models.task.gait import Gait, Transition
+from glassgait.models.task.palette import STATE_COLORS
 
 
 def to_graphviz(gait: Gait) -> str:

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import robot
-from models.errors import InputError, shown
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError, shown
 
 N_STANCES: Final = 2**robot.N_LEGS
 

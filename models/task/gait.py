@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import InputError, brief, shown
-from models.files import YAML_BYTES, parse_yaml, read_text
-from models.task.formula import N_STANCES, Formula, parse_formula
+from glassgait.models.errors import InputError, brief, shown
+from glassgait.models.files import YAML_BYTES, parse_yaml, read_text
+from glassgait.models.task.formula import N_STANCES, Formula, parse_formula
 
 GAIT_DIRECTORY = Path(__file__).resolve().parent / "gaits"
 

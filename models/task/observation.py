@@ -4,8 +4,8 @@ from functools import cached_property
 
 import numpy as np
 
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1

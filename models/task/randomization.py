@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar
 import numpy as np
 from annotated_types import Ge
 
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.settings import IN_ORDER, Interval, NotNegative, Settings
-from models.task import CONTROL_PERIOD
-from models.task.observation import JOINT_NOISE
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.observation import JOINT_NOISE
 
 
 @dataclass(frozen=True)

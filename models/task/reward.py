@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.settings import Settings
-from models.task import CONTROL_PERIOD
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
 
 TRACKING_WIDTH = 0.25
 """Squared width of the tracking terms ((m/s)², (rad/s)²)."""

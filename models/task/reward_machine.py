@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.task.formula import N_STANCES, stance_code
-from models.task.gait import Gait
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task.formula import N_STANCES, stance_code
+from glassgait.models.task.gait import Gait
 
 TRANSITION_MULTIPLIER = 1000.0
 """Factor on the plain reward of a step in which the machine moves on."""

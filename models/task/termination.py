@@ -7,9 +7,9 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.settings import Settings
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.settings import Settings
 
 FAILURES = (
     "body_contact",

@@ -8,22 +8,22 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from models.policies.library import load_expert, load_policy
-from models.policies.policy import Policy
-from models.settings import Count, Settings
-from studies.benchmark.distillation import (
+from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Count, Settings
+from glassgait.studies.benchmark.distillation import (
     compiled_against_library,
     expert_samples,
     study_against_naive_loop,
 )
-from studies.benchmark.inference import single_row_microseconds
-from studies.benchmark.throughput import gymnasium_processes, training_and_physics
-from studies.console import console, say
-from studies.distillation.config import STUDENT_TITLES, DistillationConfig
-from studies.distillation.library import distillation_folder, student_path
-from studies.run_folder import CONFIG_NAME, read_settings, refuse_run
-from studies.tables import print_table, write_metrics, write_table
-from studies.training.config import TrainingConfig
+from glassgait.studies.benchmark.inference import single_row_microseconds
+from glassgait.studies.benchmark.throughput import gymnasium_processes, training_and_physics
+from glassgait.studies.console import console, say
+from glassgait.studies.distillation.config import STUDENT_TITLES, DistillationConfig
+from glassgait.studies.distillation.library import distillation_folder, student_path
+from glassgait.studies.run_folder import CONFIG_NAME, read_settings, refuse_run
+from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.training.config import TrainingConfig
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,16 @@ import pandas as pd
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
-from models.a1 import robot
-from models.files import read_record
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.neural import NeuralPolicy
-from models.task.gait import load_gait
-from studies.benchmark.inference import single_row_microseconds
-from studies.distillation.collection import HELD_OUT_EVERY, Dataset, collect
-from studies.distillation.config import DistillationConfig, StudentKind
-from studies.distillation.students import fit_library_models, untrained_student
+from glassgait.models.a1 import robot
+from glassgait.models.files import read_record
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.benchmark.inference import single_row_microseconds
+from glassgait.studies.distillation.collection import HELD_OUT_EVERY, Dataset, collect
+from glassgait.studies.distillation.config import DistillationConfig, StudentKind
+from glassgait.studies.distillation.students import fit_library_models, untrained_student
 
 NAIVE_BAGS = 14
 """Outer bags of an additive model by interpret's default, fitted one after the other on 2 cores."""

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from models.a1.robot import Array
-from models.policies.policy import Policy
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.policy import Policy
 
 
 def single_row_microseconds(policy: Policy | Callable[[Array], Array], observation: Array) -> float:

@@ -13,15 +13,20 @@ from pydrake.gym import DrakeGymEnv
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.gym import action_space, observation_space
-from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, set_plant_state
-from diagrams.station import AddA1Station, StationConfig
-from models.a1 import robot
-from models.a1.robot import Array
-from models.task import CONTROL_PERIOD
-from models.task.gait import load_gait
-from studies.training.config import TrainingConfig
-from studies.training.study import TrainingRun
+from glassgait.diagrams.gym import action_space, observation_space
+from glassgait.diagrams.locomotion import (
+    DrawnCommands,
+    LocomotionConfig,
+    MakeLocomotion,
+    set_plant_state,
+)
+from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.study import TrainingRun
 
 
 def training_and_physics(

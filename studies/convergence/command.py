@@ -7,20 +7,20 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from models.policies.library import load_expert
-from models.settings import Settings
-from models.task import CONTROL_PERIOD
-from models.task.gait import load_gait
-from studies.console import console, say
-from studies.convergence.drop import drop_robot
-from studies.convergence.figures import convergence_figure
-from studies.convergence.variants import VARIANTS
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
-from studies.evaluation.team import Team
-from studies.figures import save_figure
-from studies.run_folder import open_run
-from studies.tables import print_table, write_metrics, write_table
+from glassgait.models.policies.library import load_expert
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.convergence.drop import drop_robot
+from glassgait.studies.convergence.figures import convergence_figure
+from glassgait.studies.convergence.variants import VARIANTS
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.figures import save_figure
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)

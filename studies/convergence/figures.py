@@ -4,8 +4,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.convergence.variants import CENIC, SAP, SAP_DEFAULT
-from studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.convergence.variants import CENIC, SAP, SAP_DEFAULT
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 
 _STYLES = {
     SAP: {"color": "#0072B2", "marker": "o"},

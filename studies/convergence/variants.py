@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from diagrams.station import ContactSolver, StationConfig
-from studies.evaluation.config import World
+from glassgait.diagrams.station import ContactSolver, StationConfig
+from glassgait.studies.evaluation.config import World
 
 DRAKES_RELAXATION_TIME = 0.2
 """What two bodies without a relaxation time of their own add up to in SAP (s)."""

@@ -8,23 +8,23 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from models.policies.library import load_expert
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.settings import Settings
-from models.task.gait import Gait, load_gait
-from studies.console import console, say
-from studies.curricula.figures import curricula_figure
-from studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
-from studies.distillation.library import load_students
-from studies.distillation.study import distill
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
-from studies.evaluation.scores import summarize_against
-from studies.evaluation.team import Team
-from studies.figures import save_figure
-from studies.run_folder import open_run
-from studies.tables import print_table, write_metrics, write_table
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.curricula.figures import curricula_figure
+from glassgait.studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
+from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
+from glassgait.studies.evaluation.scores import summarize_against
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.figures import save_figure
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import print_table, write_metrics, write_table
 
 CURRICULA = {
     "expert_only": "Expert acts (behaviour cloning)",

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from studies.distillation.config import STUDENT_TITLES
-from studies.evaluation.figures import STUDENT_LINES
-from studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.evaluation.figures import STUDENT_LINES
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 
 TICKS = {
     "expert_only": "expert\nonly",

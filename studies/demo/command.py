@@ -5,34 +5,34 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig
-from diagrams.visualization import open_meshcat
-from models.policies.library import load_expert
-from models.policies.neural import NeuralPolicy
-from models.settings import Count, Settings
-from models.task.gait import Gait, load_gait
-from studies.console import console, say
-from studies.demo.report import write_report
-from studies.distillation.config import (
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.settings import Count, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.demo.report import write_report
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from studies.distillation.library import load_students
-from studies.distillation.study import distill
-from studies.distillation.tables import write_r2_table
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.figures import gait_figure
-from studies.evaluation.jobs import run_jobs
-from studies.evaluation.results import write_alternation
-from studies.evaluation.tables import POLICY_TITLES
-from studies.evaluation.team import Team
-from studies.figures import save_figure
-from studies.rollout.play import play
-from studies.run_folder import open_run
-from studies.tables import print_table
+from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.figures import gait_figure
+from glassgait.studies.evaluation.jobs import run_jobs
+from glassgait.studies.evaluation.results import write_alternation
+from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.figures import save_figure
+from glassgait.studies.rollout.play import play
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import print_table
 
 QUICK = DistillationConfig(
     students=(

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from models.a1 import robot
-from models.files import write_atomically
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy
-from models.task.gait import Gait
-from studies.distillation.formulas import readable_formula
-from studies.evaluation.tables import POLICY_TITLES
-from studies.pages import inline_image, page_template
+from glassgait.models.a1 import robot
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.distillation.formulas import readable_formula
+from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 

@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagrams.batch import BatchSimulator, TaskConfig
-from diagrams.batch_physics import BatchPhysics
-from diagrams.station import StationConfig
-from models.a1 import robot
-from models.a1.robot import Array
-from models.errors import InputError
-from models.files import load_arrays, refuse_another, save_arrays
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy, first_not_finite
-from models.task import COMMAND_STEPS
-from models.task.alternation import expert_acts
-from models.task.command import Command, sample_commands
-from models.task.gait import Gait
-from models.task.observation import machine_state_entries
-from models.task.randomization import NOMINAL
+from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays, refuse_another, save_arrays
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy, first_not_finite
+from glassgait.models.task import COMMAND_STEPS
+from glassgait.models.task.alternation import expert_acts
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import machine_state_entries
+from glassgait.models.task.randomization import NOMINAL
 
 START_STEPS = 5
 """Control steps that an episode's start takes: the robot stands and has hardly acted before."""

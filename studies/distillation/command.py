@@ -6,15 +6,15 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from models.policies.library import load_expert
-from models.settings import Settings
-from models.task.gait import load_gait
-from studies.console import console, say
-from studies.distillation.config import DistillationConfig
-from studies.distillation.library import distillation_folder
-from studies.distillation.study import distill
-from studies.distillation.tables import write_r2_table
-from studies.tables import print_table
+from glassgait.models.policies.library import load_expert
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.library import distillation_folder
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.tables import print_table
 
 
 @dataclass(frozen=True)

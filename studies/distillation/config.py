@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Le, Lt, MinLen
 from pydantic import AfterValidator
 
-from diagrams.station import StationConfig
-from models.errors import InputError
-from models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, Share
-from models.task.gait import Gait
-from studies.distillation.collection import HELD_OUT_EVERY
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, Share
+from glassgait.models.task.gait import Gait
+from glassgait.studies.distillation.collection import HELD_OUT_EVERY
 
 StudentKind = Literal[
     "open_loop",

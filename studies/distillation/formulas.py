@@ -9,13 +9,13 @@ from pathlib import Path
 import sympy
 from sympy.printing.str import StrPrinter
 
-from models.a1 import robot
-from models.files import write_atomically
-from models.policies.expression import Expression
-from models.policies.gates import GATE_MEANINGS, named_gates
-from models.policies.symbolic import FormulaPolicy
-from models.task.observation import machine_state_entries, unit_of
-from studies.tables import escape_markdown
+from glassgait.models.a1 import robot
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.observation import machine_state_entries, unit_of
+from glassgait.studies.tables import escape_markdown
 
 DIGITS = 3
 

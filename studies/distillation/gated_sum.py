@@ -11,9 +11,9 @@ from itertools import takewhile
 import numpy as np
 from sklearn.linear_model import orthogonal_mp_gram
 
-from models.a1.robot import Array
-from models.policies.expression import Expression, constant, scaled, variable
-from models.policies.symbolic import Tape
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.expression import Expression, constant, scaled, variable
+from glassgait.models.policies.symbolic import Tape
 
 SPREAD = 1e-12
 """A term of a smaller standard deviation says nothing."""

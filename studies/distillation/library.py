@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from models.errors import InputError, shown
-from models.policies.library import load_policy, load_student, shipped_students
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from studies.distillation.config import STUDENT_TITLES, StudentKind
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.library import load_policy, load_student, shipped_students
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
 
 SUMS: tuple[StudentKind, ...] = (
     "symbolic",

@@ -7,16 +7,16 @@ from typing import Any
 import pandas as pd
 from joblib import delayed
 
-from models.a1 import robot
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task import EPISODE_STEPS
-from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.rollouts import roll_out
-from studies.evaluation.scores import score_rollouts, summarize
-from studies.evaluation.team import Team
-from studies.parallel import run_parallel
+from glassgait.models.a1 import robot
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.scores import score_rollouts, summarize
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.parallel import run_parallel
 
 WORTH_A_FALL = 0.97
 """Share of the best student's reward that one must earn to be preferred because it falls less."""

@@ -9,26 +9,26 @@ from joblib import delayed
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.gates import statewise_symbolic_gates, symbolic_gates
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from models.task.observation import ITERATIONS_SCALE, machine_state_entries
-from studies.distillation.collection import samples_by_state
-from studies.distillation.config import (
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.studies.distillation.collection import samples_by_state
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
     StudentKind,
 )
-from studies.distillation.symbolic_regression import fit_formulas
-from studies.parallel import run_parallel
+from glassgait.studies.distillation.symbolic_regression import fit_formulas
+from glassgait.studies.parallel import run_parallel
 
 RIDGE = 1.0
 """Weight of the penalty on the linear students' squared weights."""

@@ -11,29 +11,29 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import train_test_split
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.errors import InputError
-from models.files import digest, read_record, write_record
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import FormulaPolicy
-from models.task.alternation import ratio_title
-from models.task.gait import Gait
-from studies.distillation.collection import Dataset, collect
-from studies.distillation.config import (
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.files import digest, read_record, write_record
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.alternation import ratio_title
+from glassgait.models.task.gait import Gait
+from glassgait.studies.distillation.collection import Dataset, collect
+from glassgait.studies.distillation.config import (
     FORMULAS,
     STUDENT_TITLES,
     DistillationConfig,
     Shape,
     StudentKind,
 )
-from studies.distillation.formulas import write_formulas
-from studies.distillation.library import collector, samples_folder, student_path
-from studies.distillation.selection import rank_alone, simplest_of_the_best
-from studies.distillation.students import fit_student, untrained_student
-from studies.run_folder import open_run
-from studies.tables import write_table
+from glassgait.studies.distillation.formulas import write_formulas
+from glassgait.studies.distillation.library import collector, samples_folder, student_path
+from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.distillation.students import fit_student, untrained_student
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import write_table
 
 SHUFFLED_TEST_SHARE = 0.2
 

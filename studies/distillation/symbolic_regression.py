@@ -7,13 +7,18 @@ import numpy as np
 from joblib import delayed
 from pyoperon.sklearn import SymbolicRegressor
 
-from models.a1.robot import Array
-from models.errors import InputError
-from models.policies.expression import Expression, parse_expression, scaled, variable_names
-from models.policies.symbolic import Tape
-from studies.distillation.config import Shape, SymbolicConfig
-from studies.distillation.gated_sum import fit_gated_sums
-from studies.parallel import run_parallel
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import (
+    Expression,
+    parse_expression,
+    scaled,
+    variable_names,
+)
+from glassgait.models.policies.symbolic import Tape
+from glassgait.studies.distillation.config import Shape, SymbolicConfig
+from glassgait.studies.distillation.gated_sum import fit_gated_sums
+from glassgait.studies.parallel import run_parallel
 
 OPERON_SCALING_NODES = 4
 """Nodes of the scale and the offset that Operon puts around the formula it found."""

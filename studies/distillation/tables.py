@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from studies.distillation.config import STUDENT_TITLES
-from studies.tables import write_metrics, write_table
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.tables import write_metrics, write_table
 
 PAPER_R2 = {
     "gbm": {"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},

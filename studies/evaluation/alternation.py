@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task.alternation import ratio_title
-from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.jobs import RolloutJob, for_each_seed
-from studies.evaluation.team import Team
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.alternation import ratio_title
+from glassgait.models.task.gait import Gait
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed
+from glassgait.studies.evaluation.team import Team
 
 PERIODS = (1, 2, 4, 6, 8, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""

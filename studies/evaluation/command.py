@@ -8,20 +8,20 @@ import pandas as pd
 import tyro
 from annotated_types import MinLen
 
-from models.errors import InputError
-from models.policies.library import load_expert, shipped_experts, shipped_students
-from models.settings import DISTINCT, FEW, Settings
-from models.task.gait import Gait, load_gait
-from studies.console import console
-from studies.distillation.library import distillation_folder, find_student, load_students
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import WORLDS, RolloutConfig, WorldName
-from studies.evaluation.jobs import RolloutJob, inputs_of, run_jobs
-from studies.evaluation.results import write_alternation, write_scorecard
-from studies.evaluation.scorecard import scorecard_jobs
-from studies.evaluation.team import Team
-from studies.run_folder import open_run
-from studies.tables import print_table
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
+from glassgait.models.settings import DISTINCT, FEW, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import console
+from glassgait.studies.distillation.library import distillation_folder, find_student, load_students
+from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig, WorldName
+from glassgait.studies.evaluation.jobs import RolloutJob, inputs_of, run_jobs
+from glassgait.studies.evaluation.results import write_alternation, write_scorecard
+from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import print_table
 
 ALL_GAITS = "all"
 

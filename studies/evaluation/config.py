@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from diagrams.station import StationConfig
-from models.errors import InputError
-from models.settings import Count, Interval, Seed, Settings
-from models.task import EPISODE_STEPS
-from models.task.gait import Gait
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Count, Interval, Seed, Settings
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from diagrams.rollout import Rollout
-from models.a1 import robot
-from models.task import CONTROL_PERIOD
-from models.task.alternation import ratio_title
-from models.task.gait import Gait
-from models.task.palette import STATE_COLORS
-from studies.evaluation.alternation import PERIODS
-from studies.evaluation.tables import POLICY_TITLES, alternation_table
-from studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.alternation import ratio_title
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import STATE_COLORS
+from glassgait.studies.evaluation.alternation import PERIODS
+from glassgait.studies.evaluation.tables import POLICY_TITLES, alternation_table
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 
 STUDENT_LINES = {
     "open_loop": ("#CCCCCC", "x"),

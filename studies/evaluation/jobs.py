@@ -10,16 +10,16 @@ from pathlib import Path
 import pandas as pd
 from joblib import delayed
 
-from models.a1 import robot
-from models.files import read_record, write_record
-from models.task.gait import Gait
-from studies.console import progress_bar, say
-from studies.evaluation.config import RolloutConfig, World
-from studies.evaluation.rollouts import roll_out
-from studies.evaluation.scores import score_rollouts
-from studies.evaluation.team import Team
-from studies.parallel import run_parallel
-from studies.records import to_plain
+from glassgait.models.a1 import robot
+from glassgait.models.files import read_record, write_record
+from glassgait.models.task.gait import Gait
+from glassgait.studies.console import progress_bar, say
+from glassgait.studies.evaluation.config import RolloutConfig, World
+from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.scores import score_rollouts
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.parallel import run_parallel
+from glassgait.studies.records import to_plain
 
 
 @dataclass(frozen=True)

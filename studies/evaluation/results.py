@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pandas as pd
 
-from studies.evaluation.figures import reward_figure
-from studies.evaluation.scores import summarize
-from studies.evaluation.tables import (
+from glassgait.studies.evaluation.figures import reward_figure
+from glassgait.studies.evaluation.scores import summarize
+from glassgait.studies.evaluation.tables import (
     alternation_table,
     falls_table,
     scorecard_table,
     standalone_table,
 )
-from studies.figures import save_figure
-from studies.tables import write_metrics, write_table
+from glassgait.studies.figures import save_figure
+from glassgait.studies.tables import write_metrics, write_table
 
 
 def write_scorecard(scores: pd.DataFrame, folder: Path) -> pd.DataFrame:

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagrams.batch import BatchSimulator, TaskConfig
-from diagrams.batch_physics import BatchPhysics
-from diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
-from diagrams.rollout import Rollout, make_simulator, record
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.errors import InputError, shown
-from models.task.gait import Gait
-from models.task.randomization import NOMINAL
-from studies.evaluation.config import RolloutConfig, World
-from studies.evaluation.scores import RolloutLog
-from studies.evaluation.team import Team
+from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.randomization import NOMINAL
+from glassgait.studies.evaluation.config import RolloutConfig, World
+from glassgait.studies.evaluation.scores import RolloutLog
+from glassgait.studies.evaluation.team import Team
 
 
 def roll_out(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:

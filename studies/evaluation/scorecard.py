@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig, WorldName
-from studies.evaluation.jobs import RolloutJob, for_each_seed
-from studies.evaluation.team import Team
+from glassgait.models.task.gait import Gait
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig, WorldName
+from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed
+from glassgait.studies.evaluation.team import Team
 
 
 def scorecard_jobs(

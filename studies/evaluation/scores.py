@@ -7,11 +7,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.policies.policy import first_not_finite
-from models.task import COMMAND_STEPS, CONTROL_PERIOD
-from models.task.termination import FAILURES
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
+from glassgait.models.task.termination import FAILURES
 
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
 """Tracking is judged by averages over 1 s, since a gait sways within its cycle."""

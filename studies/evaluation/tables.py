@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from studies.distillation.config import STUDENT_TITLES
-from studies.evaluation.config import WORLDS
-from studies.evaluation.scores import summarize, summarize_against
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.evaluation.config import WORLDS
+from glassgait.studies.evaluation.scores import summarize, summarize_against
 
 POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
 

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
-from models.a1.robot import Array
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task.alternation import expert_acts
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.alternation import expert_acts
 
 
 @dataclass(frozen=True)

@@ -8,25 +8,25 @@ import numpy as np
 import yaml
 from annotated_types import Ge
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig
-from diagrams.visualization import open_meshcat
-from models.a1.robot import joint_index
-from models.errors import InputError
-from models.files import read_yaml, write_atomically
-from models.policies.library import load_expert
-from models.settings import Seed, Settings
-from models.task import CONTROL_PERIOD
-from models.task.gait import load_gait
-from studies.console import console, say
-from studies.distillation.library import SUMS, default_student, find_student
-from studies.evaluation.team import Team
-from studies.explanation.page import explain_rollout, render_page
-from studies.figures import save_figure
-from studies.importance.additive_figures import contribution_figure
-from studies.importance.study import draw_student
-from studies.records import to_plain
-from studies.rollout.play import Seconds, play
-from studies.run_folder import refuse_run
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.a1.robot import joint_index
+from glassgait.models.errors import InputError
+from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.policies.library import load_expert
+from glassgait.models.settings import Seed, Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.distillation.library import SUMS, default_student, find_student
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.additive_figures import contribution_figure
+from glassgait.studies.importance.study import draw_student
+from glassgait.studies.records import to_plain
+from glassgait.studies.rollout.play import Seconds, play
+from glassgait.studies.run_folder import refuse_run
 
 CONFIG = "config.yaml"
 """File beside the page that tells whose it is."""

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from diagrams.rollout import Rollout
-from models.a1 import robot
-from models.policies.expression import Expression, variable
-from models.policies.gates import GATE_MEANINGS, named_gates
-from models.policies.policy import Contributions, Policy
-from models.policies.symbolic import TERM_DIGITS, Tape
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait
-from models.task.observation import unit_of
-from models.task.palette import STATE_COLORS
-from studies.evaluation.tables import POLICY_TITLES
-from studies.explanation.products import Product, products
-from studies.pages import inline_image, page_template
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.a1 import robot
+from glassgait.models.policies.expression import Expression, variable
+from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
+from glassgait.models.policies.policy import Contributions, Policy
+from glassgait.models.policies.symbolic import TERM_DIGITS, Tape
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import unit_of
+from glassgait.models.task.palette import STATE_COLORS
+from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.explanation.products import Product, products
+from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from models.policies.additive import AdditivePolicy
-from models.policies.expression import Expression, constant, variable
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import FormulaPolicy
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.expression import Expression, constant, variable
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 
 
 @dataclass(frozen=True)

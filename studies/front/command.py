@@ -9,24 +9,24 @@ import pandas as pd
 import tyro
 from annotated_types import MinLen
 
-from models.policies.library import load_expert, load_policy
-from models.policies.neural import NeuralPolicy
-from models.policies.symbolic import FormulaPolicy
-from models.settings import DISTINCT, FEW, Count, Settings
-from models.task.gait import Gait, load_gait
-from studies.console import console, say
-from studies.distillation.collection import Dataset, level_paths, load_levels
-from studies.distillation.library import distillation_folder, samples_folder
-from studies.distillation.study import r2_scores
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import run_jobs
-from studies.evaluation.scores import summarize_against
-from studies.figures import save_figure
-from studies.front.figures import front_figure
-from studies.front.formulas import FAMILIES, LENGTHS
-from studies.run_folder import digest_of_files, open_run
-from studies.tables import print_table, write_metrics, write_table
+from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import DISTINCT, FEW, Count, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.distillation.collection import Dataset, level_paths, load_levels
+from glassgait.studies.distillation.library import distillation_folder, samples_folder
+from glassgait.studies.distillation.study import r2_scores
+from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.jobs import run_jobs
+from glassgait.studies.evaluation.scores import summarize_against
+from glassgait.studies.figures import save_figure
+from glassgait.studies.front.figures import front_figure
+from glassgait.studies.front.formulas import FAMILIES, LENGTHS
+from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.tables import print_table, write_metrics, write_table
 
 SHARES = (0.0, 0.9, 0.97)
 """Shares of the expert's reward for which the smallest formulas are named."""

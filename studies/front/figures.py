@@ -5,8 +5,8 @@ from math import ceil, log2
 import pandas as pd
 from matplotlib.figure import Figure
 
-from studies.figures import COLUMN_WIDTH, styled, subplots
-from studies.front.formulas import FAMILIES
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.front.formulas import FAMILIES
 
 _STYLES = {
     "linear": {"color": "#999999", "marker": "v"},

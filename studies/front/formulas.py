@@ -3,11 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from models.policies.expression import Expression
-from models.policies.gates import statewise_symbolic_gates, symbolic_gates
-from models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy, SymbolicPolicy
-from studies.distillation.collection import Dataset, samples_by_state
-from studies.distillation.gated_sum import fit_gated_sums
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
+from glassgait.models.policies.symbolic import (
+    FormulaPolicy,
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
+from glassgait.studies.distillation.collection import Dataset, samples_by_state
+from glassgait.studies.distillation.gated_sum import fit_gated_sums
 
 LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
 """Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""

@@ -8,24 +8,28 @@ from typing import Annotated, ClassVar
 import tyro
 from annotated_types import Ge, MinLen
 
-from models.a1.robot import joint_index
-from models.errors import InputError
-from models.policies.library import load_expert
-from models.policies.policy import Policy
-from models.settings import DISTINCT, FEW, Count, Settings
-from models.task.gait import load_gait
-from studies.console import console, say
-from studies.distillation.collection import level_paths
-from studies.distillation.config import StudentKind
-from studies.distillation.library import distillation_folder, load_students, samples_folder
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import run_jobs
-from studies.figures import save_figure
-from studies.importance.figures import loss_figure, truth_figure
-from studies.importance.study import draw_student, held_out_samples, measure_importances
-from studies.importance.truth import ablation_jobs, losses, rank_correlations
-from studies.run_folder import digest_of_files, open_run
-from studies.tables import print_table, write_metrics, write_table
+from glassgait.models.a1.robot import joint_index
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import DISTINCT, FEW, Count, Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console, say
+from glassgait.studies.distillation.collection import level_paths
+from glassgait.studies.distillation.config import StudentKind
+from glassgait.studies.distillation.library import (
+    distillation_folder,
+    load_students,
+    samples_folder,
+)
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.jobs import run_jobs
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.figures import loss_figure, truth_figure
+from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.importance.truth import ablation_jobs, losses, rank_correlations
+from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.tables import print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)

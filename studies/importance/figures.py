@@ -8,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from models.a1 import robot
-from models.a1.robot import Array
-from studies.distillation.config import STUDENT_TITLES
-from studies.figures import COLUMN_WIDTH, styled, subplots
-from studies.importance.methods import METHOD_TITLES
-from studies.importance.truth import MODE_TITLES
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.importance.methods import METHOD_TITLES
+from glassgait.studies.importance.truth import MODE_TITLES
 
 _MODE_COLORS = {"mean": "#0072B2", "shuffled": "#E69F00", "delayed": "#999999"}
 

@@ -6,8 +6,8 @@ import numpy as np
 from interpret.glassbox import ExplainableBoostingRegressor
 from numpy.typing import NDArray
 
-from models.a1.robot import Array
-from models.policies.additive import AdditivePolicy
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.additive import AdditivePolicy
 
 HISTOGRAM_BINS = 20
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from models.a1.robot import Array
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import FormulaPolicy
-from studies.distillation.collection import Dataset
-from studies.distillation.study import r2_scores
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.studies.distillation.collection import Dataset
+from glassgait.studies.distillation.study import r2_scores
 
 METHOD_TITLES = {
     "permutation": "permutation importance",

@@ -5,8 +5,8 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from models.a1 import robot
-from models.a1.robot import Array
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 
 _LEG = re.compile(rf" ({'|'.join(robot.LEGS)})\b")
 

@@ -7,26 +7,30 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from models.a1 import robot
-from models.a1.robot import Array
-from models.files import write_atomically
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.policy import Policy
-from studies.console import say
-from studies.distillation.collection import Dataset, load_levels
-from studies.distillation.config import STUDENT_TITLES, StudentKind
-from studies.distillation.library import samples_folder
-from studies.evaluation.scores import interval
-from studies.figures import save_figure
-from studies.importance.additive_figures import pair_figure, shape_figure, term_figure
-from studies.importance.figures import importance_map
-from studies.importance.interpret_model import interpret_model
-from studies.importance.methods import METHOD_TITLES, own_importance, permutation_importance
-from studies.importance.observations import merge_importances, observation_groups
-from studies.importance.tables import PAPER_TOP, top_table
-from studies.importance.tree_figures import dependence_figure, tree_figure
-from studies.tables import to_latex, write_table
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.studies.console import say
+from glassgait.studies.distillation.collection import Dataset, load_levels
+from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
+from glassgait.studies.distillation.library import samples_folder
+from glassgait.studies.evaluation.scores import interval
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
+from glassgait.studies.importance.figures import importance_map
+from glassgait.studies.importance.interpret_model import interpret_model
+from glassgait.studies.importance.methods import (
+    METHOD_TITLES,
+    own_importance,
+    permutation_importance,
+)
+from glassgait.studies.importance.observations import merge_importances, observation_groups
+from glassgait.studies.importance.tables import PAPER_TOP, top_table
+from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+from glassgait.studies.tables import to_latex, write_table
 
 N_SHAPES = 3
 """Functions of one observation, and curves of partial dependence, that are drawn for a joint."""

@@ -5,9 +5,9 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 
-from models.a1 import robot
-from models.a1.robot import Array
-from studies.importance.observations import merge_importances, observation_groups
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.studies.importance.observations import merge_importances, observation_groups
 
 N_TOP = 3
 

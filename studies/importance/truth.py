@@ -8,16 +8,16 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from models.a1.robot import Array
-from models.errors import InputError
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task.gait import Gait
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.jobs import RolloutJob, for_each_seed
-from studies.evaluation.scores import summarize_against
-from studies.evaluation.team import Team
-from studies.importance.observations import observation_groups
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed
+from glassgait.studies.evaluation.scores import summarize_against
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.importance.observations import observation_groups
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
 

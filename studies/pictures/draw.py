@@ -1,6 +1,7 @@
-"""Draws the pictures of the README and of the experts' page: `python -m studies.pictures.draw`.
+"""Draws the pictures of the README and of the experts' page.
 
-The loop is drawn by Graphviz's `dot` from the diagram's own description; robots need EGL.
+`python -m glassgait.studies.pictures.draw` does it. The loop is drawn by Graphviz's `dot` from the
+diagram's own description; robots need EGL.
 """
 
 import io
@@ -13,17 +14,17 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from diagrams.camera import Camera
-from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
-from diagrams.rollout import Rollout, make_simulator, record
-from models.files import write_atomically
-from models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
-from models.task.gait import Gait, load_gait
-from studies.console import say
-from studies.distillation.students import untrained_student
-from studies.figures import save_figure
-from studies.rollout.stills import gait_strip
-from studies.training.figures import curriculum_curves, learning_curves
+from glassgait.diagrams.camera import Camera
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import say
+from glassgait.studies.distillation.students import untrained_student
+from glassgait.studies.figures import save_figure
+from glassgait.studies.rollout.stills import gait_strip
+from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 FOLDER = Path(__file__).parent
 ABLATION = EXPERT_DIRECTORY / "ablation" / "bound_without_curriculum.csv"

@@ -8,17 +8,17 @@ from typing import Annotated, ClassVar
 
 from annotated_types import MinLen
 
-from models.errors import InputError
-from models.files import write_atomically
-from models.policies.library import load_expert, shipped_experts
-from models.settings import DISTINCT, FEW, Settings
-from studies.console import console, say
-from studies.pages import inline_image, page_template
-from studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
-from studies.report.contents import DEVIATIONS, contents, r2_by_gait
-from studies.report.gait import GaitResults, study_gait
-from studies.run_folder import open_run
-from studies.tables import print_table, to_markdown, write_table
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.library import load_expert, shipped_experts
+from glassgait.models.settings import DISTINCT, FEW, Settings
+from glassgait.studies.console import console, say
+from glassgait.studies.pages import inline_image, page_template
+from glassgait.studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
+from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
+from glassgait.studies.report.gait import GaitResults, study_gait
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.tables import print_table, to_markdown, write_table
 
 TEMPLATES = Path(__file__).parent / "templates"
 

@@ -5,8 +5,8 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Ge
 
-from models.settings import Count, Settings
-from studies.distillation.config import (
+from glassgait.models.settings import Count, Settings
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
@@ -14,7 +14,7 @@ from studies.distillation.config import (
     StudentKind,
     SymbolicConfig,
 )
-from studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.config import RolloutConfig
 
 PAPER_STUDENTS: tuple[StudentKind, ...] = ("gbm", "ebm", "symbolic")
 """The students of the paper's tables and figures."""

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.tables import PAPER_R2
-from studies.report.config import PAPER_STUDENTS
-from studies.report.gait import GaitResults
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.distillation.tables import PAPER_R2
+from glassgait.studies.report.config import PAPER_STUDENTS
+from glassgait.studies.report.gait import GaitResults
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 

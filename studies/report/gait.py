@@ -6,26 +6,26 @@ from pathlib import Path
 
 import pandas as pd
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
-from diagrams.rollout import Rollout, make_simulator, record
-from models.policies.library import load_expert
-from models.policies.neural import NeuralPolicy
-from models.policies.policy import Policy
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait, load_gait
-from studies.console import say
-from studies.distillation.config import STUDENT_TITLES, StudentKind
-from studies.distillation.library import load_students
-from studies.distillation.study import distill
-from studies.distillation.tables import write_r2_table
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.figures import gait_figure
-from studies.evaluation.jobs import run_jobs
-from studies.evaluation.results import write_alternation
-from studies.figures import save_figure
-from studies.importance.additive_figures import contribution_figure
-from studies.importance.study import draw_student, held_out_samples, measure_importances
-from studies.report.config import ReportConfig
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.console import say
+from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
+from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.evaluation.figures import gait_figure
+from glassgait.studies.evaluation.jobs import run_jobs
+from glassgait.studies.evaluation.results import write_alternation
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.additive_figures import contribution_figure
+from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.report.config import ReportConfig
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""

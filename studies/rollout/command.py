@@ -6,26 +6,26 @@ from typing import ClassVar
 
 import yaml
 
-from diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
-from diagrams.station import StationConfig
-from diagrams.visualization import open_meshcat
-from models.errors import InputError
-from models.files import write_atomically
-from models.policies.library import load_expert
-from models.policies.policy import Policy
-from models.settings import Seed, Settings
-from models.task.alternation import parse_ratio, ratio_title
-from models.task.gait import load_gait
-from studies.console import console
-from studies.distillation.library import find_student
-from studies.evaluation.figures import gait_figure
-from studies.evaluation.team import Team
-from studies.figures import save_figure
-from studies.records import to_plain
-from studies.rollout.live import play_live
-from studies.rollout.play import Seconds, play
-from studies.rollout.stills import gait_strip
-from studies.run_folder import refuse_run
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
+from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Seed, Settings
+from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console
+from glassgait.studies.distillation.library import find_student
+from glassgait.studies.evaluation.figures import gait_figure
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.figures import save_figure
+from glassgait.studies.records import to_plain
+from glassgait.studies.rollout.live import play_live
+from glassgait.studies.rollout.play import Seconds, play
+from glassgait.studies.rollout.stills import gait_strip
+from glassgait.studies.run_folder import refuse_run
 
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""

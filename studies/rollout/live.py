@@ -11,14 +11,14 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from diagrams.locomotion import LocomotionConfig, normalize_attitude
-from diagrams.replay import save_replay
-from diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait
-from studies.console import console, say
-from studies.evaluation.team import Team
-from studies.rollout.play import make_shown
+from glassgait.diagrams.locomotion import LocomotionConfig, normalize_attitude
+from glassgait.diagrams.replay import save_replay
+from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.studies.console import console, say
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollout.play import make_shown
 
 STOP_BUTTON = "stop and save"
 

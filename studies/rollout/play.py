@@ -7,12 +7,12 @@ from annotated_types import Ge, Le
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
-from diagrams.locomotion import LocomotionConfig, MakeLocomotion
-from diagrams.replay import save_replay
-from diagrams.rollout import Rollout, make_simulator, record
-from models.task import CONTROL_PERIOD
-from models.task.gait import Gait
-from studies.evaluation.team import Team
+from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.replay import save_replay
+from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.studies.evaluation.team import Team
 
 Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
 """Length of a rollout (s): a step at least, and an hour at most, which the memory holds."""

@@ -4,13 +4,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from diagrams.camera import Camera
-from diagrams.rollout import Rollout
-from models.errors import InputError
-from models.task.gait import Gait
-from models.task.palette import STATE_COLORS
-from studies.evaluation.figures import draw_gait
-from studies.figures import COLUMN_WIDTH, styled
+from glassgait.diagrams.camera import Camera
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.errors import InputError
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import STATE_COLORS
+from glassgait.studies.evaluation.figures import draw_gait
+from glassgait.studies.figures import COLUMN_WIDTH, styled
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:

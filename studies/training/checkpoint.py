@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from models.errors import InputError
-from models.files import load_arrays, refuse_another, save_arrays
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays, refuse_another, save_arrays
 
 if TYPE_CHECKING:
-    from studies.training.study import TrainingRun
+    from glassgait.studies.training.study import TrainingRun
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 

@@ -6,15 +6,15 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from models.errors import InputError
-from models.settings import Settings
-from models.task.gait import load_gait
-from studies.console import console, progress_bar
-from studies.run_folder import open_run
-from studies.training.checkpoint import CHECKPOINT_NAME
-from studies.training.config import TrainingConfig
-from studies.training.record import read_config
-from studies.training.study import TrainingRun
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console, progress_bar
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.record import read_config
+from glassgait.studies.training.study import TrainingRun
 
 LINES_EVERY = 10
 

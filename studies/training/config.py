@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Le, MaxLen, MinLen
 
-from diagrams.station import StationConfig
-from models.errors import InputError
-from models.settings import (
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.settings import (
     FEW,
     IN_ORDER,
     Count,
@@ -18,8 +18,8 @@ from models.settings import (
     Settings,
     Share,
 )
-from models.task.randomization import Randomization
-from models.task.termination import TerminationLimits
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.termination import TerminationLimits
 
 Fraction = Annotated[NotNegative, Le(1.0)]
 LearningRate = Annotated[Positive, Le(1.0)]

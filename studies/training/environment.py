@@ -7,13 +7,13 @@ import torch
 from tensordict import TensorDict
 from torch import nn
 
-from diagrams.batch import BatchSimulator, BatchStep, TaskConfig, TaskState
-from diagrams.batch_physics import BatchPhysics
-from models.a1 import kinematics, robot
-from models.a1.robot import Array
-from models.task import EPISODE_STEPS
-from models.task.gait import Gait
-from studies.training.config import TrainingConfig
+from glassgait.diagrams.batch import BatchSimulator, BatchStep, TaskConfig, TaskState
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.studies.training.config import TrainingConfig
 
 ANGULAR_VELOCITY_SCALE = 0.25
 

@@ -5,9 +5,9 @@ from rsl_rl.modules import MLP
 from tensordict import TensorDict
 from torch import nn
 
-from models.policies.neural import Network
-from models.task.observation import N_ESTIMATED
-from studies.training.config import EstimatorConfig
+from glassgait.models.policies.neural import Network
+from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.studies.training.config import EstimatorConfig
 
 # Foot heights are some centimetres, base velocities about one: the network learns both in tenths.
 _OUTPUT_SCALE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1)

@@ -10,11 +10,11 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
-from models.a1 import robot
-from models.policies.neural import NeuralPolicy
-from studies.training.config import TrainingConfig
-from studies.training.environment import OBSERVATION_GROUPS, TrainingEnvironment
-from studies.training.estimator import EstimatorTrainer, StateEstimator, network_of
+from glassgait.models.a1 import robot
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.environment import OBSERVATION_GROUPS, TrainingEnvironment
+from glassgait.studies.training.estimator import EstimatorTrainer, StateEstimator, network_of
 
 
 class Learner:

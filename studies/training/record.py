@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import yaml
 
-from models.errors import InputError
-from models.files import read_yaml, write_atomically
-from models.task import CONTROL_PERIOD
-from studies.records import to_plain
-from studies.training.config import TrainingConfig
+from glassgait.models.errors import InputError
+from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.studies.records import to_plain
+from glassgait.studies.training.config import TrainingConfig
 
 if TYPE_CHECKING:
-    from studies.training.study import TrainingRun
+    from glassgait.studies.training.study import TrainingRun
 
 RECENT_UPDATES = 20
 

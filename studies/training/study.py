@@ -11,16 +11,16 @@ import psutil
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
-from models.task.gait import Gait
-from models.task.observation import ObservationLayout
-from models.task.reward import REWARD_TERMS
-from studies.records import to_plain
-from studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
-from studies.training.config import TrainingConfig
-from studies.training.environment import TrainingEnvironment
-from studies.training.estimator import StateEstimator
-from studies.training.learner import Learner
-from studies.training.record import Curve, write_expert
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.reward import REWARD_TERMS
+from glassgait.studies.records import to_plain
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.environment import TrainingEnvironment
+from glassgait.studies.training.estimator import StateEstimator
+from glassgait.studies.training.learner import Learner
+from glassgait.studies.training.record import Curve, write_expert
 
 
 @dataclass

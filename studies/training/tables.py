@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from models.files import read_yaml
+from glassgait.models.files import read_yaml
 
 PAPER_CONTROL_STEPS = 36.9e6
 """The paper's budget for a gait: 1,500 updates of 1,024 robots and 24 steps."""

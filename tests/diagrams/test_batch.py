@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagrams.batch import BatchSimulator, TaskConfig, TaskState
-from diagrams.batch_physics import BatchPhysics
-from diagrams.station import StationConfig
-from models.a1 import kinematics, robot
-from models.errors import InputError
-from models.task import COMMAND_STEPS
-from models.task.command import Command
-from models.task.randomization import NOMINAL, Randomization
-from models.task.termination import FAILURES
+from glassgait.diagrams.batch import BatchSimulator, TaskConfig, TaskState
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.task import COMMAND_STEPS
+from glassgait.models.task.command import Command
+from glassgait.models.task.randomization import NOMINAL, Randomization
+from glassgait.models.task.termination import FAILURES
 
 
 def make_simulator(gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, **task):

@@ -7,10 +7,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
-from diagrams.gym import LocomotionEnv, LocomotionVectorEnv
-from models.task.gait import load_gait
-from models.task.randomization import Randomization
-from models.task.termination import FAILURES
+from glassgait.diagrams.gym import LocomotionEnv, LocomotionVectorEnv
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.termination import FAILURES
 
 
 @pytest.fixture(scope="module")

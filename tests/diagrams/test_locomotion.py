@@ -9,10 +9,10 @@ from pydrake.gym import DrakeGymEnv
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.batch import BatchSimulator, TaskConfig
-from diagrams.batch_physics import BatchPhysics
-from diagrams.gym import action_space, observation_space
-from diagrams.locomotion import (
+from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.gym import action_space, observation_space
+from glassgait.diagrams.locomotion import (
     DrawnCommands,
     FixedCommand,
     LocomotionConfig,
@@ -22,14 +22,14 @@ from diagrams.locomotion import (
     push,
     set_plant_state,
 )
-from diagrams.rollout import make_simulator, record
-from diagrams.station import MakeA1Station, StationConfig
-from models.a1 import kinematics, robot
-from models.errors import InputError
-from models.policies.library import EXPERT_DIRECTORY, load_expert
-from models.task.command import Command
-from models.task.gait import gait_names, load_gait, parse_gait
-from models.task.randomization import NOMINAL
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.station import MakeA1Station, StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import gait_names, load_gait, parse_gait
+from glassgait.models.task.randomization import NOMINAL
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 N_STEPS = 200

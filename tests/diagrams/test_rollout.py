@@ -5,12 +5,12 @@ import pytest
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 
-import diagrams.rollout
-from diagrams.locomotion import LocomotionConfig, MakeLocomotion
-from diagrams.rollout import make_simulator, record, stop_at_falls
-from diagrams.station import StationConfig
-from models.errors import InputError
-from models.policies.linear import LinearPolicy
+import glassgait.diagrams.rollout
+from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record, stop_at_falls
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.policies.linear import LinearPolicy
 
 
 def test_records_every_control_step_without_drift(trot, make_policy):
@@ -86,7 +86,7 @@ def test_times_that_a_sum_makes_a_little_short_are_control_instants(trotting):
 
 
 def test_without_an_end_it_keeps_the_last_steps(trotting, monkeypatch):
-    monkeypatch.setattr(diagrams.rollout, "KEPT_STEPS", 4)
+    monkeypatch.setattr(glassgait.diagrams.rollout, "KEPT_STEPS", 4)
     whole = record(make_simulator(trotting), 9)
     asked = iter(range(100))
     rollout = record(make_simulator(trotting), None, stopped=lambda: next(asked) == 9)
@@ -102,7 +102,7 @@ def test_without_an_end_it_ends_at_a_failure(falling):
 def test_a_robot_in_a_larger_diagram_does_the_same(trotting):
     alone = record(make_simulator(trotting, seed=4), 10)
     part = record(make_simulator(nested(trotting), seed=4), 10)
-    assert set(part.values) == set(alone.values) == set(diagrams.rollout.RECORDED_PORTS)
+    assert set(part.values) == set(alone.values) == set(glassgait.diagrams.rollout.RECORDED_PORTS)
     for port, values in alone.values.items():
         np.testing.assert_array_equal(part[port], values)
 

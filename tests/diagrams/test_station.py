@@ -9,9 +9,9 @@ from pydrake.common import RandomGenerator
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
-from models.a1 import kinematics, robot
-from models.errors import InputError
+from glassgait.diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def test_random_contexts_draw_the_pose_above_the_ground(standing):
 def test_drakes_logger_is_left_alone_and_has_nothing_to_warn_of():
     program = """
 import logging
-from diagrams.station import MakeA1Station
+from glassgait.diagrams.station import MakeA1Station
 assert not logging.getLogger("drake").filters
 MakeA1Station().CreateDefaultContext()
 """

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagrams.locomotion import LocomotionConfig, MakeLocomotion, SliderCommand
-from diagrams.replay import save_replay
-from diagrams.rollout import make_simulator, record
-from diagrams.visualization import open_meshcat
-from systems.meshcat_command import SPEED_SLIDER
+from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion, SliderCommand
+from glassgait.diagrams.replay import save_replay
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.systems.meshcat_command import SPEED_SLIDER
 
 
 def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_policy, tmp_path):

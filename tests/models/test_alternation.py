@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from models.task.alternation import expert_acts, ratio_title
+from glassgait.models.task.alternation import expert_acts, ratio_title
 
 
 @pytest.mark.parametrize(

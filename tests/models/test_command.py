@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.task.command import DEAD_BAND, sample_commands
-from models.task.gait import load_gait
+from glassgait.models.task.command import DEAD_BAND, sample_commands
+from glassgait.models.task.gait import load_gait
 
 
 def test_commands_cover_the_gaits_range_and_no_more(generator):

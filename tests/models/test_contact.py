@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, StationConfig
-from models.a1 import kinematics, robot
-from models.task.contact import sense_feet
+from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.task.contact import sense_feet
 
 NONE = np.zeros(4, dtype=bool)
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 import pydot
 import pytest
 
-from models.task.drawing import to_graphviz, to_mermaid
-from models.task.formula import parse_formula
-from models.task.gait import Gait, Transition, gait_names, load_gait
+from glassgait.models.task.drawing import to_graphviz, to_mermaid
+from glassgait.models.task.formula import parse_formula
+from glassgait.models.task.gait import Gait, Transition, gait_names, load_gait
 
 HOSTILE = [
     'say "x"', "back\\", '\\"', "a; b", "{a}", "a -> b", "end", "start", "[*]", "s0", "a:b", "%% x",

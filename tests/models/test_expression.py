@@ -8,8 +8,8 @@ import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.errors import InputError
-from models.policies.expression import (
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import (
     BINARY,
     MAX_DEPTH,
     MAX_NODES,
@@ -20,7 +20,7 @@ from models.policies.expression import (
     refuse_unfit,
     variable_names,
 )
-from models.policies.symbolic import Tape
+from glassgait.models.policies.symbolic import Tape
 
 NAMES = variable_names(3)
 

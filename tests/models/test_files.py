@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.errors import InputError
-from models.files import (
+from glassgait.models.errors import InputError
+from glassgait.models.files import (
     digest,
     load_arrays,
     read_record,
@@ -65,7 +65,7 @@ def test_arrays_and_header_come_back(tmp_path):
 def test_equal_arrays_give_equal_files(tmp_path):
     program = (
         "import sys; from pathlib import Path; import numpy as np\n"
-        "from models.files import save_arrays\n"
+        "from glassgait.models.files import save_arrays\n"
         "save_arrays(Path(sys.argv[1]), {'b': np.ones(2), 'a': np.ones(3)}, {'k': 1, 'j': 2})"
     )
     paths = [tmp_path / f"{i}.safetensors" for i in range(3)]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.errors import InputError
-from models.task.formula import STANCES, parse_formula, stance_code
+from glassgait.models.errors import InputError
+from glassgait.models.task.formula import STANCES, parse_formula, stance_code
 
 
 def test_table_agrees_with_python_on_every_stance():

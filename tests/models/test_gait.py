@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from models.errors import InputError
-from models.files import YAML_BYTES, digest
-from models.task.gait import (
+from glassgait.models.errors import InputError
+from glassgait.models.files import YAML_BYTES, digest
+from glassgait.models.task.gait import (
     GAIT_DIRECTORY,
     gait_names,
     gait_path,

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import yaml
 
-from models.a1 import robot
-from models.errors import InputError
-from models.task.drawing import to_graphviz, to_mermaid
-from models.task.formula import STANCES
-from models.task.gait import GAIT_DIRECTORY, Gait, gait_names, load_gait
-from models.task.reward_machine import RewardMachine
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.task.drawing import to_graphviz, to_mermaid
+from glassgait.models.task.formula import STANCES
+from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, gait_names, load_gait
+from glassgait.models.task.reward_machine import RewardMachine
 
 LONGEST_MESSAGE = 500
 SECONDS = 10.0

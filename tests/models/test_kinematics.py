@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from diagrams.station import AddA1Station, StationConfig
-from models.a1 import kinematics, robot
+from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.models.a1 import kinematics, robot
 
 TOLERANCE = 1e-12
 

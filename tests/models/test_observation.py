@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from models.task.observation import (
+from glassgait.models.a1 import robot
+from glassgait.models.task.observation import (
     ObservationLayout,
     body_state,
     machine_state_entries,

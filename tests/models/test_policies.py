@@ -7,20 +7,20 @@ from hypothesis import strategies as st
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
-from models.a1 import robot
-from models.errors import InputError
-from models.files import load_arrays, save_arrays
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy, single_precision_cuts
-from models.policies.expression import parse_expression, variable_names
-from models.policies.library import EXPERT_DIRECTORY, load_expert, load_policy
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.neural import Network, NeuralPolicy, elu
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.policy import first_not_finite
-from models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from models.task.gait import GAIT_DIRECTORY, load_gait, parse_gait
-from models.task.observation import ObservationLayout
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays, save_arrays
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy, single_precision_cuts
+from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_policy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy, elu
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait, parse_gait
+from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)

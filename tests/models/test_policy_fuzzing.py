@@ -12,17 +12,21 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from models.errors import InputError
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.expression import MAX_TERMS, parse_expression, variable_names
-from models.policies.library import POLICY_CLASSES, load_policy
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.neural import Network, NeuralPolicy
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.policy import Policy
-from models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy, SymbolicPolicy
-from models.task.observation import ObservationLayout
+from glassgait.models.errors import InputError
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.expression import MAX_TERMS, parse_expression, variable_names
+from glassgait.models.policies.library import POLICY_CLASSES, load_policy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import (
+    FormulaPolicy,
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
+from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)

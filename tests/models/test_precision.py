@@ -7,13 +7,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from interpret.glassbox import ExplainableBoostingRegressor
 
-from models.a1 import robot
-from models.files import load_arrays
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy, _lower_neighbours, single_precision_cuts
-from models.policies.library import load_policy
-from models.policies.precision import narrowest
-from models.task.observation import ObservationLayout
+from glassgait.models.a1 import robot
+from glassgait.models.files import load_arrays
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import (
+    BoostedTreesPolicy,
+    _lower_neighbours,
+    single_precision_cuts,
+)
+from glassgait.models.policies.library import load_policy
+from glassgait.models.policies.precision import narrowest
+from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.a1 import kinematics, robot
-from models.errors import InputError
-from models.task.randomization import NOMINAL, Randomization
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.task.randomization import NOMINAL, Randomization
 
 
 def test_initial_states_stand_on_a_foot_with_joints_inside_their_limits(generator):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from models.errors import InputError
-from models.task.reward import REWARD_TERMS, RewardWeights, step_reward
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
 WEIGHTS = RewardWeights().as_array()
 

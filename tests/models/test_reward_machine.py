@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.task.gait import gait_names, load_gait
-from models.task.reward_machine import MachineState, RewardMachine
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.reward_machine import MachineState, RewardMachine
 
 FL_RR = np.array([True, False, False, True])
 FR_RL = ~FL_RR

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from models.errors import InputError
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
 
 
 def test_joints_are_ordered_by_leg():

@@ -8,8 +8,17 @@ from typing import Annotated, ClassVar, Literal
 import pytest
 from annotated_types import MinLen
 
-from models.errors import InputError
-from models.settings import DISTINCT, Count, Interval, NotNegative, Positive, Seed, Settings, Share
+from glassgait.models.errors import InputError
+from glassgait.models.settings import (
+    DISTINCT,
+    Count,
+    Interval,
+    NotNegative,
+    Positive,
+    Seed,
+    Settings,
+    Share,
+)
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from models.errors import InputError
-from models.task.termination import FAILURES, TerminationLimits, failures
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 LIMITS = TerminationLimits()
 STILL = np.zeros(12)

@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
-import studies.benchmark.distillation
-from models.files import write_record
-from models.policies.library import load_expert
-from studies.benchmark.distillation import (
+from glassgait.models.files import write_record
+from glassgait.models.policies.library import load_expert
+from glassgait.studies.benchmark import distillation
+from glassgait.studies.benchmark.distillation import (
     NaiveModel,
     compiled_against_library,
     expert_samples,
     naive_minutes,
     study_against_naive_loop,
 )
-from studies.benchmark.inference import single_row_microseconds
-from studies.benchmark.throughput import training_and_physics
-from studies.distillation.collection import Dataset
-from studies.distillation.config import (
+from glassgait.studies.benchmark.inference import single_row_microseconds
+from glassgait.studies.benchmark.throughput import training_and_physics
+from glassgait.studies.distillation.collection import Dataset
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
 )
-from studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
 def test_training_and_physics_are_timed_over_the_same_steps():
@@ -62,9 +62,9 @@ def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
 def linear_models(monkeypatch: pytest.MonkeyPatch) -> dict[str, NaiveModel]:
     """Models of two parts, of which 800 samples take a second and 3200 three."""
     clock = itertools.cycle([0.0, 1.0, 10.0, 13.0])
-    monkeypatch.setattr(studies.benchmark.distillation.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(distillation.time, "perf_counter", lambda: next(clock))
     models = {kind: NaiveModel(LinearRegression, 2, (800, 3200)) for kind in ("gbm", "ebm")}
-    monkeypatch.setattr(studies.benchmark.distillation, "NAIVE_MODELS", models)
+    monkeypatch.setattr(distillation, "NAIVE_MODELS", models)
     return models
 
 

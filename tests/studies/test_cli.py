@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from models.task.alternation import parse_ratio
-from studies.cli import main
-from studies.tables import format_cell, to_markdown
+from glassgait.models.task.alternation import parse_ratio
+from glassgait.studies.cli import main
+from glassgait.studies.tables import format_cell, to_markdown
 
 
 def test_bad_input_is_told_in_one_sentence(refused, tmp_path):

@@ -3,12 +3,12 @@
 import pandas as pd
 import pytest
 
-from diagrams.station import StationConfig
-from studies.convergence.drop import drop_robot
-from studies.convergence.figures import convergence_figure
-from studies.convergence.variants import CENIC, DRAKES_RELAXATION_TIME, VARIANTS
-from studies.evaluation.config import World
-from studies.figures import save_figure
+from glassgait.diagrams.station import StationConfig
+from glassgait.studies.convergence.drop import drop_robot
+from glassgait.studies.convergence.figures import convergence_figure
+from glassgait.studies.convergence.variants import CENIC, DRAKES_RELAXATION_TIME, VARIANTS
+from glassgait.studies.evaluation.config import World
+from glassgait.studies.figures import save_figure
 
 
 def drop(**station):

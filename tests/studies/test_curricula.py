@@ -3,10 +3,10 @@
 import pandas as pd
 import pytest
 
-from studies.cli import main
-from studies.curricula.command import CURRICULA, curricula_table, equal_budgets
-from studies.curricula.figures import TICKS
-from studies.distillation.config import DistillationConfig
+from glassgait.studies.cli import main
+from glassgait.studies.curricula.command import CURRICULA, curricula_table, equal_budgets
+from glassgait.studies.curricula.figures import TICKS
+from glassgait.studies.distillation.config import DistillationConfig
 
 SMALL = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "40", "--n-jobs", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]

@@ -2,9 +2,9 @@
 
 import pytest
 
-from studies.cli import main
-from studies.demo import command
-from studies.distillation.config import DistillationConfig, SymbolicConfig
+from glassgait.studies.cli import main
+from glassgait.studies.demo import command
+from glassgait.studies.distillation.config import DistillationConfig, SymbolicConfig
 
 TINY = DistillationConfig(
     students=("linear", "statewise_symbolic"),

@@ -14,31 +14,31 @@ import pytest
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
-from diagrams.station import StationConfig
-from models.errors import InputError
-from models.policies.expression import Expression, parse_expression, variable_names
-from models.policies.gates import foot_gates, lateness_gate
-from models.policies.library import load_expert, load_policy
-from models.policies.neural import NeuralPolicy
-from models.policies.symbolic import Tape
-from models.task.gait import load_gait
-from models.task.observation import ObservationLayout
-from studies.distillation.collection import Dataset, collect, load_levels
-from studies.distillation.config import (
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import Expression, parse_expression, variable_names
+from glassgait.models.policies.gates import foot_gates, lateness_gate
+from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import Tape
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.distillation.collection import Dataset, collect, load_levels
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from studies.distillation.formulas import latex_formula, readable_formula
-from studies.distillation.gated_sum import fit_gated_sums
-from studies.distillation.library import load_students
-from studies.distillation.selection import simplest_of_the_best
-from studies.distillation.students import fit_student, untrained_student
-from studies.distillation.study import distill, r2_scores
-from studies.distillation.symbolic_regression import fit_formulas, pysr_arguments
-from studies.distillation.tables import write_r2_table
+from glassgait.studies.distillation.formulas import latex_formula, readable_formula
+from glassgait.studies.distillation.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.selection import simplest_of_the_best
+from glassgait.studies.distillation.students import fit_student, untrained_student
+from glassgait.studies.distillation.study import distill, r2_scores
+from glassgait.studies.distillation.symbolic_regression import fit_formulas, pysr_arguments
+from glassgait.studies.distillation.tables import write_r2_table
 
 GAIT = load_gait("trot")
 

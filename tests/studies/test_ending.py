@@ -14,11 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from models.errors import InputError
-from studies.cli import COMMANDS, main
-from studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, TERMINATED, told_plainly
+from glassgait.models.errors import InputError
+from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, TERMINATED, told_plainly
 
-ROOT = Path(__file__).parents[2]
 HEAVY = {"matplotlib", "numpy", "pydantic", "pydrake", "rich", "torch", "tyro"}
 
 
@@ -26,7 +25,6 @@ def start(code, **options):
     """Starts Python on some code, in a group of its own as a shell would."""
     return subprocess.Popen(
         [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -64,7 +62,7 @@ def test_an_unknown_command_is_refused_with_those_there_are(name, refused):
 @pytest.mark.parametrize("argument", ["--help", "--version", "bogus"])
 def test_nothing_heavy_is_imported_before_a_command_is_known(argument):
     code = (
-        "import sys\nfrom studies.cli import main\n"
+        "import sys\nfrom glassgait.studies.cli import main\n"
         f"try: main([{argument!r}])\nexcept SystemExit: pass\n"
         f"print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
     )
@@ -115,7 +113,7 @@ def test_a_place_that_cannot_be_written_is_told(place, refused, tmp_path):
 
 @pytest.mark.parametrize("command", [["gait", "trot"], ["--help"]])
 def test_a_reader_that_wants_no_more_is_left_in_silence(command):
-    process = start(f"from studies.cli import main; main({command!r})")
+    process = start(f"from glassgait.studies.cli import main; main({command!r})")
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait() == BROKEN_PIPE
@@ -126,8 +124,7 @@ def test_a_reader_that_wants_no_more_is_left_in_silence(command):
 def test_a_full_disk_is_told(command):
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(
-            [sys.executable, "-m", "studies.cli", *command],
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            [sys.executable, "-m", "glassgait.studies.cli", *command],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -144,8 +141,7 @@ def test_a_full_disk_is_told(command):
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_output_that_is_closed_is_done_without(arguments, code, closed):
     process = subprocess.run(
-        ["sh", "-c", f"exec '{sys.executable}' -m studies.cli {arguments} {closed}"],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        ["sh", "-c", f"exec '{sys.executable}' -m glassgait.studies.cli {arguments} {closed}"],
         capture_output=True,
         text=True,
         check=False,
@@ -158,7 +154,9 @@ def test_output_that_is_closed_is_done_without(arguments, code, closed):
 def test_a_working_folder_that_is_gone_is_told(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
-    code = "import os\nfrom studies.cli import main\nos.rmdir(os.getcwd())\nmain(['train'])"
+    code = (
+        "import os\nfrom glassgait.studies.cli import main\nos.rmdir(os.getcwd())\nmain(['train'])"
+    )
     process = start(code, cwd=gone)
     _, told = process.communicate(timeout=60)
     assert process.returncode == BAD_INPUT
@@ -168,7 +166,7 @@ def test_a_working_folder_that_is_gone_is_told(tmp_path):
 # A command that is at work as soon as it has started, and that may be slow to unwind.
 AT_WORK = """
 import os, sys, time
-from studies import cli, ending
+from glassgait.studies import cli, ending
 
 class Work:
     def run(self):
@@ -237,7 +235,7 @@ def test_an_interrupt_after_the_sentence_keeps_the_exit_code():
 def interrupt_after(seconds, arguments, folder):
     """Sends Ctrl-C to a command and its workers after some seconds, and returns how it ended."""
     code = (
-        "import os, sys\nfrom studies.cli import main\n"
+        "import os, sys\nfrom glassgait.studies.cli import main\n"
         f"os.write(1, b'.'); sys.argv[1:] = {arguments!r}; main()"
     )
     process = start(code, cwd=folder)

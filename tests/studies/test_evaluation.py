@@ -7,37 +7,37 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import studies.evaluation.jobs
-from diagrams.locomotion import LocomotionConfig, MakeLocomotion
-from diagrams.rollout import make_simulator, record
-from diagrams.station import StationConfig
-from models.a1 import robot
-from models.errors import InputError
-from models.policies.expression import parse_expression, variable_names
-from models.policies.library import load_expert
-from models.policies.linear import LinearPolicy
-from models.policies.symbolic import SymbolicPolicy
-from models.task.formula import parse_formula
-from models.task.gait import Transition, load_gait
-from models.task.observation import ITERATIONS_SCALE
-from studies.distillation.students import untrained_student
-from studies.evaluation.alternation import alternation_jobs
-from studies.evaluation.config import WORLDS, RolloutConfig, World
-from studies.evaluation.figures import gait_figure, reward_figure
-from studies.evaluation.jobs import RolloutJob, run_jobs
-from studies.evaluation.rollouts import roll_out
-from studies.evaluation.scorecard import scorecard_jobs
-from studies.evaluation.scores import (
+import glassgait.studies.evaluation.jobs
+from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.task.formula import parse_formula
+from glassgait.models.task.gait import Transition, load_gait
+from glassgait.models.task.observation import ITERATIONS_SCALE
+from glassgait.studies.distillation.students import untrained_student
+from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig, World
+from glassgait.studies.evaluation.figures import gait_figure, reward_figure
+from glassgait.studies.evaluation.jobs import RolloutJob, run_jobs
+from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.evaluation.scores import (
     RolloutLog,
     interval,
     reward_shares,
     score_rollouts,
     summarize,
 )
-from studies.evaluation.tables import falls_table, scorecard_table, standalone_table
-from studies.evaluation.team import Team
-from studies.figures import save_figure
-from studies.importance.truth import AblatedTeam
+from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.truth import AblatedTeam
 
 
 def log(n_steps=200, n_robots=2):
@@ -180,9 +180,9 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
         return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
-    original = studies.evaluation.jobs.roll_out
+    original = glassgait.studies.evaluation.jobs.roll_out
     monkeypatch.setattr(
-        studies.evaluation.jobs,
+        glassgait.studies.evaluation.jobs,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )

@@ -3,16 +3,16 @@
 import pandas as pd
 import pytest
 
-from models.files import read_yaml
-from models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
-from models.task.gait import load_gait
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.rollouts import roll_out
-from studies.evaluation.scores import score_rollouts
-from studies.evaluation.team import Team
-from studies.tables import to_markdown
-from studies.training.record import read_config
-from studies.training.tables import training_table
+from glassgait.models.files import read_yaml
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.scores import score_rollouts
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.tables import to_markdown
+from glassgait.studies.training.record import read_config
+from glassgait.studies.training.tables import training_table
 
 BUDGET = 10e6
 """Control steps that no gait's training may exceed."""

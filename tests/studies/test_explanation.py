@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import yaml
 
-from diagrams.rollout import Rollout
-from models.policies.expression import parse_expression, variable_names
-from models.policies.library import load_expert, load_student
-from models.policies.linear import LinearPolicy
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.symbolic import StatewiseSymbolicPolicy, Tape
-from models.task.gait import load_gait
-from models.task.observation import machine_state_entries
-from studies.cli import main
-from studies.explanation.page import explain_rollout, render_page
-from studies.explanation.products import products
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, Tape
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import machine_state_entries
+from glassgait.studies.cli import main
+from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.explanation.products import products
 
 
 @pytest.fixture(scope="module")

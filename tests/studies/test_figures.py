@@ -9,23 +9,23 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-import studies.rollout.stills
-from diagrams.camera import Camera
-from diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
-from diagrams.rollout import make_simulator, record
-from models.a1 import kinematics, robot
-from models.errors import InputError
-from models.policies.library import EXPERT_DIRECTORY, load_expert
-from models.policies.policy import Contributions
-from models.task.gait import load_gait
-from studies.curricula.figures import curricula_figure
-from studies.evaluation.figures import gait_figure, reward_figure
-from studies.figures import save_figure, subplots
-from studies.front.figures import front_figure
-from studies.importance.additive_figures import contribution_figure
-from studies.importance.figures import importance_map, loss_figure, truth_figure
-from studies.rollout.stills import gait_strip, last_cycle
-from studies.training.figures import curriculum_curves, learning_curves
+import glassgait.studies.rollout.stills
+from glassgait.diagrams.camera import Camera
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
+from glassgait.models.policies.policy import Contributions
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.curricula.figures import curricula_figure
+from glassgait.studies.evaluation.figures import gait_figure, reward_figure
+from glassgait.studies.figures import save_figure, subplots
+from glassgait.studies.front.figures import front_figure
+from glassgait.studies.importance.additive_figures import contribution_figure
+from glassgait.studies.importance.figures import importance_map, loss_figure, truth_figure
+from glassgait.studies.rollout.stills import gait_strip, last_cycle
+from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
 
@@ -127,7 +127,7 @@ def test_a_rollout_without_a_cycle_is_refused(rollout):
 
 
 def test_strip_shows_its_stills_above_the_contacts(rollout, monkeypatch, tmp_path):
-    monkeypatch.setattr(studies.rollout.stills, "Camera", GreyCamera)
+    monkeypatch.setattr(glassgait.studies.rollout.stills, "Camera", GreyCamera)
     figure = gait_strip(rollout, load_gait("trot"), n_stills=6)
     *stills, contacts = figure.axes
     assert len(stills) == 6

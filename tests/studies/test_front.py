@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from models.policies.library import load_expert
-from models.task.observation import machine_state_entries
-from studies.cli import main
-from studies.distillation.collection import Dataset
-from studies.front.command import front_table, mean_nodes, smallest_that_walk
-from studies.front.formulas import FAMILIES
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.observation import machine_state_entries
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.collection import Dataset
+from glassgait.studies.front.command import front_table, mean_nodes, smallest_that_walk
+from glassgait.studies.front.formulas import FAMILIES
 
 NAMES = load_expert("trot").observation_names
 

@@ -10,27 +10,31 @@ import pytest
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
-from models.a1 import robot
-from models.policies.additive import AdditivePolicy
-from models.policies.boosting import BoostedTreesPolicy
-from models.policies.expression import parse_expression, variable_names
-from models.policies.library import load_expert
-from models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from models.policies.open_loop import OpenLoopPolicy
-from models.policies.symbolic import SymbolicPolicy
-from models.task.gait import load_gait
-from models.task.observation import ObservationLayout, machine_state_entries
-from studies.cli import main
-from studies.distillation.collection import Dataset
-from studies.distillation.config import DistillationConfig, HistogramGbmConfig
-from studies.distillation.study import distill
-from studies.importance.interpret_model import interpret_model
-from studies.importance.methods import own_importance, permutation_importance
-from studies.importance.observations import merge_importances, merged_name, observation_groups
-from studies.importance.study import draw_student
-from studies.importance.tables import PAPER_TOP, top_observations, top_table
-from studies.importance.tree_figures import dependence_figure, tree_figure
-from studies.importance.truth import AblatedTeam, losses, rank_correlations
+from glassgait.models.a1 import robot
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout, machine_state_entries
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.collection import Dataset
+from glassgait.studies.distillation.config import DistillationConfig, HistogramGbmConfig
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.importance.interpret_model import interpret_model
+from glassgait.studies.importance.methods import own_importance, permutation_importance
+from glassgait.studies.importance.observations import (
+    merge_importances,
+    merged_name,
+    observation_groups,
+)
+from glassgait.studies.importance.study import draw_student
+from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
+from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+from glassgait.studies.importance.truth import AblatedTeam, losses, rank_correlations
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)

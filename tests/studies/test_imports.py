@@ -3,15 +3,12 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-
 MODULES = """
 import importlib, pkgutil, sys
-ROOTS = ("models", "systems", "diagrams", "studies")
+ROOTS = tuple(f"glassgait.{name}" for name in ("models", "systems", "diagrams", "studies"))
 MODULES = [*ROOTS]
 for root in ROOTS:
     package = importlib.import_module(root)
@@ -23,7 +20,7 @@ OF_OTHERS = (
     + """
 for name in MODULES:
     importlib.import_module(name)
-print(*(name for name in sys.modules if name.partition(".")[0] not in ROOTS))
+print(*(name for name in sys.modules if name.partition(".")[0] != "glassgait"))
 """
 )
 
@@ -77,7 +74,6 @@ def run(code, given=""):
     return subprocess.run(
         [sys.executable, "-c", code],
         input=given,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=True,
@@ -97,10 +93,10 @@ def test_importing_a_module_changes_nothing_of_the_process(of_others):
 @pytest.mark.skipif(sys.platform != "linux", reason="asks GNU's OpenMP")
 @pytest.mark.parametrize("command", ["train", pytest.param("benchmark", marks=pytest.mark.slow)])
 def test_threads_of_torch_sleep_between_operations_where_it_trains(command):
-    code = f"from studies.cli import main; main([{command!r}, '--help'])"
+    code = f"from glassgait.studies.cli import main; main([{command!r}, '--help'])"
     told = subprocess.run(
         [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_DISPLAY_ENV": "VERBOSE"},
+        env=os.environ | {"OMP_DISPLAY_ENV": "VERBOSE"},
         capture_output=True,
         text=True,
         check=True,

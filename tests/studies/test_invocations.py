@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import pytest
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
-from models.settings import Settings
-from studies.cli import COMMANDS, main
-from studies.ending import BAD_INPUT
+from glassgait.models.settings import Settings
+from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.ending import BAD_INPUT
 
 NUMBERS = ["0", "-1", "1", "2", "-0.0", "0.5", "1.5", "nan", "inf", "-inf", "1e400", "1e-400"]
 NUMBERS += [str(2**31), str(2**32), str(2**63), "9" * 30, "9" * 5000, "1_0", "0x10", "1e3", "٣"]

@@ -11,24 +11,24 @@ from pathlib import Path
 
 import pytest
 
-from models.policies.library import load_expert
-from models.task.gait import load_gait
-from studies.distillation.config import DistillationConfig
-from studies.distillation.study import distill
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.study import distill
 
 SEED = int(os.environ.get("KILL_SEED", "0")) or random.SystemRandom().randrange(1, 2**31)
 
 # What takes minutes by its command is made small; all else is the command's own.
 DRIVER = """
 import sys
-from studies.cli import main
+from glassgait.studies.cli import main
 
 if sys.argv[1] in ("demo", "report"):
     sys.path.insert(0, sys.argv.pop())
-    import studies.demo.command, studies.report.command, test_demo, test_report
-    studies.demo.command.QUICK = test_demo.TINY
-    studies.demo.command.REPLAY_SECONDS = 0.2
-    studies.report.command.QUICK = test_report.TINY
+    import glassgait.studies.demo.command, glassgait.studies.report.command, test_demo, test_report
+    glassgait.studies.demo.command.QUICK = test_demo.TINY
+    glassgait.studies.demo.command.REPLAY_SECONDS = 0.2
+    glassgait.studies.report.command.QUICK = test_report.TINY
 main(sys.argv[1:])
 """
 

@@ -6,19 +6,18 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import psutil
 import pytest
 from joblib import delayed
 
-from models.errors import InputError
-from studies.parallel import _signals_held, run_parallel
+from glassgait.models.errors import InputError
+from glassgait.studies.parallel import _signals_held, run_parallel
 
 PARENT = """
 import os, time
 from joblib import delayed
-from studies.parallel import run_parallel
+from glassgait.studies.parallel import run_parallel
 
 os.cpu_count = lambda: 2
 
@@ -36,7 +35,6 @@ def parent():
     """Starts a process whose workers are at work, in a group of its own."""
     process = subprocess.Popen(
         [sys.executable, "-c", PARENT],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

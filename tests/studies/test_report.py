@@ -3,19 +3,19 @@
 import pandas as pd
 import pytest
 
-from studies.cli import main
-from studies.distillation.config import (
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.config import (
     DistillationConfig,
     EbmConfig,
     GbmConfig,
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from studies.evaluation.config import RolloutConfig
-from studies.report import command
-from studies.report.config import PAPER_STUDENTS, ReportConfig
-from studies.report.contents import contents, r2_by_gait
-from studies.report.gait import GaitResults
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.report import command
+from glassgait.studies.report.config import PAPER_STUDENTS, ReportConfig
+from glassgait.studies.report.contents import contents, r2_by_gait
+from glassgait.studies.report.gait import GaitResults
 
 TINY = ReportConfig(
     distillation=DistillationConfig(

@@ -6,18 +6,18 @@ import shutil
 import numpy as np
 import pytest
 
-from models.errors import InputError
-from models.policies.library import load_expert
-from models.task.gait import load_gait
-from studies.distillation.config import DistillationConfig
-from studies.distillation.study import distill
-from studies.evaluation.config import RolloutConfig
-from studies.evaluation.jobs import run_jobs
-from studies.evaluation.scorecard import scorecard_jobs
-from studies.evaluation.team import Team
-from studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
-from studies.training.config import PpoConfig, TrainingConfig
-from studies.training.study import TrainingRun
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.evaluation.jobs import run_jobs
+from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.study import TrainingRun
 
 GAIT = load_gait("trot")
 EXPERT = load_expert("trot")

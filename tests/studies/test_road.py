@@ -6,7 +6,7 @@ import sys
 import pytest
 import yaml
 
-from models.policies.library import load_policy
+from glassgait.models.policies.library import load_policy
 
 HOP = """
 description: All four feet leave the ground together.
@@ -48,7 +48,7 @@ def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
         policy = [] if command in ("gait", "train") else expert
         line = [command, *gait, *policy, *arguments, *more.get(command, [])]
         run = subprocess.run(
-            [sys.executable, "-m", "studies.cli", *line],
+            [sys.executable, "-m", "glassgait.studies.cli", *line],
             cwd=tmp_path,
             capture_output=True,
             text=True,

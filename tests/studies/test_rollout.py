@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 import yaml
 
-import studies.rollout.command
-import studies.rollout.live
-from diagrams.locomotion import LocomotionConfig, SliderCommand
-from diagrams.visualization import open_meshcat
-from models.policies.library import load_expert
-from models.policies.linear import LinearPolicy
-from studies.cli import main
-from studies.evaluation.figures import gait_figure
-from studies.evaluation.team import Team
-from studies.rollout.live import play_live
+import glassgait.studies.rollout.command
+import glassgait.studies.rollout.live
+from glassgait.diagrams.locomotion import LocomotionConfig, SliderCommand
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.studies.cli import main
+from glassgait.studies.evaluation.figures import gait_figure
+from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollout.live import play_live
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -33,7 +33,7 @@ def live(tmp_path):
     started = []
 
     def start(*arguments):
-        command = [sys.executable, "-m", "studies.cli", "rollout", "--live", *arguments]
+        command = [sys.executable, "-m", "glassgait.studies.cli", "rollout", "--live", *arguments]
         process = subprocess.Popen(
             [*command, "--output", str(tmp_path)],
             stdout=subprocess.PIPE,
@@ -125,8 +125,8 @@ def flinging():
 
 
 def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
-    monkeypatch.setattr(studies.rollout.live, "KEPT_STEPS", 30)
-    monkeypatch.setattr(studies.rollout.live, "FALLEN_SECONDS", 0.0)
+    monkeypatch.setattr(glassgait.studies.rollout.live, "KEPT_STEPS", 30)
+    monkeypatch.setattr(glassgait.studies.rollout.live, "FALLEN_SECONDS", 0.0)
     usual = signal.getsignal(signal.SIGINT)
 
     def interrupt():
@@ -198,7 +198,7 @@ def titles(monkeypatch):
         noted.append(title)
         return gait_figure(rollout, gait, title)
 
-    monkeypatch.setattr(studies.rollout.command, "gait_figure", noting)
+    monkeypatch.setattr(glassgait.studies.rollout.command, "gait_figure", noting)
     return noted
 
 
@@ -227,9 +227,11 @@ def test_a_ratio_has_one_name_however_it_is_written(tmp_path, titles):
 
 
 def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
-    drawn = studies.rollout.command.gait_figure
+    drawn = glassgait.studies.rollout.command.gait_figure
     monkeypatch.setattr(
-        studies.rollout.command, "gait_strip", lambda rollout, gait: drawn(rollout, gait, "stills")
+        glassgait.studies.rollout.command,
+        "gait_strip",
+        lambda rollout, gait: drawn(rollout, gait, "stills"),
     )
     command = ["rollout", "--seconds", "0.2", "--output", str(tmp_path)]
     main(command)

@@ -7,14 +7,20 @@ from dataclasses import dataclass, replace
 import pytest
 import yaml
 
-from models.errors import InputError
-from studies import run_folder
-from studies.run_folder import CONFIG_NAME, digest_of_files, open_run, read_settings, refuse_run
+from glassgait.models.errors import InputError
+from glassgait.studies import run_folder
+from glassgait.studies.run_folder import (
+    CONFIG_NAME,
+    digest_of_files,
+    open_run,
+    read_settings,
+    refuse_run,
+)
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from studies.run_folder import open_run
+from glassgait.studies.run_folder import open_run
 with open_run(Path(sys.argv[1]), study="train", settings={}, inputs={}, resume=False):
     print("at work", flush=True)
     time.sleep(60)

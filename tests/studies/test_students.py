@@ -6,24 +6,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from models.errors import InputError
-from models.policies.library import (
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
     load_student,
     shipped_experts,
     shipped_students,
 )
-from models.policies.symbolic import FormulaPolicy
-from models.task.gait import load_gait
-from studies.cli import main
-from studies.distillation.config import STUDENT_TITLES
-from studies.distillation.formulas import write_formulas
-from studies.distillation.library import default_student, find_student
-from studies.evaluation.config import WORLDS, RolloutConfig
-from studies.evaluation.rollouts import roll_out
-from studies.evaluation.scorecard import scorecard_jobs
-from studies.evaluation.team import Team
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.distillation.formulas import write_formulas
+from glassgait.studies.distillation.library import default_student, find_student
+from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
+from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.evaluation.team import Team
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 

@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 import yaml
 
-from diagrams.rollout import Rollout
-from models.task.gait import GAIT_DIRECTORY, load_gait
-from studies.cli import main
-from studies.console import console, progress_bar, say
-from studies.evaluation.figures import draw_gait
-from studies.figures import save_figure, subplots
-from studies.tables import print_table, to_markdown
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.console import console, progress_bar, say
+from glassgait.studies.evaluation.figures import draw_gait
+from glassgait.studies.figures import save_figure, subplots
+from glassgait.studies.tables import print_table, to_markdown
 
 WORDS = ["[/y]", "[bold]x[/bold]", "x[y]", ":smile:", "[link=a]b[/link]", "\\[x]"]
 

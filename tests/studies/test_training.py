@@ -11,14 +11,14 @@ import pytest
 import torch
 import yaml
 
-from models.errors import InputError
-from models.files import load_arrays
-from models.policies.library import EXPERT_DIRECTORY, load_policy
-from models.task.gait import load_gait
-from studies.training.checkpoint import CHECKPOINT_NAME
-from studies.training.config import PpoConfig, TrainingConfig
-from studies.training.record import read_config
-from studies.training.study import TrainingRun
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.record import read_config
+from glassgait.studies.training.study import TrainingRun
 
 TINY = TrainingConfig(
     updates=4,
@@ -34,8 +34,8 @@ TINY = TrainingConfig(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from models.task.gait import load_gait
-from studies.training.study import TrainingRun
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.training.study import TrainingRun
 sys.path.insert(0, sys.argv[2])
 from test_training import TINY
 

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from systems.action_hold import ActionHold
+from glassgait.systems.action_hold import ActionHold
 
 
 def held(system, context):

@@ -3,7 +3,7 @@
 import pytest
 from pydrake.systems.framework import InputPortIndex
 
-from systems.alternation import AlternationSchedule
+from glassgait.systems.alternation import AlternationSchedule
 
 EXPERT, STUDENT = InputPortIndex(1), InputPortIndex(2)
 

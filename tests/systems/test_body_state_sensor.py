@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from models.task.observation import body_state
-from systems.body_state_sensor import BodyStateSensor
+from glassgait.models.task.observation import body_state
+from glassgait.systems.body_state_sensor import BodyStateSensor
 
 
 def test_ports(port_sizes, feedthrough):

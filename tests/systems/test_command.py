@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.command import RandomCommand
+from glassgait.systems.command import RandomCommand
 
 
 def command_at(system, time, seed=0.5):

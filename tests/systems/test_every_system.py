@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import systems
+import glassgait.systems
 
-SYSTEMS = Path(systems.__file__).parent
+SYSTEMS = Path(glassgait.systems.__file__).parent
 
 
 def test_every_system_has_its_test_file():

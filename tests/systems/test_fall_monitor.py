@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.task.termination import FAILURES, TerminationLimits
-from systems.fall_monitor import FallMonitor
+from glassgait.models.task.termination import FAILURES, TerminationLimits
+from glassgait.systems.fall_monitor import FallMonitor
 
 
 def test_ports(port_sizes, feedthrough):

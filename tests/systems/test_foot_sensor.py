@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from systems.foot_sensor import FootSensor
+from glassgait.systems.foot_sensor import FootSensor
 
 
 def sensed(system, context):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from models.a1 import kinematics, robot
-from systems.gait_display import DISPLAY_PERIOD, GaitDisplay
+from glassgait.models.a1 import kinematics, robot
+from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay
 
 
 class FakeMeshcat:

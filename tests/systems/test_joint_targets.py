@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from systems.joint_targets import JointTargets
+from glassgait.models.a1 import robot
+from glassgait.systems.joint_targets import JointTargets
 
 
 def test_ports(port_sizes, feedthrough):

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from diagrams.visualization import open_meshcat
-from systems.meshcat_command import DWELL_SLIDER, SPEED_SLIDER, YAW_RATE_SLIDER, MeshcatCommand
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.systems.meshcat_command import (
+    DWELL_SLIDER,
+    SPEED_SLIDER,
+    YAW_RATE_SLIDER,
+    MeshcatCommand,
+)
 
 SLIDERS = (SPEED_SLIDER, YAW_RATE_SLIDER, DWELL_SLIDER)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.a1 import robot
-from models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
-from systems.observer import Observer
+from glassgait.models.a1 import robot
+from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
+from glassgait.systems.observer import Observer
 
 LAYOUT = ObservationLayout(4)
 

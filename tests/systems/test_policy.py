@@ -6,13 +6,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
-from models.a1 import robot
-from models.errors import InputError
-from models.policies.expression import parse_expression, variable_names
-from models.policies.symbolic import SymbolicPolicy
-from models.task import CONTROL_PERIOD
-from models.task.observation import ObservationLayout
-from systems.policy import PolicySystem
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.systems.policy import PolicySystem
 
 
 def test_ports(trot, make_policy, port_sizes, feedthrough):

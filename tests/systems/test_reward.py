@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from models.a1 import robot
-from models.task.reward import RewardWeights, step_reward
-from systems.reward import RewardSystem
+from glassgait.models.a1 import robot
+from glassgait.models.task.reward import RewardWeights, step_reward
+from glassgait.systems.reward import RewardSystem
 
 
 def inputs(state, **changes):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from models.task.gait import gait_names, load_gait
-from systems.reward_machine import RewardMachineSystem
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.systems.reward_machine import RewardMachineSystem
 
 FL_RR = np.array([1.0, 0, 0, 1])
 HEIGHT = np.array([0.0, 0.04, 0.04, 0])

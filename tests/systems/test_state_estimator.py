@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from systems.state_estimator import StateEstimator
+from glassgait.systems.state_estimator import StateEstimator
 
 
 def test_ports(port_sizes, feedthrough):
