@@ -142,7 +142,7 @@ class BatchSimulator:
         *,
         n_robots: int,
         generator: np.random.Generator,
-        ease: float = 1.0,
+        difficulty: float = 1.0,
     ) -> None:
         """
         Args:
@@ -150,13 +150,14 @@ class BatchSimulator:
             physics: The stepper.
             n_robots: Number of robots.
             generator: Source of all randomness.
-            ease: Factor on what the reward machine's transitions ask for; see `RewardMachine`.
+            difficulty: Factor on what the reward machine's transitions ask for; see
+                `RewardMachine`.
         """
         self.task = task
         self.physics = physics
         self.n_robots = n_robots
         self.generator = generator
-        self.ease = ease
+        self.difficulty = difficulty
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states)
         self._weights = task.weights.as_array()
@@ -252,7 +253,7 @@ class BatchSimulator:
 
         feet = sense_feet(plant, s.touching)
         machine = self.machine.step(
-            s.machine, feet.contact, feet.height, s.command.dwell, self.ease
+            s.machine, feet.contact, feet.height, s.command.dwell, self.difficulty
         )
         reward = step_reward(
             state=plant,
@@ -311,7 +312,11 @@ class BatchSimulator:
         count = len(plant)
         feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
         start = self.machine.step(
-            self.machine.initial((count,)), feet.contact, feet.height, command.dwell, self.ease
+            self.machine.initial((count,)),
+            feet.contact,
+            feet.height,
+            command.dwell,
+            self.difficulty,
         )
         return TaskState(
             plant=plant,

@@ -38,8 +38,8 @@ from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.meshcat_command import MeshcatCommand
-from glassgait.systems.observer import Observer
 from glassgait.systems.policy import PolicySystem
+from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.state_estimator import StateEstimator
@@ -202,13 +202,13 @@ def MakeLocomotion(  # noqa: N802
 
     foot_sensor, machine = _add_machine(builder, gait, state, commanded_dwell)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
-    observer = _add_observer(builder, layout, config, machine, hold)
+    proprioception = _add_proprioception(builder, layout, config, machine, hold)
     if noise is not None:
-        builder.Connect(noise, observer.get_uniform_noise_input_port())
-    builder.Connect(state, observer.get_state_input_port())
-    builder.Connect(command, observer.get_command_input_port())
-    builder.Connect(commanded_dwell, observer.get_commanded_dwell_input_port())
-    observation = _add_observation(builder, layout, observer, state, estimator)
+        builder.Connect(noise, proprioception.get_uniform_noise_input_port())
+    builder.Connect(state, proprioception.get_state_input_port())
+    builder.Connect(command, proprioception.get_command_input_port())
+    builder.Connect(commanded_dwell, proprioception.get_commanded_dwell_input_port())
+    observation = _add_observation(builder, layout, proprioception, state, estimator)
     if expert is None and student is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     else:
@@ -396,19 +396,21 @@ def _add_machine(
     return foot_sensor, machine
 
 
-def _add_observer(
+def _add_proprioception(
     builder: DiagramBuilder,
     layout: ObservationLayout,
     config: LocomotionConfig,
     machine: RewardMachineSystem,
     hold: ActionHold,
-) -> Observer:
-    observer = builder.AddNamedSystem("observer", Observer(layout, config.sensor_noise))
+) -> Proprioception:
+    proprioception = builder.AddNamedSystem(
+        "proprioception", Proprioception(layout, config.sensor_noise)
+    )
     connect = builder.Connect
-    connect(hold.get_held_action_output_port(), observer.get_previous_action_input_port())
-    connect(machine.get_rm_state_output_port(), observer.get_rm_state_input_port())
-    connect(machine.get_rm_iterations_output_port(), observer.get_rm_iterations_input_port())
-    return observer
+    connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
+    connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())
+    connect(machine.get_rm_iterations_output_port(), proprioception.get_rm_iterations_input_port())
+    return proprioception
 
 
 def _add_judges(
@@ -441,11 +443,11 @@ def _add_judges(
 def _add_observation(
     builder: DiagramBuilder,
     layout: ObservationLayout,
-    observer: Observer,
+    sensor: Proprioception,
     state: OutputPort,
     estimator: Callable[[Array], Array] | None,
 ) -> OutputPort:
-    proprioception = observer.get_proprioception_output_port()
+    proprioception = sensor.get_proprioception_output_port()
     if estimator is None:
         body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
         builder.Connect(state, body_state.get_state_input_port())

@@ -32,8 +32,8 @@ COMMANDS = {
         "glassgait.studies.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",
     ),
-    "front": (
-        "glassgait.studies.front.command:Front",
+    "pareto": (
+        "glassgait.studies.pareto.command:Pareto",
         "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
     ),
     "curricula": (

@@ -20,7 +20,7 @@ PAGES = {
     page: (ROOT / page).read_text()
     for page in ("README.md", "models/students/README.md", "models/experts/README.md")
 }
-NEEDS_A_DISTILLATION = ("front", "importance")
+NEEDS_A_DISTILLATION = ("pareto", "importance")
 """Commands that read the samples of one."""
 
 

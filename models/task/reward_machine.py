@@ -93,7 +93,7 @@ class RewardMachine:
         foot_contact: BoolArray,
         foot_height: Array,
         commanded_dwell: Array | IntArray,
-        ease: float = 1.0,
+        difficulty: float = 1.0,
     ) -> MachineStep:
         """Advances by one control step.
 
@@ -106,15 +106,15 @@ class RewardMachine:
             foot_contact: Whether each foot touches, now or at the previous step (..., 4).
             foot_height: Height of each foot above the ground (..., 4; m).
             commanded_dwell: Commanded iterations in a state (...; control steps).
-            ease: Factor on the dwell and the clearance that a transition asks for, and divisor of
-                its grace; training raises it to 1.
+            difficulty: Factor on the dwell and clearance that a transition asks for, and divisor
+                of its grace; training raises it to 1.
         """
         edge = self._edge[machine.state, stance_code(foot_contact)]
         spent = machine.iterations + 1
-        clearance = ease * self.gait.clearance
+        clearance = difficulty * self.gait.clearance
         lifted = np.all((foot_height >= clearance) | ~self._swing[edge], axis=-1)
         dwell = self._dwell[edge] * commanded_dwell
-        in_time = (spent >= ease * dwell) & (ease * machine.age >= self._grace[edge])
+        in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state, np.where(fired, 0, spent), machine.age + 1)

@@ -25,9 +25,9 @@ from glassgait.studies.distillation.library import (
 from glassgait.studies.evaluation.config import RolloutConfig
 from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.figures import save_figure
-from glassgait.studies.importance.figures import loss_figure, truth_figure
+from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
+from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
-from glassgait.studies.importance.truth import ablation_jobs, losses, rank_correlations
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
@@ -98,15 +98,16 @@ class Importance(Settings):
             jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
             lost = losses(run_jobs(jobs, folder / "rollouts"))
             correlations = rank_correlations(importances, lost)
-            for name, table in (("losses", lost), ("truth", correlations)):
+            for name, table in (("losses", lost), ("faithfulness", correlations)):
                 write_table(table, folder / name)
             save_figure(loss_figure(lost, gait.name.capitalize()), folder / "losses")
-            save_figure(truth_figure(importances, lost, gait.name.capitalize()), folder / "truth")
+            figure = faithfulness_figure(importances, lost, gait.name.capitalize())
+            save_figure(figure, folder / "faithfulness")
             write_metrics(
                 {
                     "importances": importances.to_dict(orient="records"),
                     "losses": lost.to_dict(orient="records"),
-                    "truth": correlations.to_dict(orient="records"),
+                    "faithfulness": correlations.to_dict(orient="records"),
                 },
                 folder / "metrics.json",
             )

@@ -12,8 +12,8 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.studies.distillation.config import STUDENT_TITLES
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.importance.faithfulness import MODE_TITLES
 from glassgait.studies.importance.methods import METHOD_TITLES
-from glassgait.studies.importance.truth import MODE_TITLES
 
 _MODE_COLORS = {"mean": "#0072B2", "shuffled": "#E69F00", "delayed": "#999999"}
 
@@ -61,7 +61,7 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
 
 
 @styled
-def truth_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> Figure:
+def faithfulness_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: str) -> Figure:
     """Draws which observations each method ranks high against the loss that followed.
 
     Of a method that can be believed all points lie on the diagonal.

@@ -78,7 +78,7 @@ def _train(run: TrainingRun) -> None:
             line = (
                 f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
                 f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "
-                f"ease {row['ease']:.2f}  failures {row['failure_rate']:.4f}"
+                f"difficulty {row['difficulty']:.2f}  failures {row['failure_rate']:.4f}"
             )
             progress.update(task, completed=run.progress.update, text=line)
             if not console.is_terminal and run.progress.update % LINES_EVERY == 0:

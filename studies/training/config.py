@@ -31,19 +31,19 @@ Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 class CurriculumConfig(Settings):
     """How the reward machine's demands grow during training.
 
-    An ease scales the dwell and the clearance that a transition asks for, and divides its grace. It
-    rises after every update in which the robots kept enough of the commanded rhythm. At a low ease
-    they may step faster than commanded; the rising dwell slows them down.
+    The difficulty scales the dwell and the clearance that a transition asks for, and divides its
+    grace. It rises after every update in which the robots kept enough of the commanded rhythm. At a
+    low difficulty they may step faster than commanded; the rising dwell slows them down.
 
     Attributes:
-        initial_ease: Ease at the start; 1 is the paper's way, no curriculum.
-        rise: How much the ease grows after an update.
-        required_rhythm: Share of the commanded rhythm that lets the ease grow.
+        initial_difficulty: Ease at the start; 1 is the paper's way, no curriculum.
+        rise: How much the difficulty grows after an update.
+        required_rhythm: Share of the commanded rhythm that lets the difficulty grow.
     """
 
     title: ClassVar[str] = "training: curriculum"
 
-    initial_ease: Share = 0.2
+    initial_difficulty: Share = 0.2
     rise: Fraction = 0.02
     required_rhythm: Fraction = 0.5
 
@@ -55,10 +55,10 @@ class PpoConfig(Settings):
     Attributes:
         steps_per_update: Control steps of each robot between two updates.
         epochs: Passes over those steps.
-        mini_batches: Mini-batches of a pass.
+        num_minibatches: Mini-batches of a pass.
         clip: Clipping of the probability ratio.
-        discount: Discount of the return.
-        trace_decay: λ of the generalized advantage estimate.
+        gamma: Discount of the return.
+        gae_lambda: λ of the generalized advantage estimate.
         entropy: Weight of the entropy at first, which keeps the robots trying.
         final_entropy: Weight of the entropy in the end, which lets them become precise.
         entropy_decay: Updates between which the weight falls from the one to the other.
@@ -77,10 +77,10 @@ class PpoConfig(Settings):
 
     steps_per_update: Count = 24
     epochs: Count = 5
-    mini_batches: Count = 4
+    num_minibatches: Count = 4
     clip: Positive = 0.2
-    discount: Fraction = 0.99
-    trace_decay: Fraction = 0.95
+    gamma: Fraction = 0.99
+    gae_lambda: Fraction = 0.95
     entropy: NotNegative = 0.01
     final_entropy: NotNegative = 0.001
     entropy_decay: Updates = (400, 600)
@@ -102,7 +102,7 @@ class EstimatorConfig(Settings):
         layers: Widths of the hidden layers.
         learning_rate: Learning rate of Adam.
         epochs: Passes over the steps of each update.
-        mini_batches: Mini-batches of a pass.
+        num_minibatches: Mini-batches of a pass.
     """
 
     title: ClassVar[str] = "training: estimator"
@@ -110,7 +110,7 @@ class EstimatorConfig(Settings):
     layers: Layers = (128, 128)
     learning_rate: LearningRate = 1e-3
     epochs: Count = 1
-    mini_batches: Count = 4
+    num_minibatches: Count = 4
 
 
 @dataclass(frozen=True)
@@ -184,8 +184,8 @@ class TrainingConfig(Settings):
     def _check_batch(self) -> None:
         # PPO divides by the spread of an update's advantages, which one step does not have.
         steps = self.n_robots * self.ppo.steps_per_update
-        if steps < max(2, self.ppo.mini_batches):
+        if steps < max(2, self.ppo.num_minibatches):
             raise InputError(
-                f"training: an update of {steps} steps does not fill {self.ppo.mini_batches} "
-                "mini_batches of PPO, nor is one step enough; raise n_robots or steps_per_update"
+                f"training: an update of {steps} steps does not fill {self.ppo.num_minibatches} "
+                "num_minibatches of PPO, nor is one step enough; raise n_robots or steps_per_update"
             )

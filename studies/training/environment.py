@@ -61,7 +61,7 @@ class TrainingEnvironment:
             BatchPhysics(*config.stations()),
             n_robots=config.n_robots,
             generator=generator,
-            ease=config.curriculum.initial_ease,
+            difficulty=config.curriculum.initial_difficulty,
         )
         # Spread the ends of the first episodes, so that updates see all ages at once.
         steps = self.simulator.state.steps
@@ -106,7 +106,7 @@ class TrainingEnvironment:
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
                 self.simulator.friction_of_robots()[:, None],
-                np.full((len(s.plant), 1), self.simulator.ease),
+                np.full((len(s.plant), 1), self.simulator.difficulty),
             ],
             axis=1,
         )
@@ -115,7 +115,7 @@ class TrainingEnvironment:
         """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
         values = {
-            "ease": self.simulator.ease,
+            "difficulty": self.simulator.difficulty,
             "generator": self.generator.bit_generator.state,
         }
         return arrays, values
@@ -124,7 +124,7 @@ class TrainingEnvironment:
         """Continues from what `to_arrays` returned."""
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
-        self.simulator.ease = values["ease"]
+        self.simulator.difficulty = values["difficulty"]
         self.generator.bit_generator.state = values["generator"]
 
 

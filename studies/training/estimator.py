@@ -51,7 +51,7 @@ class EstimatorTrainer:
         inputs, targets = observations["proprioception"], observations["body_state"]
         losses = []
         for _ in range(self._config.epochs):
-            for batch in torch.randperm(len(inputs)).chunk(self._config.mini_batches):
+            for batch in torch.randperm(len(inputs)).chunk(self._config.num_minibatches):
                 error = (self._estimator(inputs[batch]) - targets[batch]) / self._estimator.scale
                 loss = error.square().mean()
                 self.optimizer.zero_grad()

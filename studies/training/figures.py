@@ -16,7 +16,7 @@ _LABELS = {
     "plain_reward": "plain reward\na step",
     "reward": "reward with\nmachine a step",
     "rhythm": "share of the\nrhythm kept",
-    "ease": "ease of the\nmachine",
+    "difficulty": "difficulty of the\nmachine",
     "failure_rate": "failures a robot\nand second",
 }
 
@@ -28,7 +28,7 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
     Args:
         curves: Curves as training writes them, by the name of their line.
     """
-    columns = ("plain_reward", "reward", "rhythm", "ease", "failure_rate")
+    columns = ("plain_reward", "reward", "rhythm", "difficulty", "failure_rate")
     return _curves(curves, columns)
 
 
@@ -38,7 +38,7 @@ def curriculum_curves(with_it: pd.DataFrame, without: pd.DataFrame) -> Figure:
     budget = min(with_it["control_steps"].max(), without["control_steps"].max())
     curves = {"with the curriculum": with_it, "without (paper)": without}
     same = {name: curve[curve["control_steps"] <= budget] for name, curve in curves.items()}
-    return _curves(same, ("plain_reward", "rhythm", "ease", "failure_rate"))
+    return _curves(same, ("plain_reward", "rhythm", "difficulty", "failure_rate"))
 
 
 def _curves(curves: Mapping[str, pd.DataFrame], columns: tuple[str, ...]) -> Figure:

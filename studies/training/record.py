@@ -51,7 +51,7 @@ def write_expert(run: "TrainingRun", folder: Path) -> None:
         "control_steps_per_second": round(steps / run.progress.seconds),
         "final": {
             key: round(float(recent[key]), 4)
-            for key in ("plain_reward", "reward", "rhythm", "failure_rate", "ease")
+            for key in ("plain_reward", "reward", "rhythm", "failure_rate", "difficulty")
         },
         "software": {
             package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")

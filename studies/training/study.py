@@ -112,13 +112,13 @@ class TrainingRun:
         row = {
             "update": float(self.progress.update),
             "control_steps": float(self.control_steps),
-            "ease": simulator.ease,
+            "difficulty": simulator.difficulty,
             **statistics.means(),
             **losses,
             "seconds": self.progress.seconds,
             "memory_mb": psutil.Process().memory_info().rss / 2**20,
         }
-        self._ease(row["rhythm"])
+        self._difficulty(row["rhythm"])
         self.curve.append(row)
         return row
 
@@ -134,10 +134,10 @@ class TrainingRun:
         """Control steps of all robots so far."""
         return self.progress.update * self.config.n_robots * self.config.ppo.steps_per_update
 
-    def _ease(self, rhythm: float) -> None:
+    def _difficulty(self, rhythm: float) -> None:
         curriculum, simulator = self.config.curriculum, self.environment.simulator
         if rhythm > curriculum.required_rhythm:
-            simulator.ease = min(1.0, simulator.ease + curriculum.rise)
+            simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
 
 
 class _Statistics:

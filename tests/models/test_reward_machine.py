@@ -18,10 +18,10 @@ def heights(contact, lifted=LIFTED):
     return np.where(contact, 0.0, lifted)
 
 
-def run(machine, contacts, dwell, ease=1.0, lifted=LIFTED):
+def run(machine, contacts, dwell, difficulty=1.0, lifted=LIFTED):
     state, steps = machine.initial(), []
     for contact in contacts:
-        step = machine.step(state, contact, heights(contact, lifted), dwell, ease)
+        step = machine.step(state, contact, heights(contact, lifted), dwell, difficulty)
         steps.append(step)
         state = step.machine
     return steps
@@ -51,8 +51,8 @@ def test_swing_feet_must_clear_the_ground(trot):
     assert not any(step.fired for step in run(RewardMachine(trot), [FL_RR] * 20, 6, lifted=0.029))
 
 
-def test_ease_scales_dwell_and_clearance(trot):
-    steps = run(RewardMachine(trot), [FL_RR] * 4, dwell=10, ease=0.2, lifted=0.007)
+def test_difficulty_scales_dwell_and_clearance(trot):
+    steps = run(RewardMachine(trot), [FL_RR] * 4, dwell=10, difficulty=0.2, lifted=0.007)
     assert [bool(step.fired) for step in steps] == [False, True, False, False]
 
 
@@ -77,9 +77,9 @@ def test_half_bound_sinks_on_the_wrong_foot_after_the_grace():
     assert steps[24].multiplier == 0
 
 
-def test_ease_lengthens_the_grace():
+def test_difficulty_lengthens_the_grace():
     gait = load_gait("half_bound")
-    steps = run(RewardMachine(gait), [ALL] * 45, dwell=6, ease=0.5)
+    steps = run(RewardMachine(gait), [ALL] * 45, dwell=6, difficulty=0.5)
     sink = gait.states.index("missed")
     assert [int(step.machine.state) == sink for step in steps] == [False] * 40 + [True] * 5
 

@@ -30,8 +30,8 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
     assert "worlds is empty" in refused(["evaluate", "--worlds"])
-    assert "lengths is empty" in refused(["front", "--lengths"])
-    assert "lengths is (8, 0)" in refused(["front", "--lengths", "8", "0"])
+    assert "lengths is empty" in refused(["pareto", "--lengths"])
+    assert "lengths is (8, 0)" in refused(["pareto", "--lengths", "8", "0"])
     assert "policies is empty" in refused(["importance", "--policies"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
@@ -53,12 +53,12 @@ REFUSED = {
     "train --payloads nan": "payloads is (nan,); it must be a finite number",
     "train --fine-steps 0": "fine_steps is (0.0,); it must be more than 0",
     "train --fine-steps 0.02": "name steps that are shorter than the station's",
-    "train --curriculum.initial-ease 0": "initial_ease is 0.0; it must be more than 0",
+    "train --curriculum.initial-difficulty 0": "initial_difficulty is 0.0; it must be more than 0",
     "train --curriculum.rise -0.1": "rise is -0.1; it must be 0 or more",
-    "train --ppo.mini-batches 0": "mini_batches is 0",
-    "train --ppo.mini-batches 7000": "does not fill 7000 mini_batches",
+    "train --ppo.num-minibatches 0": "num_minibatches is 0",
+    "train --ppo.num-minibatches 7000": "does not fill 7000 num_minibatches",
     "train --ppo.clip 0": "clip is 0.0; it must be more than 0",
-    "train --ppo.discount 1.1": "discount is 1.1; it must be 1 or less",
+    "train --ppo.gamma 1.1": "gamma is 1.1; it must be 1 or less",
     "train --ppo.learning-rate inf": "learning_rate is inf; it must be a finite number",
     "train --ppo.learning-rate 1e300": "learning_rate is 1e+300; it must be 1 or less",
     "train --estimator.learning-rate 2": "learning_rate is 2.0; it must be 1 or less",
@@ -67,7 +67,7 @@ REFUSED = {
     f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
     f"train --payloads {'0.1 ' * 101}": "it must be of 100 values at most",
     f"train --fine-steps {'0.005 ' * 101}": "it must be of 100 values at most",
-    f"front --lengths {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
+    f"pareto --lengths {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
     f"distill --speeds {'0.5 ' * 101}": "it must be of 100 values at most",
     f"distill --symbolic.shapes {'9 9 ' * 101}": "it must be of 100 values at most",
     f"report --gaits {' '.join(f'a{i}' for i in range(101))}": "it must be of 100 values at most",

@@ -37,7 +37,7 @@ from glassgait.studies.evaluation.scores import (
 from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
 from glassgait.studies.evaluation.team import Team
 from glassgait.studies.figures import save_figure
-from glassgait.studies.importance.truth import AblatedTeam
+from glassgait.studies.importance.faithfulness import AblatedTeam
 
 
 def log(n_steps=200, n_robots=2):

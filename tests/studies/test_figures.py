@@ -21,9 +21,9 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.curricula.figures import curricula_figure
 from glassgait.studies.evaluation.figures import gait_figure, reward_figure
 from glassgait.studies.figures import save_figure, subplots
-from glassgait.studies.front.figures import front_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
-from glassgait.studies.importance.figures import importance_map, loss_figure, truth_figure
+from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
+from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
@@ -87,8 +87,8 @@ def titled_figures(curve):
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
         "losses": loss_figure(lost, HOSTILE),
-        "truth": truth_figure(ranks, lost, HOSTILE),
-        "front": front_figure(front, HOSTILE),
+        "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
+        "pareto": pareto_figure(front, HOSTILE),
         "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }

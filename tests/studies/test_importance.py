@@ -24,6 +24,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import Dataset
 from glassgait.studies.distillation.config import DistillationConfig, HistogramGbmConfig
 from glassgait.studies.distillation.study import distill
+from glassgait.studies.importance.faithfulness import AblatedTeam, losses, rank_correlations
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.methods import own_importance, permutation_importance
 from glassgait.studies.importance.observations import (
@@ -34,7 +35,6 @@ from glassgait.studies.importance.observations import (
 from glassgait.studies.importance.study import draw_student
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
-from glassgait.studies.importance.truth import AblatedTeam, losses, rank_correlations
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -321,11 +321,16 @@ def distilled(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_command_writes_maps_tables_and_the_test_of_truth(distilled, tmp_path, capsys):
+def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
     students = ["--policies", "statewise_linear", "histogram_gbm", "--students", str(distilled)]
     main(["importance", *small, *students, "--output", str(tmp_path)])
-    for stem in ("losses", "truth", "histogram_gbm_impurity", "statewise_linear_derivatives"):
+    for stem in (
+        "losses",
+        "faithfulness",
+        "histogram_gbm_impurity",
+        "statewise_linear_derivatives",
+    ):
         for kind in ("csv", "md", "png", "pdf"):
             assert (tmp_path / f"{stem}.{kind}").exists()
     assert r"\begin{tabular}" in (tmp_path / "top_observations.tex").read_text()

@@ -30,7 +30,7 @@ ROAD = {
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
     "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
-    "front": ["--n-robots", "2", "--n-steps", "10", "--lengths", "2"],
+    "pareto": ["--n-robots", "2", "--n-steps", "10", "--lengths", "2"],
 }
 
 
@@ -59,6 +59,6 @@ def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
     student = load_policy(runs / "distillation" / "hop" / "statewise_linear.safetensors")
     assert student.gait == "hop"
     assert yaml.safe_load((runs / "training" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
-    for study in ("training", "distillation", "evaluation", "rollout", "importance", "front"):
+    for study in ("training", "distillation", "evaluation", "rollout", "importance", "pareto"):
         assert (runs / study / "hop").is_dir()
     assert list(runs.rglob("index.html"))

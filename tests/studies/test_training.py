@@ -125,15 +125,15 @@ def test_the_record_tells_how_the_expert_was_trained(tmp_path):
     assert len((tmp_path / "trot.csv").read_text().splitlines()) == 3
 
 
-def test_ease_rises_only_while_the_rhythm_is_kept(tmp_path):
+def test_difficulty_rises_only_while_the_rhythm_is_kept(tmp_path):
     run = training_run(TINY, tmp_path)
-    run._ease(0.4)
-    assert run.environment.simulator.ease == pytest.approx(0.2)
-    run._ease(0.6)
-    assert run.environment.simulator.ease == pytest.approx(0.22)
+    run._difficulty(0.4)
+    assert run.environment.simulator.difficulty == pytest.approx(0.2)
+    run._difficulty(0.6)
+    assert run.environment.simulator.difficulty == pytest.approx(0.22)
     for _ in range(100):
-        run._ease(0.6)
-    assert run.environment.simulator.ease == 1.0
+        run._difficulty(0.6)
+    assert run.environment.simulator.difficulty == 1.0
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(tmp_path):

@@ -1,4 +1,4 @@
-"""`glassgait front`: closed-loop reward of formulas against their size."""
+"""`glassgait pareto`: closed-loop reward of formulas against their size."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,8 +23,8 @@ from glassgait.studies.evaluation.config import RolloutConfig
 from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.evaluation.scores import summarize_against
 from glassgait.studies.figures import save_figure
-from glassgait.studies.front.figures import front_figure
-from glassgait.studies.front.formulas import FAMILIES, LENGTHS
+from glassgait.studies.pareto.figures import pareto_figure
+from glassgait.studies.pareto.formulas import FAMILIES, LENGTHS
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
@@ -36,7 +36,7 @@ MIN_RHYTHM = 0.9
 
 
 @dataclass(frozen=True)
-class Front(Settings):
+class Pareto(Settings):
     """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
 
     Attributes:
@@ -47,10 +47,10 @@ class Front(Settings):
         rollouts: How robots are rolled out.
         expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/front/<gait> by default.
+        output: Folder of the results; runs/pareto/<gait> by default.
     """
 
-    title: ClassVar[str] = "front"
+    title: ClassVar[str] = "pareto"
 
     gait: str = "trot"
     samples: Path | None = None
@@ -70,19 +70,19 @@ class Front(Settings):
             distillation_folder(gait.name), "statewise_symbolic"
         )
         data = load_levels(samples)
-        folder = self.output or Path("runs/front") / gait.name
+        folder = self.output or Path("runs/pareto") / gait.name
         inputs = {
             "gait": gait.digest(),
             "expert": expert.digest(),
             "samples": digest_of_files(level_paths(samples)),
         }
-        with open_run(folder, study="front", settings=self, inputs=inputs, resume=self.resume):
+        with open_run(folder, study="pareto", settings=self, inputs=inputs, resume=self.resume):
             front = self._measure(gait, expert, data, folder)
             smallest = smallest_that_walk(front)
-            write_table(front, folder / "front")
+            write_table(front, folder / "pareto")
             write_table(smallest, folder / "smallest")
             write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
-            save_figure(front_figure(front, gait.name.capitalize()), folder / "front")
+            save_figure(pareto_figure(front, gait.name.capitalize()), folder / "pareto")
         print_table(f"{gait.name}: formulas alone", front)
         if len(smallest):
             print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
@@ -110,7 +110,7 @@ class Front(Settings):
                 nodes = mean_nodes(student)
                 rows.append({"policy": label, "family": name, "nodes": nodes, "r2": r2})
         jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
-        return front_table(pd.DataFrame(rows), run_jobs(jobs, folder / "rollouts"))
+        return pareto_table(pd.DataFrame(rows), run_jobs(jobs, folder / "rollouts"))
 
 
 def mean_nodes(policy: FormulaPolicy) -> float:
@@ -119,7 +119,7 @@ def mean_nodes(policy: FormulaPolicy) -> float:
     return float(np.sum(nodes, axis=0).mean())
 
 
-def front_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
+def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Joins the fits with their scores alone: share of the expert's reward, and falls."""
     means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
     columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]

@@ -8,12 +8,12 @@ from glassgait.models.a1 import robot
 from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
 
 
-class Observer(LeafSystem):
+class Proprioception(LeafSystem):
     """Assembles the part of the observation that the robot measures or knows.
 
     .. pydrake_system::
 
-        name: Observer
+        name: Proprioception
         input_ports:
         - state
         - command
@@ -44,7 +44,9 @@ class Observer(LeafSystem):
         """
         super().__init__()
         if not 0.0 <= noise_factor < math.inf:
-            raise ValueError(f"observer: noise_factor is {noise_factor}; it must be 0 or more")
+            raise ValueError(
+                f"proprioception: noise_factor is {noise_factor}; it must be 0 or more"
+            )
         self._half_width = noise_factor * JOINT_NOISE
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)

@@ -8,8 +8,8 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import Dataset
-from glassgait.studies.front.command import front_table, mean_nodes, smallest_that_walk
-from glassgait.studies.front.formulas import FAMILIES
+from glassgait.studies.pareto.command import mean_nodes, pareto_table, smallest_that_walk
+from glassgait.studies.pareto.formulas import FAMILIES
 
 NAMES = load_expert("trot").observation_names
 
@@ -48,7 +48,7 @@ def test_the_smallest_that_walk_are_named():
         scores[name] = 1.0
     scores["fell"] = [False, False, False, False, True, False]
     scores.loc[5, "rhythm"] = 0.0
-    front = front_table(fits, scores)
+    front = pareto_table(fits, scores)
     assert front["policy"].tolist() == ["c", "b", "a"]
     assert front["share"].tolist() == pytest.approx([0.1, 0.6, 0.9])
     smallest = smallest_that_walk(front)
@@ -62,10 +62,10 @@ def test_the_smallest_that_walk_are_named():
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
     samples.save(tmp_path / "levels" / "level_1.safetensors")
     small = ["--lengths", "2", "6", "--n-robots", "2", "--n-steps", "20"]
-    output = tmp_path / "front"
-    main(["front", *small, "--samples", str(tmp_path / "levels"), "--output", str(output)])
-    assert {path.name for path in output.glob("front.*")} == {
-        "front.csv", "front.md", "front.png", "front.pdf",
+    output = tmp_path / "pareto"
+    main(["pareto", *small, "--samples", str(tmp_path / "levels"), "--output", str(output)])
+    assert {path.name for path in output.glob("pareto.*")} == {
+        "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip
     assert (output / "smallest.csv").exists()
     assert len(list((output / "formulas").iterdir())) == 8
@@ -73,4 +73,4 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
 
 
 def test_missing_samples_are_told(tmp_path, refused):
-    assert "holds no samples" in refused(["front", "--samples", str(tmp_path)])
+    assert "holds no samples" in refused(["pareto", "--samples", str(tmp_path)])

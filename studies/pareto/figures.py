@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.front.formulas import FAMILIES
+from glassgait.studies.pareto.formulas import FAMILIES
 
 _STYLES = {
     "linear": {"color": "#999999", "marker": "v"},
@@ -17,7 +17,7 @@ _STYLES = {
 
 
 @styled
-def front_figure(front: pd.DataFrame, title: str) -> Figure:
+def pareto_figure(front: pd.DataFrame, title: str) -> Figure:
     """Draws share of the expert's reward, falls and R² against the nodes of a joint's formula."""
     figure, axes = subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
     for family, style in _STYLES.items():
