@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -15,10 +16,9 @@ from glassgait.studies.console import console, say
 from glassgait.studies.convergence.drop import drop_robot
 from glassgait.studies.convergence.figures import convergence_figure
 from glassgait.studies.convergence.variants import VARIANTS
-from glassgait.studies.evaluation.config import RolloutConfig
-from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.figures import save_figure
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
@@ -49,7 +49,7 @@ class Convergence(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        team = Team(load_expert(gait, self.expert))
+        policy = AlternatingPolicy(load_expert(gait, self.expert))
         jobs = [
             job
             for variant in reversed(VARIANTS)
@@ -57,7 +57,7 @@ class Convergence(Settings):
                 RolloutJob(
                     {"variant": variant.world.title},
                     gait,
-                    team,
+                    policy,
                     replace(variant.world, max_robots=1 if variant.world.accuracy else None),
                     self.rollouts,
                 )

@@ -10,7 +10,7 @@ from glassgait.diagrams.rollout import use_error_control
 from glassgait.diagrams.station import MakeA1Station, actuated_joints
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.studies.evaluation.config import World
+from glassgait.studies.rollouts.config import World
 
 DROP_HEIGHT = 0.03
 """Height of the feet above the ground at the start (m)."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from glassgait.diagrams.station import ContactSolver, StationConfig
-from glassgait.studies.evaluation.config import World
+from glassgait.studies.rollouts.config import World
 
 DRAKES_RELAXATION_TIME = 0.2
 """What two bodies without a relaxation time of their own add up to in SAP (s)."""

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -18,11 +19,10 @@ from glassgait.studies.curricula.figures import curricula_figure
 from glassgait.studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
 from glassgait.studies.distillation.library import load_students
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
-from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed, run_jobs
-from glassgait.studies.evaluation.scores import summarize_against
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.figures import save_figure
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
+from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
@@ -131,14 +131,17 @@ def standalone_jobs(
         students: The students by curriculum and kind.
         config: How robots are rolled out.
     """
-    teams = {("expert", "expert"): Team(expert)}
+    policies = {("expert", "expert"): AlternatingPolicy(expert)}
     for curriculum, own in students.items():
-        teams |= {(curriculum, kind): Team(expert, student, 0) for kind, student in own.items()}
+        policies |= {
+            (curriculum, kind): AlternatingPolicy(expert, student, 0)
+            for kind, student in own.items()
+        }
     config = config.at_distilled_speeds(gait)
     jobs = []
-    for (curriculum, student), team in teams.items():
+    for (curriculum, student), policy in policies.items():
         labels = {"curriculum": curriculum, "student": student}
-        jobs += for_each_seed(RolloutJob(labels, gait, team, WORLDS["training"], config))
+        jobs += for_each_seed(RolloutJob(labels, gait, policy, WORLDS["training"], config))
     return jobs
 
 

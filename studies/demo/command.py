@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import Count, Settings
@@ -23,14 +24,13 @@ from glassgait.studies.distillation.library import load_students
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.config import RolloutConfig
-from glassgait.studies.evaluation.figures import gait_figure
-from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.evaluation.results import write_alternation
 from glassgait.studies.evaluation.tables import POLICY_TITLES
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.figures import save_figure
-from glassgait.studies.rollout.play import play
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.jobs import run_jobs
+from glassgait.studies.rollouts.play import play
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.tables import print_table
 
@@ -102,13 +102,13 @@ class Demo(Settings):
 
         for name, student in (("expert", None), (SHOWN, students[SHOWN])):
             say(f"recording the {name}")
-            team = Team(expert, student, period=1 if student is None else 0)
+            policy = AlternatingPolicy(expert, student, period=1 if student is None else 0)
             rollout = play(
                 gait,
-                team,
+                policy,
                 LocomotionConfig(
                     command=FixedCommand(speed=0.5),
-                    alternation_period=team.period,
+                    alternation_period=policy.period,
                     sensor_noise=1.0,
                 ),
                 open_meshcat(),

@@ -8,15 +8,15 @@ import pandas as pd
 from joblib import delayed
 
 from glassgait.models.a1 import robot
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
-from glassgait.studies.evaluation.rollouts import roll_out
-from glassgait.studies.evaluation.scores import score_rollouts, summarize
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.parallel import run_parallel
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.roll_out import roll_out
+from glassgait.studies.rollouts.scores import score_rollouts, summarize
 
 WORTH_A_FALL = 0.97
 """Share of the best student's reward that one must earn to be preferred because it falls less."""
@@ -52,7 +52,7 @@ def rank_alone(
     work = (
         delayed(roll_out)(
             gait,
-            Team(expert, candidates[label], 0),
+            AlternatingPolicy(expert, candidates[label], 0),
             WORLDS["training"],
             replace(config, seed=seed),
         )

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
-from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed
-from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
 
 PERIODS = (1, 2, 4, 6, 8, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""
@@ -27,19 +27,19 @@ def alternation_jobs(
     is rolled out once.
     """
     config = config.at_distilled_speeds(gait)
-    teams = {("expert", 1): Team(expert)}
+    policies = {("expert", 1): AlternatingPolicy(expert)}
     for kind, student in students.items():
         for period in periods:
             if period != 1:
-                teams[kind, period] = Team(expert, student, period)
+                policies[kind, period] = AlternatingPolicy(expert, student, period)
     return [
         job
-        for (policy, period), team in teams.items()
+        for (kind, period), policy in policies.items()
         for job in for_each_seed(
             RolloutJob(
-                {"policy": policy, "ratio": ratio_title(period)},
+                {"policy": kind, "ratio": ratio_title(period)},
                 gait,
-                team,
+                policy,
                 WORLDS["training"],
                 config,
             )

@@ -9,17 +9,17 @@ import tyro
 from annotated_types import MinLen
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.distillation.library import distillation_folder, find_student, load_students
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig, WorldName
-from glassgait.studies.evaluation.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, WorldName
+from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.tables import print_table
 
@@ -83,8 +83,8 @@ class Evaluate(Settings):
 
     def _scorecard(self) -> list[RolloutJob]:
         worlds = tuple(WORLDS) if "all" in self.worlds else self.worlds
-        teams = [self._team(load_gait(name)) for name in self._gaits()]
-        return scorecard_jobs(teams, worlds, self.rollouts)
+        policies = [self._policy(load_gait(name)) for name in self._gaits()]
+        return scorecard_jobs(policies, worlds, self.rollouts)
 
     def _gaits(self) -> tuple[str, ...]:
         if self.gait != ALL_GAITS:
@@ -97,9 +97,9 @@ class Evaluate(Settings):
             raise InputError(f"no gait ships with a policy {self.policy!r}; name one gait")
         return gaits
 
-    def _team(self, gait: Gait) -> tuple[Gait, Team]:
+    def _policy(self, gait: Gait) -> tuple[Gait, AlternatingPolicy]:
         expert = load_expert(gait, self.expert)
         if self.policy == "expert":
-            return gait, Team(expert)
+            return gait, AlternatingPolicy(expert)
         student = find_student(self.policy, expert, self.students)
-        return gait, Team(expert, student, period=0)
+        return gait, AlternatingPolicy(expert, student, period=0)

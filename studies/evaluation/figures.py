@@ -1,19 +1,10 @@
-"""Figures of closed-loop scores: reward against ratio, and the gait diagram."""
-
-from itertools import pairwise
+"""The figure of closed-loop scores: reward against alternation ratio."""
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from glassgait.diagrams.rollout import Rollout
-from glassgait.models.a1 import robot
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import ratio_title
-from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import STATE_COLORS
 from glassgait.studies.evaluation.alternation import PERIODS
 from glassgait.studies.evaluation.tables import POLICY_TITLES, alternation_table
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
@@ -71,52 +62,3 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
     figure.align_ylabels()
     return figure
-
-
-@styled
-def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
-    """Feet in contact over time, with the reward machine's states as bands."""
-    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
-    last = rollout.time[-1]
-    draw_gait(axes, rollout, gait)
-    axes.set_xlim(max(0.0, last - seconds), last)
-    axes.set_title(title)
-    return figure
-
-
-def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
-    """Draws the gait diagram of a whole rollout."""
-    states = rollout["rm_state"].argmax(axis=1)
-    for start, stop in _runs(states):
-        color = STATE_COLORS[states[start] % len(STATE_COLORS)]
-        axes.axvspan(
-            rollout.time[start],
-            rollout.time[start] + (stop - start) * CONTROL_PERIOD,
-            color=color,
-            alpha=0.25,
-            linewidth=0,
-        )
-    for row in range(robot.N_LEGS):
-        touches = rollout["foot_contact"][:, row] > 0.5
-        bars = [
-            (rollout.time[start], (stop - start) * CONTROL_PERIOD)
-            for start, stop in _runs(touches)
-            if touches[start]
-        ]
-        axes.broken_barh(bars, (row - 0.35, 0.7), color="0.15", linewidth=0)
-    axes.set_yticks(range(robot.N_LEGS), robot.LEGS)
-    axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
-    axes.grid(visible=False)
-    handles = [
-        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
-        for i, name in enumerate(gait.states)
-    ]
-    handles.insert(0, Patch(color="0.15", label="contact"))
-    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
-def _runs(values: np.ndarray) -> list[tuple[int, int]]:
-    """Finds the stretches [start, stop) of equal values."""
-    edges = np.flatnonzero(np.diff(values)) + 1
-    borders = [0, *edges.tolist(), len(values)]
-    return list(pairwise(borders))

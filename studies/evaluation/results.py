@@ -5,7 +5,6 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.studies.evaluation.figures import reward_figure
-from glassgait.studies.evaluation.scores import summarize
 from glassgait.studies.evaluation.tables import (
     alternation_table,
     falls_table,
@@ -13,6 +12,7 @@ from glassgait.studies.evaluation.tables import (
     standalone_table,
 )
 from glassgait.studies.figures import save_figure
+from glassgait.studies.rollouts.scores import summarize
 from glassgait.studies.tables import write_metrics, write_table
 
 

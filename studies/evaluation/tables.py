@@ -3,8 +3,8 @@
 import pandas as pd
 
 from glassgait.studies.distillation.config import STUDENT_TITLES
-from glassgait.studies.evaluation.config import WORLDS
-from glassgait.studies.evaluation.scores import summarize, summarize_against
+from glassgait.studies.rollouts.config import WORLDS
+from glassgait.studies.rollouts.scores import summarize, summarize_against
 
 POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
 

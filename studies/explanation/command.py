@@ -13,19 +13,19 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.library import SUMS, default_student, find_student
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student
 from glassgait.studies.records import to_plain
-from glassgait.studies.rollout.play import Seconds, play
+from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 
 CONFIG = "config.yaml"
@@ -94,7 +94,7 @@ class Explain(Settings):
         say("rolling out")
         rollout = play(
             gait,
-            Team(expert, student, period=0),
+            AlternatingPolicy(expert, student, period=0),
             LocomotionConfig(command=self.command, alternation_period=0, sensor_noise=1.0),
             open_meshcat(),
             replay,

@@ -22,12 +22,12 @@ from glassgait.studies.distillation.library import (
     load_students,
     samples_folder,
 )
-from glassgait.studies.evaluation.config import RolloutConfig
-from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 

@@ -10,14 +10,14 @@ from scipy import stats
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
-from glassgait.studies.evaluation.jobs import RolloutJob, for_each_seed
-from glassgait.studies.evaluation.scores import summarize_against
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.importance.observations import observation_groups
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
+from glassgait.studies.rollouts.scores import summarize_against
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
 
@@ -32,8 +32,8 @@ WHOLE = "nothing"
 
 
 @dataclass(frozen=True)
-class AblatedTeam(Team):
-    """A team that acts without some of its observations.
+class AblatedPolicy(AlternatingPolicy):
+    """A policy that acts without some of its observations.
 
     Attributes:
         columns: The observations that are taken away.
@@ -109,10 +109,12 @@ def ablation_jobs(
     config = config.at_distilled_speeds(gait)
     groups = observation_groups(expert.observation_names)
     for kind, student in students.items():
-        teams: dict[tuple[str, str], Team] = {(WHOLE, "mean"): Team(expert, student, 0)}
+        policies: dict[tuple[str, str], AlternatingPolicy] = {
+            (WHOLE, "mean"): AlternatingPolicy(expert, student, 0)
+        }
         for group, columns in groups.items():
             for mode in MODE_TITLES:
-                teams[group, mode] = AblatedTeam(
+                policies[group, mode] = AblatedPolicy(
                     expert,
                     student,
                     0,
@@ -120,9 +122,9 @@ def ablation_jobs(
                     mode=mode,
                     means=tuple(means[kind][columns].tolist()),
                 )
-        for (group, mode), team in teams.items():
+        for (group, mode), policy in policies.items():
             labels = {"policy": kind, "without": group, "mode": mode}
-            jobs += for_each_seed(RolloutJob(labels, gait, team, WORLDS["training"], config))
+            jobs += for_each_seed(RolloutJob(labels, gait, policy, WORLDS["training"], config))
     return jobs
 
 

@@ -17,7 +17,6 @@ from glassgait.studies.console import say
 from glassgait.studies.distillation.collection import Dataset, load_levels
 from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
 from glassgait.studies.distillation.library import samples_folder
-from glassgait.studies.evaluation.scores import interval
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
@@ -30,6 +29,7 @@ from glassgait.studies.importance.methods import (
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.tables import PAPER_TOP, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+from glassgait.studies.rollouts.scores import interval
 from glassgait.studies.tables import to_latex, write_table
 
 N_SHAPES = 3

@@ -19,12 +19,12 @@ from glassgait.studies.distillation.collection import Dataset, level_paths, load
 from glassgait.studies.distillation.library import distillation_folder, samples_folder
 from glassgait.studies.distillation.study import r2_scores
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.config import RolloutConfig
-from glassgait.studies.evaluation.jobs import run_jobs
-from glassgait.studies.evaluation.scores import summarize_against
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.pareto.formulas import FAMILIES, LENGTHS
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import run_jobs
+from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.tables import print_table, write_metrics, write_table
 

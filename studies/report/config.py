@@ -14,7 +14,7 @@ from glassgait.studies.distillation.config import (
     StudentKind,
     SymbolicConfig,
 )
-from glassgait.studies.evaluation.config import RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 
 PAPER_STUDENTS: tuple[StudentKind, ...] = ("gbm", "ebm", "symbolic")
 """The students of the paper's tables and figures."""

@@ -19,13 +19,13 @@ from glassgait.studies.distillation.library import load_students
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.figures import gait_figure
-from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.evaluation.results import write_alternation
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
 from glassgait.studies.report.config import ReportConfig
+from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.jobs import run_jobs
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""

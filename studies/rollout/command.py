@@ -11,6 +11,7 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Seed, Settings
@@ -18,13 +19,12 @@ from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
 from glassgait.studies.distillation.library import find_student
-from glassgait.studies.evaluation.figures import gait_figure
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.figures import save_figure
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollout.live import play_live
-from glassgait.studies.rollout.play import Seconds, play
 from glassgait.studies.rollout.stills import gait_strip
+from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 
 SECONDS = 10.0
@@ -86,7 +86,7 @@ class ShowRollout(Settings):
         )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        team = Team(expert, student, period)
+        policy = AlternatingPolicy(expert, student, period)
         config = LocomotionConfig(
             station=self.station,
             command=SliderCommand() if self.live else self.command,
@@ -100,11 +100,11 @@ class ShowRollout(Settings):
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
-            rollout = play_live(gait, team, config, meshcat, replay, seed=self.seed)
+            rollout = play_live(gait, policy, config, meshcat, replay, seed=self.seed)
             console.print(f"stopped after {rollout.time[-1]:.2f} s")
         else:
             seconds = SECONDS if self.seconds is None else self.seconds
-            rollout = play(gait, team, config, meshcat, replay, seconds=seconds, seed=self.seed)
+            rollout = play(gait, policy, config, meshcat, replay, seconds=seconds, seed=self.seed)
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
             console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")

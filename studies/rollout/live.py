@@ -14,11 +14,11 @@ from pydrake.systems.analysis import Simulator
 from glassgait.diagrams.locomotion import LocomotionConfig, normalize_attitude
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.console import console, say
-from glassgait.studies.evaluation.team import Team
-from glassgait.studies.rollout.play import make_shown
+from glassgait.studies.rollouts.play import make_shown
 
 STOP_BUTTON = "stop and save"
 
@@ -28,20 +28,20 @@ FALLEN_SECONDS = 1.0
 
 def play_live(
     gait: Gait,
-    team: Team,
+    policy: AlternatingPolicy,
     config: LocomotionConfig,
     meshcat: Meshcat,
     replay: Path,
     *,
     seed: int = 0,
 ) -> Rollout:
-    """Rolls a team out at real time until the button or Ctrl-C ends it, and writes the replay.
+    """Rolls a policy out at real time until the button or Ctrl-C ends it, and writes the replay.
 
     A robot that falls is put back on its feet where it began, the machine in its initial state.
 
     Args:
         gait: The gait.
-        team: Who acts; its period is the alternation's.
+        policy: Who acts; its period is the alternation's.
         config: How the loop is closed.
         meshcat: Where the robot shows.
         replay: HTML file of the replay.
@@ -53,7 +53,7 @@ def play_live(
     Raises:
         InputError: if a policy does not fit the gait.
     """
-    diagram = make_shown(gait, team, config, meshcat)
+    diagram = make_shown(gait, policy, config, meshcat)
     meshcat.AddButton(STOP_BUTTON, "Escape")
     console.print(
         f"open {meshcat.web_url()} and move the sliders under 'Open Controls'; '{STOP_BUTTON}' "

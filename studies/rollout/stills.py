@@ -9,8 +9,8 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import STATE_COLORS
-from glassgait.studies.evaluation.figures import draw_gait
 from glassgait.studies.figures import COLUMN_WIDTH, styled
+from glassgait.studies.rollouts.gait_figure import draw_gait
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:

@@ -7,8 +7,8 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.studies.convergence.drop import drop_robot
 from glassgait.studies.convergence.figures import convergence_figure
 from glassgait.studies.convergence.variants import CENIC, DRAKES_RELAXATION_TIME, VARIANTS
-from glassgait.studies.evaluation.config import World
 from glassgait.studies.figures import save_figure
+from glassgait.studies.rollouts.config import World
 
 
 def drop(**station):

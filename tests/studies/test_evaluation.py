@@ -7,12 +7,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.evaluation.jobs
+import glassgait.studies.rollouts.jobs
 from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.expression import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
@@ -22,22 +23,22 @@ from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
 from glassgait.studies.distillation.students import untrained_student
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig, World
-from glassgait.studies.evaluation.figures import gait_figure, reward_figure
-from glassgait.studies.evaluation.jobs import RolloutJob, run_jobs
-from glassgait.studies.evaluation.rollouts import roll_out
+from glassgait.studies.evaluation.figures import reward_figure
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.evaluation.scores import (
+from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
+from glassgait.studies.figures import save_figure
+from glassgait.studies.importance.faithfulness import AblatedPolicy
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, World
+from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.jobs import RolloutJob, run_jobs
+from glassgait.studies.rollouts.roll_out import roll_out
+from glassgait.studies.rollouts.scores import (
     RolloutLog,
     interval,
     reward_shares,
     score_rollouts,
     summarize,
 )
-from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
-from glassgait.studies.evaluation.team import Team
-from glassgait.studies.figures import save_figure
-from glassgait.studies.importance.faithfulness import AblatedTeam
 
 
 def log(n_steps=200, n_robots=2):
@@ -121,7 +122,9 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     weights[:, previous : previous + robot.N_JOINTS] = 3.0 * np.eye(robot.N_JOINTS)
     student = LinearPolicy("trot", expert.observation_names, weights, np.ones(robot.N_JOINTS))
     config = RolloutConfig(n_robots=3, n_steps=800)
-    values = roll_out(load_gait("trot"), Team(expert, student, 0), WORLDS["training"], config)
+    values = roll_out(
+        load_gait("trot"), AlternatingPolicy(expert, student, 0), WORLDS["training"], config
+    )
     scores = score_rollouts(values)
     assert scores["fell"].all()
     assert values.reward.shape == (800, 3)
@@ -137,8 +140,8 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)
-    team = Team(expert, student, 0)
-    job = RolloutJob({"policy": "formula"}, load_gait("trot"), team, WORLDS["training"], config)
+    policy = AlternatingPolicy(expert, student, 0)
+    job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, WORLDS["training"], config)
     scores = run_jobs([job], tmp_path, processes=1)
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
@@ -165,7 +168,9 @@ def test_shares_compare_robot_with_robot(generator):
 
 def test_worlds_are_named_in_the_tables(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=60, n_seeds=1)
-    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training", "sap_2ms"), config)
+    jobs = scorecard_jobs(
+        [(load_gait("trot"), AlternatingPolicy(expert))], ("training", "sap_2ms"), config
+    )
     scores = run_jobs(jobs, tmp_path, processes=1)
     assert scorecard_table(scores)["world"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
     assert falls_table(scores)["trot"].tolist() == ["0 of 2", "0 of 2"]
@@ -176,13 +181,13 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
     def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
-        jobs = scorecard_jobs([(gait, Team(expert))], ("training",), config)
+        jobs = scorecard_jobs([(gait, AlternatingPolicy(expert))], ("training",), config)
         return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
-    original = glassgait.studies.evaluation.jobs.roll_out
+    original = glassgait.studies.rollouts.jobs.roll_out
     monkeypatch.setattr(
-        glassgait.studies.evaluation.jobs,
+        glassgait.studies.rollouts.jobs,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )
@@ -198,7 +203,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
 def test_damaged_scores_are_told(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
-    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
     run_jobs(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
     path.write_text(path.read_text().replace("reward", "rewart", 1))
@@ -208,7 +213,7 @@ def test_damaged_scores_are_told(expert, tmp_path):
 
 def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
     run_jobs(jobs, tmp_path, processes=1)
     first, second = sorted(tmp_path.glob("*.json"))
     second.write_bytes(first.read_bytes())
@@ -218,7 +223,7 @@ def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), Team(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
     one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
     pd.testing.assert_frame_equal(one, two)
 
@@ -226,7 +231,7 @@ def test_processes_do_not_change_the_scores(expert, tmp_path):
 def test_worlds_disturb(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
     logs = {
-        name: roll_out(gait, Team(expert), world, config)
+        name: roll_out(gait, AlternatingPolicy(expert), world, config)
         for name, world in WORLDS.items()
         if name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_velocities")
     }
@@ -242,7 +247,9 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     anything, diagonal = parse_formula("FL | ~FL"), parse_formula("FL & RR & ~FR & ~RL")
     loops = (Transition("q0", "q0", anything), Transition("q1", "q1", diagonal))
     gait = replace(gait, transitions=loops)
-    log = roll_out(gait, Team(expert), CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20))
+    log = roll_out(
+        gait, AlternatingPolicy(expert), CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20)
+    )
     served = log.served_dwell[:, 0]
     (first, second) = np.flatnonzero(served)
     assert second - first == served.max() == served[first]
@@ -251,13 +258,18 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
 def test_a_continuous_world_refuses_pushes(expert):
     pushing = replace(CONTINUOUS, push_speed=0.5)
     with pytest.raises(InputError, match=r"push_speed is 0\.5, but robots are pushed in discrete"):
-        roll_out(load_gait("trot"), Team(expert), pushing, RolloutConfig(n_robots=1, n_steps=1))
+        roll_out(
+            load_gait("trot"),
+            AlternatingPolicy(expert),
+            pushing,
+            RolloutConfig(n_robots=1, n_steps=1),
+        )
 
 
 def test_a_continuous_world_refuses_ablations(expert):
-    team = AblatedTeam(expert, expert, 0, columns=(0,), means=(0.0,))
+    policy = AblatedPolicy(expert, expert, 0, columns=(0,), means=(0.0,))
     with pytest.raises(InputError, match="ablation: a diagram's policies see every observation"):
-        roll_out(load_gait("trot"), team, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
+        roll_out(load_gait("trot"), policy, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
 
 
 def test_cost_of_transport_is_work_per_weight_and_distance():
@@ -274,7 +286,7 @@ def test_cost_of_transport_is_work_per_weight_and_distance():
 def test_diagram_rollouts_score_like_batch_rollouts(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
     cenic = WORLDS["cenic_1e-5"]
-    scores = score_rollouts(roll_out(gait, Team(expert), cenic, config))
+    scores = score_rollouts(roll_out(gait, AlternatingPolicy(expert), cenic, config))
     assert len(scores) == 1
     assert not scores["fell"].any()
     assert scores["rhythm"].min() > 0.8

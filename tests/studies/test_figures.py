@@ -19,12 +19,13 @@ from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.curricula.figures import curricula_figure
-from glassgait.studies.evaluation.figures import gait_figure, reward_figure
+from glassgait.studies.evaluation.figures import reward_figure
 from glassgait.studies.figures import save_figure, subplots
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
 from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
+from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None

@@ -24,7 +24,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import Dataset
 from glassgait.studies.distillation.config import DistillationConfig, HistogramGbmConfig
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.importance.faithfulness import AblatedTeam, losses, rank_correlations
+from glassgait.studies.importance.faithfulness import AblatedPolicy, losses, rank_correlations
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.methods import own_importance, permutation_importance
 from glassgait.studies.importance.observations import (
@@ -152,7 +152,7 @@ def test_agreement_with_the_paper_is_marked():
 def ablated(mode, **settings):
     expert = load_expert("trot")
     student = linear(np.eye(12, N, k=2))
-    return AblatedTeam(expert, student, 0, columns=(2, 4), mode=mode, **settings)
+    return AblatedPolicy(expert, student, 0, columns=(2, 4), mode=mode, **settings)
 
 
 def test_means_stand_in_for_what_is_taken_away(generator):
@@ -173,13 +173,13 @@ def test_shuffled_observations_are_another_robots(generator):
 
 
 def test_delayed_observations_are_the_step_befores(generator):
-    team = ablated("delayed")
+    policy = ablated("delayed")
     first, second = generator.normal(size=(2, 3, N))
-    np.testing.assert_array_equal(team.act(0, first)[:, 0], first[:, 2])
-    action = team.act(1, second)
+    np.testing.assert_array_equal(policy.act(0, first)[:, 0], first[:, 2])
+    action = policy.act(1, second)
     np.testing.assert_array_equal(action[:, [0, 2]], first[:, [2, 4]])
     np.testing.assert_array_equal(action[:, 1], second[:, 3])
-    np.testing.assert_array_equal(team.act(0, first)[:, 0], first[:, 2])
+    np.testing.assert_array_equal(policy.act(0, first)[:, 0], first[:, 2])
 
 
 def test_losses_are_shares_of_the_whole_students_reward():

@@ -11,11 +11,11 @@ from glassgait.studies.distillation.config import (
     HistogramGbmConfig,
     SymbolicConfig,
 )
-from glassgait.studies.evaluation.config import RolloutConfig
 from glassgait.studies.report import command
 from glassgait.studies.report.config import PAPER_STUDENTS, ReportConfig
 from glassgait.studies.report.contents import contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults
+from glassgait.studies.rollouts.config import RolloutConfig
 
 TINY = ReportConfig(
     distillation=DistillationConfig(

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.evaluation.config import RolloutConfig
-from glassgait.studies.evaluation.jobs import run_jobs
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.study import TrainingRun
@@ -33,7 +33,9 @@ TRAINING = TrainingConfig(
     ppo=PpoConfig(steps_per_update=4, actor_layers=(4,), critic_layers=(4,), epochs=1),
 )
 JOBS = scorecard_jobs(
-    [(GAIT, Team(EXPERT))], ("training",), RolloutConfig(n_robots=2, n_steps=5, n_seeds=1)
+    [(GAIT, AlternatingPolicy(EXPERT))],
+    ("training",),
+    RolloutConfig(n_robots=2, n_steps=5, n_seeds=1),
 )
 
 NONSENSE = (

@@ -17,12 +17,12 @@ import glassgait.studies.rollout.command
 import glassgait.studies.rollout.live
 from glassgait.diagrams.locomotion import LocomotionConfig, SliderCommand
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.figures import gait_figure
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.rollout.live import play_live
+from glassgait.studies.rollouts.gait_figure import gait_figure
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -138,7 +138,7 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     threading.Thread(target=interrupt, daemon=True).start()
     rollout = play_live(
         trot,
-        Team(load_expert("trot"), flinging(), period=0),
+        AlternatingPolicy(load_expert("trot"), flinging(), period=0),
         LocomotionConfig(command=SliderCommand(), alternation_period=0),
         open_meshcat(),
         tmp_path / "replay.html",

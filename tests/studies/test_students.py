@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
@@ -20,10 +21,9 @@ from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import STUDENT_TITLES
 from glassgait.studies.distillation.formulas import write_formulas
 from glassgait.studies.distillation.library import default_student, find_student
-from glassgait.studies.evaluation.config import WORLDS, RolloutConfig
-from glassgait.studies.evaluation.rollouts import roll_out
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.roll_out import roll_out
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 
@@ -39,7 +39,9 @@ def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7).at_distilled_speeds(load_gait(gait))
-    log = roll_out(load_gait(gait), Team(expert, student, 0), WORLDS["training"], config)
+    log = roll_out(
+        load_gait(gait), AlternatingPolicy(expert, student, 0), WORLDS["training"], config
+    )
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
 
@@ -124,6 +126,6 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
 
 def test_students_are_scored_at_slower_speeds_than_experts():
     expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
-    teams = [(gait, Team(expert)), (gait, Team(expert, student, 0))]
-    jobs = scorecard_jobs(teams, ["training"], RolloutConfig(n_seeds=1))
+    policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
+    jobs = scorecard_jobs(policies, ["training"], RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]

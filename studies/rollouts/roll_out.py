@@ -11,25 +11,29 @@ from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
-from glassgait.studies.evaluation.config import RolloutConfig, World
-from glassgait.studies.evaluation.scores import RolloutLog
-from glassgait.studies.evaluation.team import Team
+from glassgait.studies.rollouts.config import RolloutConfig, World
+from glassgait.studies.rollouts.scores import RolloutLog
 
 
-def roll_out(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:
+def roll_out(
+    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance, with sensor noise.
 
     Raises:
-        InputError: if a continuous world has pushes, or a team whose observations are ablated.
+        InputError: if a continuous world has pushes, or a policy whose observations are ablated.
     """
     if world.accuracy is None:
-        return _roll_out_batch(gait, team, world, config)
-    return _roll_out_diagrams(gait, team, world, config)
+        return _roll_out_batch(gait, policy, world, config)
+    return _roll_out_diagrams(gait, policy, world, config)
 
 
-def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:
+def _roll_out_batch(
+    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+) -> RolloutLog:
     n = _n_robots(world, config)
     # A station has one friction, and its robots the same.
     ground = (world.station.friction, world.station.friction)
@@ -37,7 +41,7 @@ def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig)
     task = TaskConfig(
         gait, randomization, episode_steps=config.n_steps, speed_range=config.speed_range
     )
-    estimator = None if world.true_body_state else team.expert.estimator
+    estimator = None if world.true_body_state else policy.expert.estimator
     generator = np.random.default_rng(config.seed)
     simulator = BatchSimulator(task, BatchPhysics(world.station), n_robots=n, generator=generator)
     log: dict[str, list[Array]] = {name: [] for name in RolloutLog.__annotations__}
@@ -46,7 +50,7 @@ def _roll_out_batch(gait: Gait, team: Team, world: World, config: RolloutConfig)
         command = simulator.state.command.velocity.copy()
         observation = simulator.observe(estimator)
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
-        action = np.where(failed, 0.0, team.act(step, observation))
+        action = np.where(failed, 0.0, policy.act(step, observation))
         outcome = simulator.step(action)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
@@ -67,7 +71,9 @@ def _n_robots(world: World, config: RolloutConfig) -> int:
     return min(config.n_robots, world.max_robots or config.n_robots)
 
 
-def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConfig) -> RolloutLog:
+def _roll_out_diagrams(
+    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+) -> RolloutLog:
     if world.push_speed > 0:
         raise InputError(
             f"world {shown(world.title)}: push_speed is {world.push_speed:g}, but robots are "
@@ -79,12 +85,12 @@ def _roll_out_diagrams(gait: Gait, team: Team, world: World, config: RolloutConf
         LocomotionConfig(
             station=world.station,
             command=DrawnCommands(speed_range=config.speed_range),
-            alternation_period=team.period,
+            alternation_period=policy.period,
             sensor_noise=1.0,
         ),
-        expert=team.acting_expert,
-        student=team.acting_student,
-        estimator=None if world.true_body_state else team.expert.estimator,
+        expert=policy.acting_expert,
+        student=policy.acting_student,
+        estimator=None if world.true_body_state else policy.expert.estimator,
     )
     n = _n_robots(world, config)
     states = NOMINAL.initial_states(n, np.random.default_rng(config.seed))

@@ -12,14 +12,14 @@ from joblib import delayed
 
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record, write_record
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.console import progress_bar, say
-from glassgait.studies.evaluation.config import RolloutConfig, World
-from glassgait.studies.evaluation.rollouts import roll_out
-from glassgait.studies.evaluation.scores import score_rollouts
-from glassgait.studies.evaluation.team import Team
 from glassgait.studies.parallel import run_parallel
 from glassgait.studies.records import to_plain
+from glassgait.studies.rollouts.config import RolloutConfig, World
+from glassgait.studies.rollouts.roll_out import roll_out
+from glassgait.studies.rollouts.scores import score_rollouts
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class RolloutJob:
     Attributes:
         labels: Columns that tell the job's rows from the others'.
         gait: The gait.
-        team: Who acts.
+        policy: Who acts.
         world: Where.
         config: How; its first seed alone counts.
     """
 
     labels: dict[str, str]
     gait: Gait
-    team: Team
+    policy: AlternatingPolicy
     world: World
     config: RolloutConfig
 
@@ -51,8 +51,8 @@ class RolloutJob:
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
         settings = [self.gait.digest(), to_plain(self.world), to_plain(self.config)]
-        settings.append(self.team.settings())
-        policies = (self.team.expert, self.team.student)
+        settings.append(self.policy.settings())
+        policies = (self.policy.expert, self.policy.student)
         settings += [policy.digest() for policy in policies if policy is not None]
         return hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:16]
 
@@ -66,11 +66,11 @@ def for_each_seed(job: RolloutJob) -> list[RolloutJob]:
 
 def inputs_of(jobs: Sequence[RolloutJob]) -> dict[str, str]:
     """Returns digests of all that the jobs roll out, as a run folder records them."""
-    teams = [job.team for job in jobs]
+    policies = [job.policy for job in jobs]
     digests = {
         "gait": {job.gait.digest() for job in jobs},
-        "expert": {team.expert.digest() for team in teams},
-        "students": {team.student.digest() for team in teams if team.student is not None},
+        "expert": {policy.expert.digest() for policy in policies},
+        "students": {policy.student.digest() for policy in policies if policy.student is not None},
     }
     return {name: " ".join(sorted(own)) for name, own in digests.items()}
 
@@ -125,7 +125,7 @@ def _finished(
 
 
 def _score(index: int, job: RolloutJob) -> tuple[int, pd.DataFrame]:
-    log = roll_out(job.gait, job.team, job.world, job.config)
+    log = roll_out(job.gait, job.policy, job.world, job.config)
     scores = score_rollouts(log, robot.MASS + job.world.station.payload)
     for position, (label, value) in enumerate({**job.labels, "seed": job.config.seed}.items()):
         scores.insert(position, label, value)

@@ -10,9 +10,9 @@ from pydrake.systems.framework import Diagram
 from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.studies.evaluation.team import Team
 
 Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
 """Length of a rollout (s): a step at least, and an hour at most, which the memory holds."""
@@ -20,7 +20,7 @@ Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
 
 def play(
     gait: Gait,
-    team: Team,
+    policy: AlternatingPolicy,
     config: LocomotionConfig,
     meshcat: Meshcat,
     replay: Path,
@@ -28,11 +28,11 @@ def play(
     seconds: float,
     seed: int = 0,
 ) -> Rollout:
-    """Rolls a team out and writes the replay.
+    """Rolls a policy out and writes the replay.
 
     Args:
         gait: The gait.
-        team: Who acts; its period is the alternation's.
+        policy: Who acts; its period is the alternation's.
         config: How the loop is closed.
         meshcat: Where the replay is drawn.
         replay: HTML file of the replay.
@@ -42,14 +42,16 @@ def play(
     Raises:
         InputError: if a policy or the command does not fit the gait.
     """
-    diagram = make_shown(gait, team, config, meshcat)
+    diagram = make_shown(gait, policy, config, meshcat)
     rollout = record(make_simulator(diagram, seed=seed), round(seconds / CONTROL_PERIOD))
     save_replay(diagram, meshcat, rollout, replay)
     return rollout
 
 
-def make_shown(gait: Gait, team: Team, config: LocomotionConfig, meshcat: Meshcat) -> Diagram:
-    """Closes the loop around a team, in view of Meshcat.
+def make_shown(
+    gait: Gait, policy: AlternatingPolicy, config: LocomotionConfig, meshcat: Meshcat
+) -> Diagram:
+    """Closes the loop around a policy, in view of Meshcat.
 
     Raises:
         InputError: if a policy or the command does not fit the gait.
@@ -57,8 +59,8 @@ def make_shown(gait: Gait, team: Team, config: LocomotionConfig, meshcat: Meshca
     return MakeLocomotion(
         gait,
         config,
-        expert=team.acting_expert,
-        student=team.acting_student,
-        estimator=team.expert.estimator,
+        expert=policy.acting_expert,
+        student=policy.acting_student,
+        estimator=policy.expert.estimator,
         meshcat=meshcat,
     )

@@ -1,4 +1,4 @@
-"""Who acts in a rollout: an expert, a student, or both by turns."""
+"""Expert and student acting by turns (paper, Algorithm 1)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +10,8 @@ from glassgait.models.task.alternation import expert_acts
 
 
 @dataclass(frozen=True)
-class Team:
-    """Who acts.
+class AlternatingPolicy:
+    """An expert alone, a student alone, or both by turns.
 
     Attributes:
         expert: The expert; its estimator observes for both.

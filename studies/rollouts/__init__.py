@@ -1,0 +1,1 @@
+"""Rolling policies out and scoring what they did: the ground that several studies share."""

@@ -1,0 +1,64 @@
+"""The gait diagram: which feet touch the ground, and in which state the reward machine is."""
+
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import STATE_COLORS
+from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+
+
+@styled
+def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) -> Figure:
+    """Feet in contact over time, with the reward machine's states as bands."""
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 1.5))
+    last = rollout.time[-1]
+    draw_gait(axes, rollout, gait)
+    axes.set_xlim(max(0.0, last - seconds), last)
+    axes.set_title(title)
+    return figure
+
+
+def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
+    """Draws the gait diagram of a whole rollout."""
+    states = rollout["rm_state"].argmax(axis=1)
+    for start, stop in _runs(states):
+        color = STATE_COLORS[states[start] % len(STATE_COLORS)]
+        axes.axvspan(
+            rollout.time[start],
+            rollout.time[start] + (stop - start) * CONTROL_PERIOD,
+            color=color,
+            alpha=0.25,
+            linewidth=0,
+        )
+    for row in range(robot.N_LEGS):
+        touches = rollout["foot_contact"][:, row] > 0.5
+        bars = [
+            (rollout.time[start], (stop - start) * CONTROL_PERIOD)
+            for start, stop in _runs(touches)
+            if touches[start]
+        ]
+        axes.broken_barh(bars, (row - 0.35, 0.7), color="0.15", linewidth=0)
+    axes.set_yticks(range(robot.N_LEGS), robot.LEGS)
+    axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
+    axes.grid(visible=False)
+    handles = [
+        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
+        for i, name in enumerate(gait.states)
+    ]
+    handles.insert(0, Patch(color="0.15", label="contact"))
+    axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def _runs(values: np.ndarray) -> list[tuple[int, int]]:
+    """Finds the stretches [start, stop) of equal values."""
+    edges = np.flatnonzero(np.diff(values)) + 1
+    borders = [0, *edges.tolist(), len(values)]
+    return list(pairwise(borders))
