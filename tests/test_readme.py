@@ -12,7 +12,7 @@ import pytest
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
 from glassgait.studies.cli import COMMANDS, main
-from glassgait.studies.distillation.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_student
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()

@@ -19,9 +19,10 @@ from glassgait.studies.benchmark.distillation import (
 from glassgait.studies.benchmark.inference import single_row_microseconds
 from glassgait.studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from glassgait.studies.console import console, say
-from glassgait.studies.distillation.config import STUDENT_TITLES, DistillationConfig
-from glassgait.studies.distillation.library import distillation_folder, student_path
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings, refuse_run
+from glassgait.studies.students.library import distillation_folder, student_path
+from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.tables import print_table, write_metrics, write_table
 from glassgait.studies.training.config import TrainingConfig
 
@@ -37,7 +38,7 @@ class Benchmark(Settings):
         updates: Updates that are timed at once.
         repeats: Number of timings; medians are told.
         gym_steps: Steps of gymnasium's sixteen environments.
-        students: Folder of a distillation; runs/distillation/<gait> by default.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default.
         output: Folder of the results.
     """
 
@@ -48,7 +49,7 @@ class Benchmark(Settings):
     updates: Count = 4
     repeats: Count = 5
     gym_steps: Count = 200
-    students: Path | None = None
+    distillation: Path | None = None
     output: Path = Path("runs/benchmark")
 
     def run(self) -> None:
@@ -64,7 +65,7 @@ class Benchmark(Settings):
         expert = load_expert(self.gait)
         samples = expert_samples(expert, n_steps=1000)
         config = DistillationConfig(gait=self.gait)
-        compiled = compiled_against_library(samples, expert.observation_names, config)
+        compiled = compiled_against_library(samples, expert, config.settings)
         write_table(compiled, self.output / "compiled")
         print_table("Compiled students against their libraries", compiled)
         naive = study_against_naive_loop(samples, config, self._student_folder())
@@ -111,16 +112,16 @@ class Benchmark(Settings):
         )
 
     def _student_folder(self) -> Path:
-        return self.students or distillation_folder(self.gait)
+        return self.distillation or distillation_folder(self.gait)
 
     def _inference(self) -> pd.DataFrame:
         expert = load_expert(self.gait)
         policies: dict[str, Policy] = {"neural expert": expert}
         folder = self._student_folder()
-        for kind, title in STUDENT_TITLES.items():
+        for kind, student in STUDENTS.items():
             path = student_path(folder, kind)
             if path.exists():
-                policies[title] = load_policy(path)
+                policies[student.title] = load_policy(path)
         observation = np.random.default_rng(0).normal(size=len(expert.observation_names))
         times = {
             title: single_row_microseconds(policy, observation)

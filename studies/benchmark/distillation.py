@@ -13,17 +13,26 @@ from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.benchmark.inference import single_row_microseconds
-from glassgait.studies.distillation.collection import HELD_OUT_EVERY, Dataset, collect
-from glassgait.studies.distillation.config import DistillationConfig, StudentKind
-from glassgait.studies.distillation.students import fit_library_models, untrained_student
+from glassgait.studies.distillation.collection import collect
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.rounds import Round
+from glassgait.studies.students.additive import EBM
+from glassgait.studies.students.boosting import GBM
+from glassgait.studies.students.dataset import HELD_OUT_EVERY, Dataset
+from glassgait.studies.students.linear import untrained_student
+from glassgait.studies.students.registry import STUDENTS
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.student import TrainingSet
 
 NAIVE_BAGS = 14
 """Outer bags of an additive model by interpret's default, fitted one after the other on 2 cores."""
+
+
+N_JOBS = 2
+"""Joints that are fitted at once."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +51,8 @@ class NaiveModel:
 
 
 NAIVE_MODELS = {
-    "gbm": NaiveModel(lambda: GradientBoostingRegressor(random_state=0), 1, (800, 3200)),
-    "ebm": NaiveModel(
+    GBM.name: NaiveModel(lambda: GradientBoostingRegressor(random_state=0), 1, (800, 3200)),
+    EBM.name: NaiveModel(
         lambda: ExplainableBoostingRegressor(outer_bags=1, n_jobs=1, random_state=0),
         NAIVE_BAGS,
         (400, 800),
@@ -60,34 +69,32 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
         load_gait(expert.gait),
         expert,
         untrained_student(expert.gait, expert.observation_names),
-        period=1,
-        episodes=np.arange(1, 5),
+        plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
         speeds=np.array(config.speeds),
-        n_steps=n_steps,
         station=config.station,
         generator=np.random.default_rng(0),
     )
 
 
 def compiled_against_library(
-    samples: Dataset, names: tuple[str, ...], config: DistillationConfig
+    samples: Dataset, expert: NeuralPolicy, settings: StudentsSettings
 ) -> pd.DataFrame:
     """Times a step of all 12 joints, one observation: compiled, and `predict` joint by joint.
 
     Boosted trees are as many and as deep as the study's; additive models have as many terms, but
     few rounds, which a prediction does not notice.
     """
-    config = replace(config, ebm=replace(config.ebm, outer_bags=1, max_rounds=50))
+    names = expert.observation_names
+    own = TrainingSet(expert.gait, names, samples.observations, samples.actions, samples.starts)
+    settings = replace(
+        settings, **{EBM.name: replace(settings.of(EBM.name), outer_bags=1, max_rounds=50)}
+    )
     rows = []
-    compilers = {
-        "gbm": BoostedTreesPolicy,
-        "histogram_gbm": BoostedTreesPolicy,
-        "ebm": AdditivePolicy,
-    }
-    kinds: tuple[StudentKind, ...] = ("gbm", "histogram_gbm", "ebm")
-    for kind in kinds:
-        models = fit_library_models(kind, config, samples.observations, samples.actions)
-        compiled = compilers[kind].compile(load_gait(config.gait).name, names, models)
+    for kind, student in STUDENTS.items():
+        if student.fit_models is None or student.compile is None:
+            continue
+        models = student.fit_models(own, settings.of(kind), seed=0, n_jobs=N_JOBS)
+        compiled = student.compile(expert.gait, names, models)
         row = samples.observations[:1]
 
         def library(observation: np.ndarray, models: Any = models) -> None:

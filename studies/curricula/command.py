@@ -16,14 +16,20 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.curricula.figures import curricula_figure
-from glassgait.studies.distillation.config import STUDENT_TITLES, DistillationConfig, SymbolicConfig
-from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
 from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.boosting import HISTOGRAM_GBM
+from glassgait.studies.students.library import load_students
+from glassgait.studies.students.linear import LINEAR, STATEWISE_LINEAR
+from glassgait.studies.students.registry import student_title
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
 CURRICULA = {
@@ -40,7 +46,7 @@ class Curricula(Settings):
     """Distil by other curricula with as many samples, and let the students walk alone.
 
     Attributes:
-        distillation: Settings of the distillation with alternation and levels alone; its curriculum
+        distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count. Formulas take one shape, without a choice.
         rollouts: How students are rolled out.
         expert: Policy file of the expert; the shipped one by default.
@@ -52,9 +58,14 @@ class Curricula(Settings):
 
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DistillationConfig(
-            students=("linear", "statewise_linear", "histogram_gbm", "symbolic"),
-            symbolic=SymbolicConfig(
-                shapes=((90, 90),), statewise_shapes=((90, 90),), start_weights=(1,)
+            students=(LINEAR.name, STATEWISE_LINEAR.name, HISTOGRAM_GBM.name, SYMBOLIC.name),
+            settings=StudentsSettings(
+                **{
+                    SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+                    STATEWISE_SYMBOLIC.name: StatewiseSymbolicSettings(
+                        shapes=((90, 90),), start_weights=(1,)
+                    ),
+                }
             ),
         )
     )
@@ -97,17 +108,17 @@ class Curricula(Settings):
 def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
     """Returns the settings of each curriculum, all of as many episodes of equal length.
 
-    Without levels of the student alone, alternation goes on to lower ratios instead.
+    Without rounds of the student alone, alternation goes on to lower ratios instead.
     """
-    size = config.episodes_per_level
+    size = config.episodes_per_round
     config = replace(
         config,
         alone_episodes=size,
         alone_steps=config.episode_steps,
-        symbolic=replace(config.symbolic, alone_episodes=size),
+        settings=config.settings.with_alone_episodes(size),
     )
-    levels_alone = config.alone_levels * size
-    whole = replace(config, episodes=config.episodes + levels_alone, alone_levels=0)
+    rounds_alone = config.alone_rounds * size
+    whole = replace(config, episodes=config.episodes + rounds_alone, alone_rounds=0)
     return {
         "expert_only": replace(whole, curriculum="expert_only"),
         "half": replace(whole, curriculum="half"),
@@ -169,7 +180,7 @@ def titled(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "samples collected while": table["curriculum"].map(CURRICULA),
-            "student": table["student"].map(STUDENT_TITLES),
+            "student": table["student"].map(student_title),
             "R² held out": table["r2"].round(3),
             "share of expert": [f"{share:.3f} ± {half:.3f}" for share, half in shares],
             "falls": [f"{fallen} of {robots}" for fallen, robots in falls],

@@ -4,9 +4,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from glassgait.studies.distillation.config import STUDENT_TITLES
-from glassgait.studies.evaluation.figures import STUDENT_LINES
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.students.registry import STUDENTS
 
 TICKS = {
     "expert_only": "expert\nonly",
@@ -30,13 +29,11 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
     )
     students = list(dict.fromkeys(table["student"]))
     for i, student in enumerate(students):
-        color, marker = STUDENT_LINES[student]
+        line = STUDENTS[student]
         mine = table[table["student"] == student].set_index("curriculum").reindex(list(TICKS))
         at = np.arange(len(TICKS)) + 0.12 * (i - (len(students) - 1) / 2)
-        style = {"color": color, "marker": marker, "markersize": 3.5, "linestyle": "none"}
-        share.errorbar(
-            at, mine["share"], mine["share_ci"], label=STUDENT_TITLES[student], capsize=1.5, **style
-        )
+        style = {"color": line.color, "marker": line.marker, "markersize": 3.5, "linestyle": "none"}
+        share.errorbar(at, mine["share"], mine["share_ci"], label=line.title, capsize=1.5, **style)
         falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     share.set(ylabel="share of the\nexpert's reward", ylim=(0, None), title=title)

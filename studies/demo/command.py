@@ -14,49 +14,49 @@ from glassgait.models.settings import Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.demo.report import write_report
-from glassgait.studies.distillation.config import (
-    DistillationConfig,
-    EbmConfig,
-    HistogramGbmConfig,
-    SymbolicConfig,
-)
-from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation
-from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.rollouts.play import play
 from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.additive import EBM, EbmSettings
+from glassgait.studies.students.boosting import GBM, HISTOGRAM_GBM, HistogramGbmSettings
+from glassgait.studies.students.library import load_students
+from glassgait.studies.students.registry import STUDENTS
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
 from glassgait.studies.tables import print_table
 
 QUICK = DistillationConfig(
-    students=(
-        "open_loop",
-        "linear",
-        "statewise_linear",
-        "histogram_gbm",
-        "ebm",
-        "symbolic",
-        "statewise_symbolic",
-    ),
+    students=tuple(name for name in STUDENTS if name != GBM.name),
     episodes=12,
-    alone_levels=2,
+    alone_rounds=2,
     alone_episodes=4,
     alone_steps=500,
     episode_steps=500,
-    histogram_gbm=HistogramGbmConfig(n_trees=100),
-    ebm=EbmConfig(outer_bags=1, interactions=30, max_rounds=500),
-    symbolic=SymbolicConfig(shapes=((90, 90),), statewise_shapes=((90, 90),), start_weights=(1,)),
+    settings=StudentsSettings(
+        **{
+            HISTOGRAM_GBM.name: HistogramGbmSettings(n_trees=100),
+            EBM.name: EbmSettings(outer_bags=1, interactions=30, max_rounds=500),
+            SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+            STATEWISE_SYMBOLIC.name: StatewiseSymbolicSettings(
+                shapes=((90, 90),), start_weights=(1,)
+            ),
+        }
+    ),
 )
 """A quarter of the paper's samples, and students that take seconds to fit."""
 
 REPLAY_SECONDS = 8.0
-SHOWN = "statewise_symbolic"
+SHOWN = STATEWISE_SYMBOLIC.name
 """The student whose formulas, replay and gait diagram are shown."""
 
 
@@ -115,7 +115,7 @@ class Demo(Settings):
                 folder / f"{name}_replay.html",
                 seconds=REPLAY_SECONDS,
             )
-            title = f"Trot, {POLICY_TITLES[name]}"
+            title = f"Trot, {policy_title(name)}"
             save_figure(gait_figure(rollout, gait, title), folder / f"{name}_gait")
         minutes = (time.monotonic() - started) / 60
         write_report(

@@ -10,9 +10,9 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.distillation.formulas import readable_formula
-from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.pages import inline_image, page_template
+from glassgait.studies.students.formula_pages import readable_formula
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -58,13 +58,13 @@ def write_report(
         reward_figure=inline_image(folder / "reward.png"),
         gait_figures=[
             (
-                POLICY_TITLES[name],
+                policy_title(name),
                 inline_image(folder / f"{name}_gait.png"),
                 f"{name}_replay.html",
             )
             for name in ("expert", kind)
         ],
-        title=POLICY_TITLES[kind],
+        title=policy_title(kind),
         formulas=formulas,
         minutes=minutes,
     )

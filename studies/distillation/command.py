@@ -11,9 +11,9 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.library import distillation_folder
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.students.library import distillation_folder
 from glassgait.studies.tables import print_table
 
 

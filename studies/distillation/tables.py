@@ -4,23 +4,16 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.distillation.config import STUDENT_TITLES
+from glassgait.studies.students.registry import STUDENTS, student_title
 from glassgait.studies.tables import write_metrics, write_table
-
-PAPER_R2 = {
-    "gbm": {"walk": 0.9705, "trot": 0.9863, "pace": 0.9752, "bound": 0.9537},
-    "ebm": {"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
-    "symbolic": {"walk": 0.6811, "trot": 0.7334, "pace": 0.7331, "bound": 0.6564},
-}
-"""The paper's R² scores, by student and gait."""
 
 
 def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
     """Formats the scores for reading, the paper's beside ours."""
-    paper = [PAPER_R2.get(kind, {}).get(gait, float("nan")) for kind in r2["student"]]
+    paper = [STUDENTS[kind].paper_r2.get(gait, float("nan")) for kind in r2["student"]]
     return pd.DataFrame(
         {
-            "student": [STUDENT_TITLES[kind] for kind in r2["student"]],
+            "student": [student_title(kind) for kind in r2["student"]],
             "R² (episodes held out)": r2["r2"].round(4),
             "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
             "paper": paper,

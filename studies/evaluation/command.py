@@ -14,13 +14,13 @@ from glassgait.models.policies.library import load_expert, shipped_experts, ship
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
-from glassgait.studies.distillation.library import distillation_folder, find_student, load_students
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, WorldName
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.library import distillation_folder, find_student, load_students
 from glassgait.studies.tables import print_table
 
 ALL_GAITS = "all"
@@ -37,7 +37,7 @@ class Evaluate(Settings):
             of distillation.
         worlds: Where to roll out, or `all`; `students` are rolled out in the training physics.
         rollouts: How robots are rolled out.
-        students: Folder of a distillation; runs/distillation/<gait> by default, and where that
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
@@ -52,7 +52,7 @@ class Evaluate(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
-    students: Path | None = None
+    distillation: Path | None = None
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -78,7 +78,7 @@ class Evaluate(Settings):
     def _alternation(self) -> list[RolloutJob]:
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
-        students = load_students(self.students or distillation_folder(gait.name), expert)
+        students = load_students(self.distillation or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts)
 
     def _scorecard(self) -> list[RolloutJob]:
@@ -89,7 +89,7 @@ class Evaluate(Settings):
     def _gaits(self) -> tuple[str, ...]:
         if self.gait != ALL_GAITS:
             return (self.gait,)
-        if self.expert or self.students or "." in self.policy:
+        if self.expert or self.distillation or "." in self.policy:
             raise InputError("--gait all takes no files of your own; name one gait for them")
         shipped = {name: ("expert", *shipped_students(name)) for name in shipped_experts()}
         gaits = tuple(name for name, policies in shipped.items() if self.policy in policies)
@@ -101,5 +101,5 @@ class Evaluate(Settings):
         expert = load_expert(gait, self.expert)
         if self.policy == "expert":
             return gait, AlternatingPolicy(expert)
-        student = find_student(self.policy, expert, self.students)
+        student = find_student(self.policy, expert, self.distillation)
         return gait, AlternatingPolicy(expert, student, period=0)

@@ -6,19 +6,9 @@ from matplotlib.figure import Figure
 
 from glassgait.models.task.alternation import ratio_title
 from glassgait.studies.evaluation.alternation import PERIODS
-from glassgait.studies.evaluation.tables import POLICY_TITLES, alternation_table
+from glassgait.studies.evaluation.tables import alternation_table
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
-
-STUDENT_LINES = {
-    "open_loop": ("#CCCCCC", "x"),
-    "linear": ("#999999", "v"),
-    "statewise_linear": ("#666666", "^"),
-    "gbm": ("#0072B2", "o"),
-    "histogram_gbm": ("#56B4E9", "h"),
-    "ebm": ("#D55E00", "s"),
-    "symbolic": ("#009E73", "D"),
-    "statewise_symbolic": ("#CC79A7", "P"),
-}
+from glassgait.studies.students.registry import STUDENTS
 
 LEAST_SHARE = 0.9
 """Share of the expert's reward from which students are told apart."""
@@ -38,15 +28,19 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     )
     known = set(means["ratio"])
     ratios = [ratio_title(period) for period in PERIODS if ratio_title(period) in known]
-    students = [policy for policy in STUDENT_LINES if policy in set(means["policy"])]
-    for i, policy in enumerate(students):
-        color, marker = STUDENT_LINES[policy]
-        mine = means[means["policy"] == policy].set_index("ratio")
+    students = [student for student in STUDENTS.values() if student.name in set(means["policy"])]
+    for i, student in enumerate(students):
+        mine = means[means["policy"] == student.name].set_index("ratio")
         mine.loc["1"] = expert
         mine = mine.loc[ratios]
         at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
-        style = {"color": color, "marker": marker, "markersize": 3.5, "linewidth": 1.0}
-        bars = {"label": POLICY_TITLES[policy], "capsize": 1.5, **style}
+        style = {
+            "color": student.color,
+            "marker": student.marker,
+            "markersize": 3.5,
+            "linewidth": 1.0,
+        }
+        bars = {"label": student.title, "capsize": 1.5, **style}
         reward.errorbar(at, mine["reward"], mine["reward_ci"], **bars)
         in_sight = mine["share"] >= LEAST_SHARE
         share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)

@@ -2,11 +2,14 @@
 
 import pandas as pd
 
-from glassgait.studies.distillation.config import STUDENT_TITLES
 from glassgait.studies.rollouts.config import WORLDS
 from glassgait.studies.rollouts.scores import summarize, summarize_against
+from glassgait.studies.students.registry import student_title
 
-POLICY_TITLES = {"expert": "Neural expert", **STUDENT_TITLES}
+
+def policy_title(name: str) -> str:
+    """Returns what people call the expert, a student, or a policy of another name."""
+    return "Neural expert" if name == "expert" else student_title(name)
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
@@ -21,7 +24,7 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
     return pd.DataFrame(
         {
-            "policy": [POLICY_TITLES[name] for name in alone["policy"]],
+            "policy": [policy_title(name) for name in alone["policy"]],
             "reward": _with_interval(alone, "reward", 0),
             "share of expert": _with_interval(alone, "share", 3),
             "plain reward": _with_interval(alone, "plain_reward", 1),

@@ -19,7 +19,6 @@ from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
-from glassgait.studies.distillation.library import SUMS, default_student, find_student
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
@@ -27,6 +26,8 @@ from glassgait.studies.importance.study import draw_student
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
+from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.registry import sums_of_terms
 
 CONFIG = "config.yaml"
 """File beside the page that tells whose it is."""
@@ -49,7 +50,7 @@ class Explain(Settings):
         command: Commanded speed, yaw rate and rhythm.
         seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
         seed: Seed of the sensors' noise.
-        students: Folder of a distillation; by default runs/distillation/<gait>, and where that
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.
@@ -64,7 +65,7 @@ class Explain(Settings):
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
     seconds: Seconds = 6.0
     seed: Seed = 0
-    students: Path | None = None
+    distillation: Path | None = None
     expert: Path | None = None
     output: Path | None = None
 
@@ -76,14 +77,14 @@ class Explain(Settings):
         """Rolls out, explains, and writes the page."""
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
-        policy = self.policy or default_student(gait.name, self.students)
+        policy = self.policy or default_student(gait.name, self.distillation)
         if policy == "expert":
             raise InputError(
                 "--policy expert: the expert's actions are no sums of terms; name a student, of "
-                f"the kinds {', '.join(SUMS)}"
+                f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        student = find_student(policy, expert, self.students)
+        student = find_student(policy, expert, self.distillation)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         name = Path(policy).stem
@@ -145,7 +146,7 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
             "with --output"
         )
     theirs = read_yaml(path) if path.exists() else whose
-    for key in ("gait", "policy", "students", "expert"):
+    for key in ("gait", "policy", "distillation", "expert"):
         if not isinstance(theirs, dict) or theirs.get(key) != whose[key]:
             raise InputError(
                 f"{folder}: holds the page of another student; name a new folder with --output"

@@ -18,7 +18,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import unit_of
 from glassgait.models.task.palette import STATE_COLORS
-from glassgait.studies.evaluation.tables import POLICY_TITLES
+from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.explanation.products import Product, products
 from glassgait.studies.pages import inline_image, page_template
 
@@ -128,7 +128,7 @@ def render_page(
     }
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
-        policy=POLICY_TITLES.get(policy_name, policy_name),
+        policy=policy_title(policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
         additive=any(not term.weights for own in explained for term in own.products),
         gates=_gates(quantities.values()),

@@ -15,13 +15,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
-from glassgait.studies.distillation.collection import level_paths
-from glassgait.studies.distillation.config import StudentKind
-from glassgait.studies.distillation.library import (
-    distillation_folder,
-    load_students,
-    samples_folder,
-)
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
@@ -29,6 +22,13 @@ from glassgait.studies.importance.study import draw_student, held_out_samples, m
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.students.additive import EBM
+from glassgait.studies.students.boosting import GBM
+from glassgait.studies.students.dataset import round_paths
+from glassgait.studies.students.library import distillation_folder, load_students, samples_folder
+from glassgait.studies.students.linear import STATEWISE_LINEAR
+from glassgait.studies.students.settings import StudentKind
+from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
 
@@ -38,9 +38,9 @@ class Importance(Settings):
 
     Attributes:
         gait: Name of a gait.
-        policies: Kinds of students.
+        students: Kinds of students.
         joint: Joint whose trees and functions are drawn.
-        students: Folder of the distillation; runs/distillation/<gait> by default.
+        distillation: Folder of the distillation; runs/distillation/<gait> by default.
         n_samples: Held-out samples that importances are measured on, at most.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
@@ -52,15 +52,15 @@ class Importance(Settings):
     title: ClassVar[str] = "importance"
 
     gait: str = "trot"
-    policies: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = (
-        "gbm",
-        "ebm",
-        "statewise_linear",
-        "symbolic",
-        "statewise_symbolic",
+    students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = (
+        GBM.name,
+        EBM.name,
+        STATEWISE_LINEAR.name,
+        SYMBOLIC.name,
+        STATEWISE_SYMBOLIC.name,
     )
     joint: str = "FL_hip"
-    students: Path | None = None
+    distillation: Path | None = None
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
@@ -75,16 +75,16 @@ class Importance(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
-        source = self.students or distillation_folder(gait.name)
+        source = self.distillation or distillation_folder(gait.name)
         students = self._chosen(load_students(source, expert))
         samples = {kind: held_out_samples(source, kind, self.n_samples, seed) for kind in students}
         folder = self.output or Path("runs/importance") / gait.name
-        levels = [path for kind in students for path in level_paths(samples_folder(source, kind))]
+        rounds = [path for kind in students for path in round_paths(samples_folder(source, kind))]
         inputs = {
             "gait": gait.digest(),
             "expert": expert.digest(),
             "students": " ".join(student.digest() for student in students.values()),
-            "samples": digest_of_files(levels),
+            "samples": digest_of_files(rounds),
         }
         with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
             importances, _ = measure_importances(
@@ -115,10 +115,10 @@ class Importance(Settings):
         console.print(f"written to {folder}")
 
     def _chosen(self, students: Mapping[StudentKind, Policy]) -> dict[StudentKind, Policy]:
-        missing = [kind for kind in self.policies if kind not in students]
+        missing = [kind for kind in self.students if kind not in students]
         if missing:
             raise InputError(
                 f"no student {', '.join(missing)} of the {self.gait}; make it with "
-                f"'glassgait distill --gait {self.gait}', or name others with --policies"
+                f"'glassgait distill --gait {self.gait}', or name others with --students"
             )
-        return {kind: students[kind] for kind in self.policies}
+        return {kind: students[kind] for kind in self.students}

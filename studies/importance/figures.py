@@ -10,10 +10,10 @@ from matplotlib.ticker import MaxNLocator
 
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.studies.distillation.config import STUDENT_TITLES
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.importance.faithfulness import MODE_TITLES
 from glassgait.studies.importance.methods import METHOD_TITLES
+from glassgait.studies.students.registry import student_title
 
 _MODE_COLORS = {"mean": "#0072B2", "shuffled": "#E69F00", "delayed": "#999999"}
 
@@ -51,7 +51,7 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
             panel.errorbar(
                 mine["lost"], at, xerr=mine["lost_ci"], fmt="none", ecolor="0.3", elinewidth=0.5
             )
-        panel.set_title(textwrap.fill(STUDENT_TITLES.get(student, student), 14))
+        panel.set_title(textwrap.fill(student_title(student), 14))
         panel.set_xlabel("share of reward lost")
         panel.set_yticks(range(len(groups)), groups, fontsize=6)
     panels[0][0].invert_yaxis()
@@ -77,7 +77,7 @@ def faithfulness_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: st
     for panel, (policy, method) in zip(panels.flat, pairs, strict=False):
         own = joined.query("policy == @policy and method == @method")
         _draw_ranks(panel, own)
-        name = f"{STUDENT_TITLES.get(policy, policy)}: {METHOD_TITLES[method]}"
+        name = f"{student_title(policy)}: {METHOD_TITLES[method]}"
         correlation = own["importance"].corr(own["lost"], method="spearman")
         panel.set_title(f"{name}, ρ = {correlation:.2f}")
     for panel in panels[:, 0]:

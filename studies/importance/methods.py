@@ -8,8 +8,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.distillation.collection import Dataset
-from glassgait.studies.distillation.study import r2_scores
+from glassgait.studies.students.dataset import Dataset, r2_scores
 
 METHOD_TITLES = {
     "permutation": "permutation importance",

@@ -14,9 +14,6 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.studies.console import say
-from glassgait.studies.distillation.collection import Dataset, load_levels
-from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
-from glassgait.studies.distillation.library import samples_folder
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
@@ -30,6 +27,10 @@ from glassgait.studies.importance.observations import merge_importances, observa
 from glassgait.studies.importance.tables import PAPER_TOP, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
 from glassgait.studies.rollouts.scores import interval
+from glassgait.studies.students.dataset import Dataset, load_rounds
+from glassgait.studies.students.library import samples_folder
+from glassgait.studies.students.registry import student_title
+from glassgait.studies.students.settings import StudentKind
 from glassgait.studies.tables import to_latex, write_table
 
 N_SHAPES = 3
@@ -48,7 +49,7 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
         n_samples: Number of samples, at most.
         seed: Seed of the drawing.
     """
-    data = load_levels(samples_folder(folder, kind))
+    data = load_rounds(samples_folder(folder, kind))
     held_out = np.flatnonzero(data.held_out)
     generator = np.random.default_rng(seed)
     chosen = generator.choice(held_out, min(n_samples, len(held_out)), replace=False)
@@ -81,7 +82,7 @@ def measure_importances(
     """
     tables, tops = [], []
     for kind, student in students.items():
-        say(f"shuffling the observations of {STUDENT_TITLES.get(kind, kind)}")
+        say(f"shuffling the observations of {student_title(kind)}")
         names = student.observation_names
         generator = np.random.default_rng([seed, 1])
         found = {"permutation": permutation_importance(student, samples[kind], generator, repeats)}
@@ -91,7 +92,7 @@ def measure_importances(
         for method, values in found.items():
             mean = values.mean(axis=0)
             stem = folder / f"{kind}_{method}"
-            title = f"{gait.capitalize()}, {STUDENT_TITLES.get(kind, kind)}"
+            title = f"{gait.capitalize()}, {student_title(kind)}"
             write_table(_by_joint(mean, names), stem)
             save_figure(importance_map(mean, names, f"{title}: {METHOD_TITLES[method]}"), stem)
             tables.append(_by_group(values, names, kind, method))
@@ -132,7 +133,7 @@ def draw_student(
         The figures' paths, less extension.
     """
     name = robot.JOINTS[joint]
-    title = f"{gait.capitalize()}, {STUDENT_TITLES.get(kind, kind)}, {name.replace('_', ' ')}"
+    title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
     figures: dict[str, Figure] = {}
     match student:
         case BoostedTreesPolicy():

@@ -15,9 +15,6 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
-from glassgait.studies.distillation.collection import Dataset, level_paths, load_levels
-from glassgait.studies.distillation.library import distillation_folder, samples_folder
-from glassgait.studies.distillation.study import r2_scores
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pareto.figures import pareto_figure
@@ -26,6 +23,9 @@ from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores, round_paths
+from glassgait.studies.students.library import distillation_folder, samples_folder
+from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
 SHARES = (0.0, 0.9, 0.97)
@@ -41,7 +41,7 @@ class Pareto(Settings):
 
     Attributes:
         gait: Name of a gait.
-        samples: Folder of the levels that a student collected, whose samples the formulas are
+        samples: Folder of the rounds that a student collected, whose samples the formulas are
             fitted to; runs/distillation/<gait>/statewise_symbolic by default.
         lengths: Greatest lengths of a joint's formula (nodes).
         rollouts: How robots are rolled out.
@@ -67,14 +67,14 @@ class Pareto(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         samples = self.samples or samples_folder(
-            distillation_folder(gait.name), "statewise_symbolic"
+            distillation_folder(gait.name), STATEWISE_SYMBOLIC.name
         )
-        data = load_levels(samples)
+        data = load_rounds(samples)
         folder = self.output or Path("runs/pareto") / gait.name
         inputs = {
             "gait": gait.digest(),
             "expert": expert.digest(),
-            "samples": digest_of_files(level_paths(samples)),
+            "samples": digest_of_files(round_paths(samples)),
         }
         with open_run(folder, study="pareto", settings=self, inputs=inputs, resume=self.resume):
             front = self._measure(gait, expert, data, folder)

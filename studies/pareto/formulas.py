@@ -10,8 +10,9 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
-from glassgait.studies.distillation.collection import Dataset, samples_by_state
-from glassgait.studies.distillation.gated_sum import fit_gated_sums
+from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.gated_sum import fit_gated_sums
+from glassgait.studies.students.student import TrainingSet
 
 LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
 """Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
@@ -39,7 +40,9 @@ class Family:
             return SymbolicPolicy(gait, names, formulas)
         by_state = [
             fit_gated_sums(data.observations[mine], data.actions[mine], gates, length)
-            for mine in samples_by_state(data.observations, names)
+            for mine in TrainingSet(
+                gait, names, data.observations, data.actions, data.starts
+            ).by_state()
         ]
         return StatewiseSymbolicPolicy(gait, names, by_state)
 

@@ -21,9 +21,9 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import say
-from glassgait.studies.distillation.students import untrained_student
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollout.stills import gait_strip
+from glassgait.studies.students.linear import untrained_student
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 FOLDER = Path(__file__).parent

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -18,6 +18,7 @@ from glassgait.studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConf
 from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults, study_gait
 from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.settings import StudentKind
 from glassgait.studies.tables import print_table, to_markdown, write_table
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -29,6 +30,7 @@ class Report(Settings):
 
     Attributes:
         gaits: Names of gaits.
+        students: Kinds of students beside the paper's.
         quick: Fewer samples, smaller students, one seed.
         resume: Continue the run that the folder holds; it may name other gaits.
         output: Folder of the report; runs/report, or runs/report_quick, by default.
@@ -37,6 +39,7 @@ class Report(Settings):
     title: ClassVar[str] = "report"
 
     gaits: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = PAPER_GAITS
+    students: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
     quick: bool = False
     resume: bool = False
     output: Path | None = None
@@ -50,7 +53,7 @@ class Report(Settings):
                 f"of {', '.join(shipped_experts())} with --gaits"
             )
         started = time.monotonic()
-        config = QUICK if self.quick else FULL
+        config = self._config()
         folder = self.output or Path("runs") / ("report_quick" if self.quick else "report")
         experts = {gait: load_expert(gait) for gait in self.gaits}
         with open_run(
@@ -70,6 +73,11 @@ class Report(Settings):
         console.print(
             f"report written to {folder / 'report.html'} and report.md after {minutes:.1f} minutes"
         )
+
+    def _config(self) -> ReportConfig:
+        config = QUICK if self.quick else FULL
+        students = dict.fromkeys((*config.distillation.students, *self.students))
+        return replace(config, distillation=replace(config.distillation, students=tuple(students)))
 
     def _write(self, results: Sequence[GaitResults], config: ReportConfig, folder: Path) -> None:
         items = contents(results)

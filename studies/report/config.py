@@ -6,18 +6,19 @@ from typing import Annotated, ClassVar
 from annotated_types import Ge
 
 from glassgait.models.settings import Count, Settings
-from glassgait.studies.distillation.config import (
-    DistillationConfig,
-    EbmConfig,
-    GbmConfig,
-    HistogramGbmConfig,
-    StudentKind,
-    SymbolicConfig,
-)
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.rollouts.config import RolloutConfig
-
-PAPER_STUDENTS: tuple[StudentKind, ...] = ("gbm", "ebm", "symbolic")
-"""The students of the paper's tables and figures."""
+from glassgait.studies.students.additive import EBM, EbmSettings
+from glassgait.studies.students.boosting import (
+    GBM,
+    HISTOGRAM_GBM,
+    GbmSettings,
+    HistogramGbmSettings,
+)
+from glassgait.studies.students.registry import paper_students
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic import SYMBOLIC
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
 
@@ -36,7 +37,7 @@ class ReportConfig(Settings):
     title: ClassVar[str] = "report"
 
     distillation: DistillationConfig = field(
-        default_factory=lambda: DistillationConfig(students=PAPER_STUDENTS)
+        default_factory=lambda: DistillationConfig(students=paper_students())
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
     n_samples: Annotated[Count, Ge(2)] = 1000
@@ -48,17 +49,21 @@ FULL = ReportConfig()
 
 QUICK = ReportConfig(
     distillation=DistillationConfig(
-        students=PAPER_STUDENTS,
+        students=paper_students(),
         episodes=8,
-        episodes_per_level=2,
-        alone_levels=1,
+        episodes_per_round=2,
+        alone_rounds=1,
         alone_episodes=2,
         alone_steps=500,
         episode_steps=500,
-        gbm=GbmConfig(n_trees=80, depth=4),
-        histogram_gbm=HistogramGbmConfig(n_trees=80),
-        ebm=EbmConfig(outer_bags=2, interactions=40, level_interactions=20),
-        symbolic=SymbolicConfig(shapes=((90, 90),), start_weights=(1,)),
+        settings=StudentsSettings(
+            **{
+                GBM.name: GbmSettings(n_trees=80, depth=4),
+                HISTOGRAM_GBM.name: HistogramGbmSettings(n_trees=80),
+                EBM.name: EbmSettings(outer_bags=2, interactions=40, round_interactions=20),
+                SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+            }
+        ),
     ),
     rollouts=RolloutConfig(n_robots=13, n_steps=500, n_seeds=1),
     n_samples=400,

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.distillation.config import STUDENT_TITLES
-from glassgait.studies.distillation.tables import PAPER_R2
-from glassgait.studies.report.config import PAPER_STUDENTS
 from glassgait.studies.report.gait import GaitResults
+from glassgait.studies.students.additive import EBM
+from glassgait.studies.students.boosting import GBM
+from glassgait.studies.students.registry import STUDENTS, paper_students, student_title
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
@@ -28,7 +28,7 @@ DEVIATIONS = (
     "well as the best. The paper evolves them with PySR alone. "
     "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 120, but "
     "Operon counts a weighted observation as one.",
-    "After the paper's episodes come levels in which the student acts alone.",
+    "After the paper's episodes come rounds in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
     "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",
     "Gait sequences are drawn as contacts over time, not as stills; glassgait rollout draws "
@@ -94,74 +94,93 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
             figures=_each(results, "reward", "reward against ratio"),
         ),
         *(
-            Item(
-                f"Figure {number}",
-                f"Gait sequences, {STUDENT_TITLES[kind]}",
-                "Feet in contact (dark) over the reward machine's states, the student alone.",
-                figures=_each(results, f"{kind}_sequence", "gait sequence"),
-                wide=True,
-            )
-            for number, kind in zip((3, 4, 5), PAPER_STUDENTS, strict=True)
+            _sequences(results, f"Figure {number}", kind)
+            for number, kind in zip((3, 4, 5), paper_students(), strict=True)
         ),
         Item(
             "Figure 6",
             "A weak learner of the boosted trees, FL hip",
-            figures=_each(results, "gbm_FL_hip_tree", "decision tree", first="walk"),
+            figures=_each(results, f"{GBM.name}_FL_hip_tree", "decision tree", first="walk"),
             wide=True,
         ),
         Item(
             "Figure 7",
             "Partial dependence on the top 3 observations, boosted trees, FL hip",
-            figures=_each(results, "gbm_FL_hip_partial_dependence", "dependence", first="walk"),
+            figures=_each(
+                results, f"{GBM.name}_FL_hip_partial_dependence", "dependence", first="walk"
+            ),
             wide=True,
         ),
         Item(
             "Figure 8, top",
             "Functions of one observation, explainable boosting, FL hip",
             "Bands of two standard deviations between bags, where there is more than one.",
-            figures=_each(results, "ebm_FL_hip_shapes", "shapes", first="trot"),
+            figures=_each(results, f"{EBM.name}_FL_hip_shapes", "shapes", first="trot"),
             wide=True,
         ),
         Item(
             "Figure 8, bottom",
             "A function of two observations, explainable boosting, FL hip",
-            figures=_each(results, "ebm_FL_hip_pair_1", "pair", first="trot"),
+            figures=_each(results, f"{EBM.name}_FL_hip_pair_1", "pair", first="trot"),
         ),
         Item(
             "Figure 9",
             "Local explanation, explainable boosting, FL hip",
-            figures=_each(results, "ebm_local", "local explanation", first="pace"),
+            figures=_each(results, f"{EBM.name}_local", "local explanation", first="pace"),
         ),
         Item(
             "Figure 10",
             "Global importances of the terms, explainable boosting, FL hip",
-            figures=_each(results, "ebm_FL_hip_terms", "importances of terms"),
+            figures=_each(results, f"{EBM.name}_FL_hip_terms", "importances of terms"),
         ),
         Item(
             "Figure 11",
             "Observation importances of the boosted trees, by two methods",
             figures=[
-                *_each(results, "gbm_impurity", "impurity importance"),
-                *_each(results, "gbm_permutation", "permutation importance"),
+                *_each(results, f"{GBM.name}_impurity", "impurity importance"),
+                *_each(results, f"{GBM.name}_permutation", "permutation importance"),
             ],
             wide=True,
         ),
+        *(
+            _sequences(results, f"Ours {number}", kind)
+            for number, kind in enumerate(
+                (kind for kind in _students(results) if kind not in paper_students()), start=1
+            )
+        ),
     ]
+
+
+def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Item:
+    return Item(
+        number,
+        f"Gait sequences, {student_title(kind)}",
+        "Feet in contact (dark) over the reward machine's states, the student alone.",
+        figures=_each(results, f"{kind}_sequence", "gait sequence"),
+        wide=True,
+    )
+
+
+def _students(results: Sequence[GaitResults]) -> list[str]:
+    """Lists the students of the results, each once."""
+    return list(dict.fromkeys(student for own in results for student in own.r2["student"]))
 
 
 def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
     """Sets the students' R² beside the paper's, a row a student and split, a column a gait."""
     rows = []
-    for kind in PAPER_STUDENTS:
+    for kind in _students(results):
         mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
-        title = STUDENT_TITLES[kind]
+        title = student_title(kind)
         rows += [
             {"student": title, "split": split}
             | {gait: round(row[column], 4) for gait, row in mine.items()}
             for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2"))
         ]
-        paper = {gait: PAPER_R2[kind].get(gait, float("nan")) for gait in mine}
-        rows.append({"student": title, "split": "paper"} | paper)
+        theirs = STUDENTS[kind].paper_r2
+        paper = {gait: theirs.get(gait, float("nan")) for gait in mine}
+        if theirs:
+            rows.append({"student": title, "split": "paper"} | paper)
     return pd.DataFrame(rows)
 
 

@@ -14,8 +14,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import say
-from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
-from glassgait.studies.distillation.library import load_students
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_jobs
@@ -26,6 +24,10 @@ from glassgait.studies.importance.study import draw_student, held_out_samples, m
 from glassgait.studies.report.config import ReportConfig
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.jobs import run_jobs
+from glassgait.studies.students.additive import EBM
+from glassgait.studies.students.boosting import GBM
+from glassgait.studies.students.library import load_students
+from glassgait.studies.students.registry import student_title
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""
@@ -78,7 +80,8 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
     standalone = write_alternation(scores, title, folder)
 
     seed = config.rollouts.seed
-    explained: dict[StudentKind, Policy] = {kind: students[kind] for kind in ("gbm", "ebm")}
+    # Formulas are read; what the paper explains by figures are its ensembles.
+    explained = {kind: students[kind] for kind in (GBM.name, EBM.name)}
     samples = {kind: held_out_samples(source, kind, config.n_samples, seed) for kind in explained}
     _, tops = measure_importances(
         name, explained, samples, folder, seed=seed, repeats=config.repeats
@@ -86,7 +89,7 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
     for kind, student in explained.items():
         draw_student(name, kind, student, JOINT, samples[kind].observations, folder, seed)
     _draw_sequences(gait, expert, students, folder)
-    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == "gbm"])
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == GBM.name])
 
 
 def _draw_sequences(
@@ -94,9 +97,9 @@ def _draw_sequences(
 ) -> None:
     for kind, student in students.items():
         rollout = _roll_out_alone(gait, expert, student)
-        title = f"{gait.name.capitalize()}, {STUDENT_TITLES.get(kind, kind)}"
+        title = f"{gait.name.capitalize()}, {student_title(kind)}"
         save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
-        if kind == "ebm":
+        if kind == EBM.name:
             step = min(EXPLAINED_STEP, len(rollout.time) - 1)
             parts = student.explain(rollout["observations"][step], JOINT)
             local = contribution_figure(parts, f"{title}, FL hip, step {step}")

@@ -18,7 +18,6 @@ from glassgait.models.settings import Seed, Settings
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
-from glassgait.studies.distillation.library import find_student
 from glassgait.studies.figures import save_figure
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollout.live import play_live
@@ -26,6 +25,7 @@ from glassgait.studies.rollout.stills import gait_strip
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
+from glassgait.studies.students.library import find_student
 
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""
@@ -48,7 +48,7 @@ class ShowRollout(Settings):
             Not with --live.
         seed: Seed of the sensors' noise.
         station: Physics.
-        students: Folder of a distillation; by default runs/distillation/<gait>, and where that
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
         output: Folder of the replay; runs/rollout/<gait> by default.
@@ -65,7 +65,7 @@ class ShowRollout(Settings):
     seconds: Seconds | None = None
     seed: Seed = 0
     station: StationConfig = field(default_factory=StationConfig)
-    students: Path | None = None
+    distillation: Path | None = None
     expert: Path | None = None
     output: Path | None = None
 
@@ -80,7 +80,7 @@ class ShowRollout(Settings):
         expert = load_expert(gait, self.expert)
         student: Policy | None = None
         if self.policy != "expert":
-            student = find_student(self.policy, expert, self.students)
+            student = find_student(self.policy, expert, self.distillation)
         period = parse_ratio(
             ("1" if student is None else "0") if self.ratio is None else self.ratio
         )

@@ -18,13 +18,11 @@ from glassgait.studies.benchmark.distillation import (
 )
 from glassgait.studies.benchmark.inference import single_row_microseconds
 from glassgait.studies.benchmark.throughput import training_and_physics
-from glassgait.studies.distillation.collection import Dataset
-from glassgait.studies.distillation.config import (
-    DistillationConfig,
-    EbmConfig,
-    GbmConfig,
-    HistogramGbmConfig,
-)
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.students.additive import EbmSettings
+from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.settings import StudentsSettings
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
@@ -46,13 +44,12 @@ def test_single_row_time_counts_calls():
 def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
     expert = load_expert("trot")
     samples = expert_samples(expert, n_steps=40)
-    config = DistillationConfig(
-        gbm=GbmConfig(n_trees=5),
-        histogram_gbm=HistogramGbmConfig(n_trees=5),
-        ebm=EbmConfig(interactions=2, max_rounds=5),
-        n_jobs=1,
+    settings = StudentsSettings(
+        gbm=GbmSettings(n_trees=5),
+        histogram_gbm=HistogramGbmSettings(n_trees=5),
+        ebm=EbmSettings(interactions=2, max_rounds=5),
     )
-    table = compiled_against_library(samples, expert.observation_names, config)
+    table = compiled_against_library(samples, expert, settings)
     assert table["student"].tolist() == ["gbm", "histogram_gbm", "ebm"]
     assert (table["greatest difference"] < 1e-9).all()
     assert (table[["compiled (µs)", "predict × 12 (µs)"]] > 0).all(axis=None)

@@ -25,18 +25,18 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     )
     assert "students is empty" in refused(["distill", "--students"])
     assert "episodes is 0" in refused(["distill", "--episodes", "0"])
-    assert "alone_levels is -1" in refused(["distill", "--alone-levels", "-1"])
+    assert "alone_rounds is -1" in refused(["distill", "--alone-rounds", "-1"])
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
     assert "worlds is empty" in refused(["evaluate", "--worlds"])
     assert "lengths is empty" in refused(["pareto", "--lengths"])
     assert "lengths is (8, 0)" in refused(["pareto", "--lengths", "8", "0"])
-    assert "policies is empty" in refused(["importance", "--policies"])
+    assert "students is empty" in refused(["importance", "--students"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
-    students = ["--students", str(tmp_path)]
+    students = ["--distillation", str(tmp_path)]
     assert "no student 'ebm'" in refused(["rollout", "--policy", "ebm", *students])
     assert "holds no students" in refused(["evaluate", "--policy", "students", *students])
 
@@ -76,7 +76,7 @@ REFUSED = {
     "train --ppo.actor-layers": "actor_layers is empty; name one or more",
     "train --estimator.layers 0": "layers is (0,); it must be 1 or more",
     "train --estimator.epochs 0": "epochs is 0",
-    "distill --episodes 2 --alone-levels 0": "of fewer than 5 episodes none is held out",
+    "distill --episodes 2 --alone-rounds 0": "of fewer than 5 episodes none is held out",
     "distill --episode-steps 1": "episode_steps is 1; it must be 2 or more",
     "distill --speeds nan": "speeds is (nan,); it must be a finite number",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
@@ -110,7 +110,7 @@ REFUSED = {
     "benchmark --gym-steps 0": "gym_steps is 0",
     "convergence --n-steps 0": "n_steps is 0",
     "curricula --rollouts.n-seeds 0": "n_seeds is 0",
-    "curricula --episodes 2 --alone-levels 1 --episodes-per-level 2": (
+    "curricula --episodes 2 --alone-rounds 1 --episodes-per-round 2": (
         "of fewer than 5 episodes none is held out"
     ),
 }

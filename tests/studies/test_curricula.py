@@ -7,29 +7,28 @@ from glassgait.studies.cli import main
 from glassgait.studies.curricula.command import CURRICULA, curricula_table, equal_budgets
 from glassgait.studies.curricula.figures import TICKS
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.rounds import rounds
 
-SMALL = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "40", "--n-jobs", "1"]
+SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]
 
 
 def test_every_curriculum_has_as_many_episodes():
     budgets = equal_budgets(DistillationConfig())
     last = {
-        config.level_episodes(config.n_levels, kind)[-1]
+        rounds(config, kind)[-1].episodes[-1]
         for config in budgets.values()
         for kind in ("linear", "symbolic")
     }
     assert list(budgets) == list(CURRICULA) == list(TICKS)
     assert last == {62}
     for config in budgets.values():
-        levels = range(1, config.n_levels + 1)
-        steps = {config.level_steps(level, "linear") for level in levels}
-        assert steps == {config.episode_steps}
+        assert {own.steps for own in rounds(config, "linear")} == {config.episode_steps}
 
 
 def test_every_curriculum_begins_with_the_expert_and_goes_its_own_way():
     periods = {
-        name: [config.period(level) for level in range(1, config.n_levels + 1)]
+        name: [own.period for own in rounds(config, "linear")]
         for name, config in equal_budgets(DistillationConfig()).items()
     }
     assert periods["expert_only"] == [1] * 16

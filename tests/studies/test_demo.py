@@ -4,14 +4,18 @@ import pytest
 
 from glassgait.studies.cli import main
 from glassgait.studies.demo import command
-from glassgait.studies.distillation.config import DistillationConfig, SymbolicConfig
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings
 
 TINY = DistillationConfig(
     students=("linear", "statewise_symbolic"),
     episodes=5,
-    alone_levels=0,
+    alone_rounds=0,
     episode_steps=60,
-    symbolic=SymbolicConfig(shapes=((20, 20),), start_weights=(1,)),
+    settings=StudentsSettings(
+        statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
+    ),
     n_jobs=1,
 )
 

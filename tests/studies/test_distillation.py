@@ -23,45 +23,57 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import Tape
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.distillation.collection import Dataset, collect, load_levels
-from glassgait.studies.distillation.config import (
-    DistillationConfig,
-    EbmConfig,
-    GbmConfig,
-    HistogramGbmConfig,
-    SymbolicConfig,
-)
-from glassgait.studies.distillation.formulas import latex_formula, readable_formula
-from glassgait.studies.distillation.gated_sum import fit_gated_sums
-from glassgait.studies.distillation.library import load_students
+from glassgait.studies.distillation.collection import collect
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.rounds import Round, rounds
 from glassgait.studies.distillation.selection import simplest_of_the_best
-from glassgait.studies.distillation.students import fit_student, untrained_student
-from glassgait.studies.distillation.study import distill, r2_scores
-from glassgait.studies.distillation.symbolic_regression import fit_formulas, pysr_arguments
+from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.students.additive import EbmSettings
+from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores
+from glassgait.studies.students.formula_pages import latex_formula, readable_formula
+from glassgait.studies.students.gated_sum import fit_gated_sums
+from glassgait.studies.students.library import load_students
+from glassgait.studies.students.linear import untrained_student
+from glassgait.studies.students.registry import STUDENTS
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.students.symbolic_regression import fit_formulas, pysr_arguments
+from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
 
 GAIT = load_gait("trot")
 
+SMALL_FORMULAS = {
+    "population": 20,
+    "generations": 2,
+    "max_samples": 100,
+    "start_weights": (1, 3),
+    "alone_episodes": 4,
+}
+
 TINY = DistillationConfig(
     episodes=5,
-    alone_levels=1,
+    alone_rounds=1,
     episode_steps=60,
     alone_episodes=4,
     alone_steps=60,
-    gbm=GbmConfig(n_trees=5),
-    histogram_gbm=HistogramGbmConfig(n_trees=5),
-    ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=10),
-    symbolic=SymbolicConfig(
-        population=20,
-        generations=2,
-        max_samples=100,
-        shapes=((30, 30), (30, 60)),
-        statewise_shapes=((30, 30),),
-        start_weights=(1, 3),
-        alone_episodes=4,
+    settings=StudentsSettings(
+        gbm=GbmSettings(n_trees=5),
+        histogram_gbm=HistogramGbmSettings(n_trees=5),
+        ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=10),
+        symbolic=SymbolicSettings(shapes=((30, 30), (30, 60)), **SMALL_FORMULAS),
+        statewise_symbolic=StatewiseSymbolicSettings(shapes=((30, 30),), **SMALL_FORMULAS),
     ),
     n_jobs=1,
 )
+
+
+def fit(kind, names, data, settings=None):
+    """Fits a student of the trot, in this process."""
+    samples = TrainingSet("trot", names, data.observations, data.actions, data.starts)
+    student = STUDENTS[kind]
+    return student.fit(samples, settings or student.settings, seed=0, n_jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +107,7 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     (tmp_path / "metrics.json").unlink()
-    for path in ("gbm/record.json", "gbm.safetensors", "histogram_gbm/level_02.safetensors"):
+    for path in ("gbm/record.json", "gbm.safetensors", "histogram_gbm/round_02.safetensors"):
         (tmp_path / path).unlink()
     shutil.rmtree(tmp_path / "symbolic")
     write_r2_table(
@@ -124,7 +136,7 @@ def test_another_expert_is_not_mixed_in(finished, expert):
         distill(TINY, GAIT, other, folder, lambda line: None, resume=True)
 
 
-def test_files_of_another_run_or_level_are_not_mixed_in(finished, expert, tmp_path):
+def test_files_of_another_run_or_round_are_not_mixed_in(finished, expert, tmp_path):
     folder, _ = finished
     config = replace(TINY, students=("linear",))
     other = tmp_path / "other"
@@ -140,18 +152,18 @@ def test_files_of_another_run_or_level_are_not_mixed_in(finished, expert, tmp_pa
     for source, target in (
         (other / "linear" / "record.json", "linear/record.json"),
         (folder / "ebm" / "record.json", "linear/record.json"),
-        (other / "linear" / "level_01.safetensors", "linear/level_01.safetensors"),
-        (folder / "linear" / "level_01.safetensors", "linear/level_02.safetensors"),
+        (other / "linear" / "round_01.safetensors", "linear/round_01.safetensors"),
+        (folder / "linear" / "round_01.safetensors", "linear/round_02.safetensors"),
     ):
         with pytest.raises(InputError, match="is of another run, or of another part"):
             resumed(source, target)
 
 
-@pytest.mark.parametrize("name", ["linear/record.json", "linear/level_01.safetensors"])
+@pytest.mark.parametrize("name", ["linear/record.json", "linear/round_01.safetensors"])
 def test_damaged_work_is_told(name, finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    if "level" in name:
+    if "round" in name:
         (tmp_path / "linear" / "record.json").unlink()
     data = bytearray((tmp_path / name).read_bytes())
     data[len(data) // 2] ^= 1
@@ -188,9 +200,9 @@ def test_a_finished_folder_is_not_overwritten(finished, expert):
         distill(replace(TINY, seed=1), GAIT, expert, folder, lambda line: None, resume=True)
 
 
-def test_levels_follow_the_paper(finished):
+def test_rounds_follow_the_paper(finished):
     folder, _ = finished
-    first, second = (Dataset.load(folder / "linear" / f"level_{n:02d}.safetensors") for n in (1, 2))
+    first, second = (Dataset.load(folder / "linear" / f"round_{n:02d}.safetensors") for n in (1, 2))
     assert sorted(set(first.episodes)) == [1, 2, 3, 4]
     assert set(second.episodes) == {5}
     speeds = [first.observations[first.episodes == episode, 0] for episode in (1, 2, 3, 4)]
@@ -218,33 +230,41 @@ def test_whole_episodes_are_held_out():
 )
 def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
     config = DistillationConfig(curriculum=curriculum)
-    assert [config.period(level) for level in (1, 2, 3, 4)] == periods
-    assert config.n_levels == 16
-    assert [config.period(level) for level in (9, 10)] == [0, 0]
+    planned = rounds(config.for_gait(GAIT), "linear")
+    assert [own.period for own in planned[:4]] == periods
+    assert len(planned) == 16
+    assert [own.period for own in planned[8:]] == [0] * 8
 
 
-def test_levels_hold_every_episode_once():
+def test_rounds_hold_every_episode_once():
     config = DistillationConfig(
-        episodes=10, episodes_per_level=4, alone_levels=2, alone_episodes=4, alone_steps=90
+        episodes=10, episodes_per_round=4, alone_rounds=2, alone_episodes=4, alone_steps=90
     )
-    assert [config.level_steps(level, "linear") for level in (1, 3, 4, 5)] == [1000, 1000, 90, 90]
-    assert {config.level_steps(level, "symbolic") for level in (1, 3, 4, 5)} == {1000}
-    levels = [
-        list(config.level_episodes(level, "linear")) for level in range(1, config.n_levels + 1)
+    planned = rounds(config, "linear")
+    assert [own.number for own in planned] == [1, 2, 3, 4, 5]
+    assert [own.steps for own in planned] == [1000, 1000, 1000, 90, 90]
+    assert {own.steps for own in rounds(config, "symbolic")} == {1000}
+    assert [list(own.episodes) for own in planned] == [
+        [1, 2, 3, 4],
+        [5, 6, 7, 8],
+        [9, 10],
+        [11, 12, 13, 14],
+        [15, 16, 17, 18],
     ]
-    assert levels == [[1, 2, 3, 4], [5, 6, 7, 8], [9, 10], [11, 12, 13, 14], [15, 16, 17, 18]]
-    config = replace(config, symbolic=SymbolicConfig(alone_episodes=6))
-    alone = [list(config.level_episodes(level, "symbolic")) for level in (3, 4, 5)]
+    settings = StudentsSettings(symbolic=SymbolicSettings(alone_episodes=6))
+    planned = rounds(replace(config, settings=settings), "symbolic")
+    alone = [list(own.episodes) for own in planned[2:]]
     assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
 
 
 def test_machines_of_more_states_ask_for_more_episodes_alone():
-    sizes = {
-        gait: len(DistillationConfig().for_gait(load_gait(gait)).level_episodes(16, "ebm"))
-        for gait in ("trot", "walk", "half_bound")
-    }
+    def alone(gait, config):
+        machine = load_gait(gait)
+        return len(rounds(config.for_gait(machine), "ebm")[-1].episodes)
+
+    sizes = {gait: alone(gait, DistillationConfig()) for gait in ("trot", "walk", "half_bound")}
     assert sizes == {"trot": 16, "walk": 48, "half_bound": 48}
-    assert DistillationConfig(alone_episodes=5).for_gait(load_gait("walk")).alone_episodes == 5
+    assert alone("walk", DistillationConfig(alone_episodes=5)) == 5
 
 
 def test_starts_are_the_first_steps_of_every_episode():
@@ -256,18 +276,20 @@ def test_starts_are_the_first_steps_of_every_episode():
 def test_starts_that_count_more_are_imitated_better(expert, tmp_path):
     scores = []
     for weight in (1, 50):
-        symbolic = TINY.symbolic.only((30, 30), weight)
+        symbolic = SymbolicSettings(
+            **SMALL_FORMULAS | {"shapes": ((30, 30),), "start_weights": (weight,)}
+        )
         config = replace(
             TINY,
             students=("symbolic",),
             # The expert acts alone, so that the samples are the same.
             curriculum="expert_only",
-            alone_levels=0,
-            symbolic=symbolic,
+            alone_rounds=0,
+            settings=StudentsSettings(symbolic=symbolic),
         )
         folder = tmp_path / str(weight)
         distill(config, GAIT, expert, folder, lambda line: None)
-        data = load_levels(folder / "symbolic")
+        data = load_rounds(folder / "symbolic")
         starts = data.subset(data.starts & ~data.held_out)
         scores.append(r2_scores(load_policy(folder / "symbolic.safetensors"), starts).mean())
     assert scores[1] > scores[0]
@@ -278,11 +300,12 @@ def test_bands_come_with_the_last_fit_alone(finished):
     policy = load_policy(folder / "ebm.safetensors")
     assert policy.deviations.max() > 0
     assert len(policy.pairs) == 2 * 12
-    assert TINY.for_levels().ebm.outer_bags == TINY.for_shuffled_split().ebm.outer_bags == 1
-    assert TINY.for_levels().ebm.interactions == 1
-    assert TINY.for_levels().histogram_gbm.n_trees <= TINY.histogram_gbm.n_trees
-    full = DistillationConfig()
-    assert full.for_levels().histogram_gbm.n_trees < full.histogram_gbm.n_trees
+    ebm = TINY.settings.of("ebm")
+    assert ebm.for_rounds().outer_bags == ebm.for_shuffled_split().outer_bags == 1
+    assert ebm.for_rounds().interactions == 1
+    for config in (TINY, DistillationConfig()):
+        trees = config.settings.of("histogram_gbm")
+        assert trees.for_rounds().n_trees == min(trees.n_trees, 150)
 
 
 def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
@@ -367,7 +390,8 @@ def test_open_loop_is_the_mean_of_each_moment(generator):
     observations[np.arange(300), names.index("RM State 0") + state] = 1.0
     observations[:, names.index("RM Iters")] = 0.1 * iteration
     actions = generator.normal(size=(300, 12))
-    policy = fit_student("open_loop", TINY, "trot", names, observations, actions)
+    dataset = Dataset(observations, actions, np.ones(300, dtype=np.int64))
+    policy = fit("open_loop", names, dataset)
     expected = actions[(state == 1) & (iteration == 2)].mean(axis=0)
     np.testing.assert_allclose(policy.table[1, 2], expected)
     np.testing.assert_array_equal(policy.table[1, 3], policy.table[1, 15])
@@ -381,11 +405,8 @@ def test_statewise_formulas_are_fitted_to_their_states(generator):
     sign = np.where(state == 0, 1.0, -1.0)[:, None]
     actions = sign * observations[:, 2:14] + np.roll(observations[:, 2:14], 1, axis=1)
     dataset = Dataset(observations, actions, np.ones(400, dtype=np.int64))
-    settings = replace(
-        TINY,
-        symbolic=SymbolicConfig(population=20, generations=2, statewise_shapes=((10, 20),)),
-    )
-    policy = fit_student("statewise_symbolic", settings, "trot", names, observations, actions)
+    settings = SymbolicSettings(population=20, generations=2, shapes=((10, 20),))
+    policy = fit("statewise_symbolic", names, dataset, settings)
     assert r2_scores(policy, dataset).min() > 0.99
 
 
@@ -396,10 +417,8 @@ def test_labels_are_the_experts_whoever_acts(expert):
         gait,
         expert,
         student,
-        period=3,
-        episodes=np.array([1, 2]),
+        plan=Round(number=2, period=3, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
-        n_steps=20,
         station=StationConfig(),
         generator=np.random.default_rng(0),
     )
@@ -442,9 +461,7 @@ def test_r2_is_scikit_learns(generator):
     observations = generator.normal(size=(200, 49))
     actions = observations[:, :12] + 0.3 * generator.normal(size=(200, 12))
     dataset = Dataset(observations, actions, np.ones(200, dtype=np.int64))
-    policy = fit_student(
-        "linear", TINY, "trot", load_expert("trot").observation_names, *(observations, actions)
-    )
+    policy = fit("linear", load_expert("trot").observation_names, dataset)
     expected = r2_score(actions, policy(observations), multioutput="raw_values")
     np.testing.assert_allclose(r2_scores(policy, dataset), expected)
 
@@ -512,9 +529,11 @@ def test_operon_finds_what_is_not_linear(generator):
     x = generator.normal(size=(1500, 5))
     x[:, 3] = 0.0
     y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
-    settings = SymbolicConfig(population=200, generations=40, max_samples=1500)
+    settings = SymbolicSettings(
+        population=200, generations=40, max_samples=1500, shapes=((10, 60),)
+    )
     [formula] = fit_formulas(
-        x, y[:, None], 0, settings, (10, 60), gates=(Expression("variable", variable=3),)
+        x, y[:, None], 0, settings, gates=(Expression("variable", variable=3),)
     )
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
@@ -538,7 +557,7 @@ def test_pysr_is_asked_as_the_paper_did():
         if isinstance(node, ast.FunctionDef) and node.name == "__init__"
     )
     accepted = {argument.arg for argument in (*constructor.args.args, *constructor.args.kwonlyargs)}
-    arguments = pysr_arguments(0, SymbolicConfig(engine="pysr"))
+    arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
     assert set(arguments) <= accepted
     assert arguments["unary_operators"] == ["sin", "tanh", "square", "cube"]
     assert arguments["binary_operators"] == ["+", "-", "*"]
@@ -554,8 +573,7 @@ def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
             generator.normal(size=(10, 3)),
             np.zeros((10, 1)),
             0,
-            SymbolicConfig(engine="pysr"),
-            (90, 90),
+            SymbolicSettings(engine="pysr"),
             (),
         )
     assert "\n" not in str(raised.value)
@@ -566,7 +584,7 @@ def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
 def test_pysr_finds_a_law(generator):
     x = generator.normal(size=(200, 3))
     product = x[:, :1] * x[:, 1:2]
-    [formula] = fit_formulas(x, product, 0, SymbolicConfig(engine="pysr"), (90, 90), ())
+    [formula] = fit_formulas(x, product, 0, SymbolicSettings(engine="pysr"), ())
     np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], product[:, 0], atol=1e-3)
 
 

@@ -21,7 +21,6 @@ from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
-from glassgait.studies.distillation.students import untrained_student
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.figures import reward_figure
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
@@ -39,6 +38,7 @@ from glassgait.studies.rollouts.scores import (
     score_rollouts,
     summarize,
 )
+from glassgait.studies.students.linear import untrained_student
 
 
 def log(n_steps=200, n_robots=2):

@@ -21,8 +21,7 @@ from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.collection import Dataset
-from glassgait.studies.distillation.config import DistillationConfig, HistogramGbmConfig
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.importance.faithfulness import AblatedPolicy, losses, rank_correlations
 from glassgait.studies.importance.interpret_model import interpret_model
@@ -35,6 +34,9 @@ from glassgait.studies.importance.observations import (
 from glassgait.studies.importance.study import draw_student
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+from glassgait.studies.students.boosting import HistogramGbmSettings
+from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.settings import StudentsSettings
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -313,7 +315,7 @@ def distilled(tmp_path_factory):
         episode_steps=60,
         alone_episodes=4,
         alone_steps=60,
-        histogram_gbm=HistogramGbmConfig(n_trees=5),
+        settings=StudentsSettings(histogram_gbm=HistogramGbmSettings(n_trees=5)),
         n_jobs=1,
     )
     distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
@@ -323,7 +325,7 @@ def distilled(tmp_path_factory):
 @pytest.mark.slow
 def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
-    students = ["--policies", "statewise_linear", "histogram_gbm", "--students", str(distilled)]
+    students = ["--students", "statewise_linear", "histogram_gbm", "--distillation", str(distilled)]
     main(["importance", *small, *students, "--output", str(tmp_path)])
     for stem in (
         "losses",
@@ -340,10 +342,10 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
 
 
 def test_missing_students_are_told(distilled, refused):
-    message = refused(["importance", "--students", str(distilled)])
+    message = refused(["importance", "--distillation", str(distilled)])
     assert "no student gbm, ebm, symbolic, statewise_symbolic of the trot" in message
 
 
 def test_unknown_joints_are_told(distilled, refused):
-    message = refused(["importance", "--joint", "FL_knee", "--students", str(distilled)])
+    message = refused(["importance", "--joint", "FL_knee", "--distillation", str(distilled)])
     assert "unknown joint 'FL_knee'; the joints are FL_hip" in message

@@ -197,7 +197,7 @@ def test_an_expert_that_is_none_is_refused_before_any_work(command, path, places
 
 
 @pytest.mark.parametrize("path", FILES)
-@pytest.mark.parametrize("flag", [["train", "--like"], ["importance", "--students"]])
+@pytest.mark.parametrize("flag", [["train", "--like"], ["importance", "--distillation"]])
 def test_a_source_that_is_none_is_refused_before_any_work(flag, path, places, capsys):
     check([*flag, path], capsys)
     with pytest.raises(SystemExit):

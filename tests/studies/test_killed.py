@@ -34,10 +34,10 @@ main(sys.argv[1:])
 
 LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2"]
 LEARN += ["--n-robots", "8", "--n-groups", "2", "--payloads", "2", "--fine-steps"]
-COLLECT = ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "60", "--n-jobs", "1"]
+COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-jobs", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
 FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]
-LOOK = ["--n-samples", "20", "--repeats", "2", "--policies", "statewise_linear"]
+LOOK = ["--n-samples", "20", "--repeats", "2", "--students", "statewise_linear"]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def distilled(tmp_path_factory):
     folder = tmp_path_factory.mktemp("distilled")
     students = ("statewise_linear", "statewise_symbolic")
     config = DistillationConfig(
-        students=students, episodes=5, alone_levels=0, episode_steps=60, n_jobs=1
+        students=students, episodes=5, alone_rounds=0, episode_steps=60, n_jobs=1
     )
     distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
     return folder
@@ -57,7 +57,7 @@ COMMANDS = {
     "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--worlds", "training", "push_1.0"],
     "pareto": [*ROLL_OUT, "--lengths", "2", "6", "--samples", "{distilled}/statewise_symbolic"],
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
-    "importance": [*ROLL_OUT, *LOOK, "--students", "{distilled}"],
+    "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
     "convergence": ["--n-robots", "1", "--n-steps", "5", "--n-seeds", "1"],
     "demo": ["--n-robots", "2"],
     "report": ["--quick", "--gaits", "trot"],
@@ -87,7 +87,7 @@ def results(folder):
     policies = {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*.safetensors")
-        if path.name != "checkpoint.safetensors" and not path.name.startswith("level_")
+        if path.name != "checkpoint.safetensors" and not path.name.startswith("round_")
     }
     metrics = {
         str(path.relative_to(folder)): json.loads(path.read_text())

@@ -7,9 +7,9 @@ import pytest
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.collection import Dataset
 from glassgait.studies.pareto.command import mean_nodes, pareto_table, smallest_that_walk
 from glassgait.studies.pareto.formulas import FAMILIES
+from glassgait.studies.students.dataset import Dataset
 
 NAMES = load_expert("trot").observation_names
 
@@ -60,10 +60,10 @@ def test_the_smallest_that_walk_are_named():
 
 
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
-    samples.save(tmp_path / "levels" / "level_1.safetensors")
+    samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--lengths", "2", "6", "--n-robots", "2", "--n-steps", "20"]
     output = tmp_path / "pareto"
-    main(["pareto", *small, "--samples", str(tmp_path / "levels"), "--output", str(output)])
+    main(["pareto", *small, "--samples", str(tmp_path / "rounds"), "--output", str(output)])
     assert {path.name for path in output.glob("pareto.*")} == {
         "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip

@@ -4,31 +4,32 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import (
-    DistillationConfig,
-    EbmConfig,
-    GbmConfig,
-    HistogramGbmConfig,
-    SymbolicConfig,
-)
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.report import command
-from glassgait.studies.report.config import PAPER_STUDENTS, ReportConfig
+from glassgait.studies.report.config import ReportConfig
 from glassgait.studies.report.contents import contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults
 from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.students.additive import EbmSettings
+from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.students.registry import paper_students
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 TINY = ReportConfig(
     distillation=DistillationConfig(
-        students=PAPER_STUDENTS,
+        students=paper_students(),
         episodes=5,
-        alone_levels=1,
+        alone_rounds=1,
         episode_steps=60,
         alone_episodes=4,
         alone_steps=60,
-        gbm=GbmConfig(n_trees=5, depth=2),
-        histogram_gbm=HistogramGbmConfig(n_trees=5),
-        ebm=EbmConfig(outer_bags=2, interactions=2, level_interactions=1, max_rounds=20),
-        symbolic=SymbolicConfig(shapes=((90, 90),), start_weights=(1,), alone_episodes=4),
+        settings=StudentsSettings(
+            gbm=GbmSettings(n_trees=5, depth=2),
+            histogram_gbm=HistogramGbmSettings(n_trees=5),
+            ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=20),
+            symbolic=SymbolicSettings(shapes=((90, 90),), start_weights=(1,), alone_episodes=4),
+        ),
         n_jobs=1,
     ),
     rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
@@ -40,7 +41,11 @@ TINY = ReportConfig(
 @pytest.fixture
 def results(tmp_path):
     r2 = pd.DataFrame(
-        {"student": PAPER_STUDENTS, "r2": [0.9, 0.8, 0.7], "r2_shuffled_split": [0.95, 0.85, 0.75]}
+        {
+            "student": paper_students(),
+            "r2": [0.9, 0.8, 0.7],
+            "r2_shuffled_split": [0.95, 0.85, 0.75],
+        }
     )
     tops = pd.DataFrame({"gait": ["pace"], "student": ["gbm"], "method": ["impurity"], "1st": "x"})
     return [GaitResults("pace", tmp_path / "pace", r2, pd.DataFrame({"policy": ["GBM"]}), tops)]

@@ -25,7 +25,7 @@ SMALL = ["--n-robots", "2", "--n-steps", "40", "--n-seeds", "1"]
 ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--payloads", "--fine-steps"],
-    "distill": ["--episodes", "5", "--alone-levels", "1", "--episode-steps", "40", "--n-jobs", "1"],
+    "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
     "evaluate": [*SMALL, "--policy", "statewise_linear", "--worlds", "training"],
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
@@ -41,7 +41,7 @@ def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
     expert = ["--expert", "runs/training/hop/hop.safetensors"]
     more = {
         "distill": ["--students", "statewise_linear", "statewise_symbolic"],
-        "importance": ["--policies", "statewise_linear"],
+        "importance": ["--students", "statewise_linear"],
     }
     for command, arguments in ROAD.items():
         gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]

@@ -203,7 +203,7 @@ def test_a_folder_that_holds_a_run_is_no_place_for_other_results(run, tmp_path):
 
 
 def test_what_a_killed_process_half_wrote_is_removed(run):
-    litter = run / "levels" / ".level_01.safetensors.999999999.partial"
+    litter = run / "levels" / ".round_01.safetensors.999999999.partial"
     litter.parent.mkdir()
     litter.write_text("half")
     with opened(run):

@@ -18,20 +18,18 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import STUDENT_TITLES
-from glassgait.studies.distillation.formulas import write_formulas
-from glassgait.studies.distillation.library import default_student, find_student
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
+from glassgait.studies.students.formula_pages import write_formulas
+from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.registry import STUDENTS
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 
 
 def test_the_trot_ships_with_formulas():
-    assert (
-        {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENT_TITLES)
-    )
+    assert {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENTS)
 
 
 @pytest.mark.parametrize(("gait", "kind"), SHIPPED)

@@ -16,9 +16,9 @@ from glassgait.models.policies.expression import (
     variable_names,
 )
 from glassgait.models.policies.symbolic import Tape
-from glassgait.studies.distillation.config import Shape, SymbolicConfig
-from glassgait.studies.distillation.gated_sum import fit_gated_sums
 from glassgait.studies.parallel import run_parallel
+from glassgait.studies.students.gated_sum import fit_gated_sums
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 OPERON_SCALING_NODES = 4
 """Nodes of the scale and the offset that Operon puts around the formula it found."""
@@ -33,8 +33,7 @@ def fit_formulas(
     observations: Array,
     targets: Array,
     seed: int,
-    settings: SymbolicConfig,
-    shape: Shape,
+    settings: SymbolicSettings,
     gates: Sequence[Expression],
     n_jobs: int = 1,
 ) -> list[Expression]:
@@ -44,8 +43,7 @@ def fit_formulas(
         observations: Samples (m, n).
         targets: The expert's actions (m, k).
         seed: Seed of the search.
-        settings: Engine and budget.
-        shape: Lengths of the sum that a formula starts from and of the whole formula (operon).
+        settings: Engine and budget; of several shapes the first counts.
         gates: What tells where in the gait the robot is; see `fit_gated_sums`.
         n_jobs: Formulas that are searched at once.
 
@@ -64,7 +62,7 @@ def fit_formulas(
         return list(run_parallel(searches, n_jobs))
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
-    sum_length, length = shape
+    sum_length, length = settings.shapes[0]
     sums = fit_gated_sums(observations, targets, gates, sum_length)
     if sum_length == length:
         return sums
@@ -78,7 +76,7 @@ def fit_formulas(
 
 
 def _evolve(
-    observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicConfig
+    observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicSettings
 ) -> Expression:
     stride = max(1, -(-len(target) // settings.max_samples))
     scale = np.std(observations, axis=0)
@@ -115,7 +113,7 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
             return Expression(expression.operator, operands, expression.value, expression.variable)
 
 
-def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
+def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
     """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
     limit = settings.operator_complexity
     return {
@@ -136,7 +134,7 @@ def pysr_arguments(seed: int, settings: SymbolicConfig) -> dict[str, Any]:
 
 
 def _fit_pysr(
-    observations: Array, target: Array, seed: int, settings: SymbolicConfig
+    observations: Array, target: Array, seed: int, settings: SymbolicSettings
 ) -> Expression:
     try:
         # Importing PySR starts Julia, and fetches it first where it is missing.

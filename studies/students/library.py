@@ -6,16 +6,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.library import load_policy, load_student, shipped_students
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.studies.distillation.config import STUDENT_TITLES, StudentKind
-
-SUMS: tuple[StudentKind, ...] = (
-    "symbolic",
-    "statewise_symbolic",
-    "statewise_linear",
-    "ebm",
-    "linear",
-)
-"""Students whose actions are sums of terms, those first that say the most in the fewest."""
+from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
 
 def distillation_folder(gait: str) -> Path:
@@ -28,26 +19,22 @@ def student_path(folder: Path, kind: str) -> Path:
     return folder / f"{kind}.safetensors"
 
 
-def collector(kind: StudentKind) -> StudentKind:
-    """Returns the kind of student that collects a student's samples: mostly itself.
-
-    The two gradient boostings differ little in where they go, and histograms are fitted five times
-    as fast.
-    """
-    return "histogram_gbm" if kind == "gbm" else kind
+def collector(kind: str) -> str:
+    """Returns the kind of student that collects a student's samples: mostly itself."""
+    return STUDENTS[kind].collector or kind
 
 
-def samples_folder(folder: Path, kind: StudentKind) -> Path:
+def samples_folder(folder: Path, kind: str) -> Path:
     """Returns where a run keeps the samples that a student of a kind is fitted to."""
     return folder / collector(kind)
 
 
-def kept_students(folder: Path) -> tuple[StudentKind, ...]:
+def kept_students(folder: Path) -> tuple[str, ...]:
     """Lists the kinds of students that a run has finished."""
-    return tuple(kind for kind in STUDENT_TITLES if student_path(folder, kind).exists())
+    return tuple(kind for kind in STUDENTS if student_path(folder, kind).exists())
 
 
-def load_students(folder: Path, expert: NeuralPolicy) -> dict[StudentKind, Policy]:
+def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     """Loads the students of a run, by kind.
 
     Raises:
@@ -63,7 +50,7 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[StudentKind, Polic
     return students
 
 
-def default_student(gait: str, folder: Path | None = None) -> StudentKind:
+def default_student(gait: str, folder: Path | None = None) -> str:
     """Names the student of a gait that is explained where a person names none.
 
     Args:
@@ -76,12 +63,12 @@ def default_student(gait: str, folder: Path | None = None) -> StudentKind:
     """
     here = folder or distillation_folder(gait)
     for kinds in (() if folder else shipped_students(gait), kept_students(here)):
-        for kind in SUMS:
+        for kind in sums_of_terms():
             if kind in kinds:
                 return kind
     raise InputError(
         f"no student of the {gait} acts by a sum of terms: {_told(gait, folder)}; make one with "
-        f"'glassgait distill --gait {gait} --students statewise_symbolic'"
+        f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}'"
     )
 
 
@@ -103,11 +90,11 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
 
 
 def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
-    if name not in STUDENT_TITLES:
+    if name not in STUDENTS:
         if Path(name).suffix != ".safetensors":
             raise InputError(
                 f"unknown policy {shown(name)}; the policies are expert, "
-                f"{', '.join(STUDENT_TITLES)}, or the path of a policy file ending in .safetensors"
+                f"{', '.join(STUDENTS)}, or the path of a policy file ending in .safetensors"
             )
         return load_policy(Path(name))
     path = student_path(folder or distillation_folder(gait), name)

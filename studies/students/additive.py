@@ -1,0 +1,108 @@
+"""Additive models, by interpret's explainable boosting."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Self
+
+from annotated_types import Ge
+from interpret.glassbox import ExplainableBoostingRegressor
+
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.settings import Count, Natural, Share
+from glassgait.studies.students.student import Student, StudentSettings, TrainingSet, fit_joints
+
+Bins = Annotated[Count, Ge(3)]
+"""Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
+
+
+@dataclass(frozen=True)
+class EbmSettings(StudentSettings):
+    """Settings of interpret's explainable boosting.
+
+    Attributes:
+        outer_bags: Models that are averaged; how much they differ is the error band of every
+            function. While samples are collected there is one.
+        interactions: Functions of two observations, a joint.
+        round_interactions: The same while samples are collected.
+        max_bins: Bins of an observation.
+        max_interaction_bins: Bins of an observation in functions of two.
+        max_rounds: Greatest number of boosting rounds.
+        learning_rate: Share of a round's correction that is kept.
+        smoothing_rounds: Rounds of smooth fitting before the greedy ones.
+        interaction_smoothing_rounds: The same, for functions of two.
+    """
+
+    title: ClassVar[str] = "distillation: ebm"
+
+    outer_bags: Count = 4
+    interactions: Natural = 200
+    round_interactions: Natural = 60
+    max_bins: Bins = 256
+    max_interaction_bins: Bins = 24
+    max_rounds: Count = 100
+    learning_rate: Share = 0.2
+    smoothing_rounds: Natural = 20
+    interaction_smoothing_rounds: Natural = 5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_interaction_bins > self.max_bins:
+            # Joints could not share their bins: each would keep the finer ones where it has them.
+            raise InputError(
+                f"{self.title}: max_interaction_bins is {self.max_interaction_bins}, more than "
+                f"max_bins = {self.max_bins}; lower it or raise max_bins"
+            )
+
+    def for_rounds(self) -> Self:
+        """Returns the settings of the students that collect samples: one bag, fewer functions."""
+        interactions = min(self.round_interactions, self.interactions)
+        return replace(self, outer_bags=1, interactions=interactions)
+
+    def for_shuffled_split(self) -> Self:
+        """Returns the settings of the fit that is scored by the paper's split, without bands."""
+        return replace(self, outer_bags=1)
+
+
+def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmSettings) -> Any:
+    return ExplainableBoostingRegressor(
+        # One-hot observations are numbers to every student alike.
+        feature_types=["continuous"] * observations.shape[1],
+        outer_bags=settings.outer_bags,
+        interactions=settings.interactions,
+        max_bins=settings.max_bins,
+        max_interaction_bins=settings.max_interaction_bins,
+        max_rounds=settings.max_rounds,
+        learning_rate=settings.learning_rate,
+        smoothing_rounds=settings.smoothing_rounds,
+        interaction_smoothing_rounds=settings.interaction_smoothing_rounds,
+        n_jobs=1,
+        random_state=seed,
+    ).fit(observations, target)
+
+
+def _fit_ebm_models(
+    samples: TrainingSet, settings: EbmSettings, *, seed: int, n_jobs: int
+) -> list[Any]:
+    return fit_joints(_fit_ebm_joint, samples, settings, seed=seed, n_jobs=n_jobs)
+
+
+def _fit_ebm(
+    samples: TrainingSet, settings: EbmSettings, *, seed: int, n_jobs: int
+) -> AdditivePolicy:
+    models = _fit_ebm_models(samples, settings, seed=seed, n_jobs=n_jobs)
+    return AdditivePolicy.compile(samples.gait, samples.observation_names, models)
+
+
+EBM = Student(
+    "ebm",
+    "EBM",
+    _fit_ebm,
+    color="#D55E00",
+    marker="s",
+    settings=EbmSettings(),
+    fit_models=_fit_ebm_models,
+    compile=AdditivePolicy.compile,
+    brevity=4,
+    paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
+)

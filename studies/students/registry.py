@@ -1,0 +1,39 @@
+"""Every kind of student: an entry here is all that the studies need to know of one."""
+
+from glassgait.studies.students.additive import EBM
+from glassgait.studies.students.boosting import GBM, HISTOGRAM_GBM
+from glassgait.studies.students.linear import LINEAR, STATEWISE_LINEAR
+from glassgait.studies.students.open_loop import OPEN_LOOP
+from glassgait.studies.students.student import Student
+from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+
+STUDENTS: dict[str, Student] = {
+    student.name: student
+    for student in (
+        OPEN_LOOP,
+        LINEAR,
+        STATEWISE_LINEAR,
+        GBM,
+        HISTOGRAM_GBM,
+        EBM,
+        SYMBOLIC,
+        STATEWISE_SYMBOLIC,
+    )
+}
+"""The students by name, in the order of tables."""
+
+
+def student_title(name: str) -> str:
+    """Returns what people call a student, or a policy of another name."""
+    return STUDENTS[name].title if name in STUDENTS else name
+
+
+def paper_students() -> tuple[str, ...]:
+    """Lists the students of the paper's tables and figures."""
+    return tuple(student.name for student in STUDENTS.values() if student.paper_r2)
+
+
+def sums_of_terms() -> tuple[str, ...]:
+    """Lists the students whose actions are sums of terms, those first that say most in fewest."""
+    ranked = [(student.brevity, name) for name, student in STUDENTS.items() if student.brevity]
+    return tuple(name for _, name in sorted(ranked))
