@@ -9,6 +9,7 @@ import pydrake.symbolic as drake
 from pydrake.systems.primitives import SymbolicVectorSystem
 
 from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
@@ -81,9 +82,12 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
         case FormulaPolicy(formulas_by_state=formulas):
             by_state = [_formulas(row, variables) for row in formulas]
         case LinearPolicy(weights=weights, intercepts=intercepts):
-            by_state = [list(weights @ variables + intercepts)]
+            by_state = [_weighted(weights, intercepts, variables)]
         case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
-            by_state = [list(rows @ variables + own) for rows, own in zip(weights, intercepts)]
+            by_state = [
+                _weighted(rows, own, variables)
+                for rows, own in zip(weights, intercepts, strict=True)
+            ]
         case OpenLoopPolicy(table=table):
             iterations = variables[policy.observation_names.index("RM Iters")]
             by_state = [[_entry(column, iterations) for column in rows.T] for rows in table]
@@ -107,7 +111,14 @@ def _of_state(branches: Sequence[drake.Expression], states: Symbols) -> drake.Ex
     return chosen
 
 
-def _entry(column: np.ndarray, iterations: drake.Variable, first: int = 0) -> drake.Expression:
+def _weighted(weights: Array, intercepts: Array, variables: Symbols) -> list[drake.Expression]:
+    return [
+        sum((weight * x for weight, x in zip(row, variables, strict=True)), drake.Expression(own))
+        for row, own in zip(weights, intercepts, strict=True)
+    ]
+
+
+def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.Expression:
     """Looks an action up by halving; beyond either end of the column, the end counts."""
     if len(column) == 1:
         return drake.Expression(column[0])
