@@ -1,7 +1,15 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
 
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
@@ -42,18 +50,25 @@ class RandomCommand(LeafSystem):
         self._gait = gait
         self._speed_range = speed_range
         self._seed_port = self.DeclareVectorInputPort("seed", 1)
-        prerequisites = {self.time_ticket(), self.all_input_ports_ticket()}
+        # Seeding a generator takes longer than anything else here.
+        self._draw = self.DeclareCacheEntry(
+            description="drawn command",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(None), calc=self._calc_draw
+            ),
+            prerequisites_of_calc={self.time_ticket(), self.all_input_ports_ticket()},
+        )
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
             size=2,
             calc=self._calc_command,
-            prerequisites_of_calc=prerequisites,
+            prerequisites_of_calc={self._draw.ticket()},
         )
         self._commanded_dwell_port = self.DeclareVectorOutputPort(
             name="commanded_dwell",
             size=1,
             calc=self._calc_commanded_dwell,
-            prerequisites_of_calc=prerequisites,
+            prerequisites_of_calc={self._draw.ticket()},
         )
 
     def get_seed_input_port(self) -> InputPort:
@@ -68,15 +83,18 @@ class RandomCommand(LeafSystem):
         """Gives the commanded iterations in a state."""
         return self._commanded_dwell_port
 
-    def _draw(self, context: Context) -> Command:
+    def _calc_draw(self, context: Context, output: AbstractValue) -> None:
         # All 64 bits of the number, since NumPy seeds with whole numbers alone.
         (seed,) = np.array(self._seed_port.Eval(context)).view(np.uint64).tolist()
         step = round(context.get_time() / CONTROL_PERIOD)
         generator = np.random.default_rng([seed, step // COMMAND_STEPS])
-        return sample_commands(self._gait, 1, generator, self._speed_range)
+        output.set_value(sample_commands(self._gait, 1, generator, self._speed_range))
+
+    def _eval_draw(self, context: Context) -> Command:
+        return self._draw.Eval(context)
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._draw(context).velocity[0])
+        output.SetFromVector(self._eval_draw(context).velocity[0])
 
     def _calc_commanded_dwell(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._draw(context).dwell)
+        output.SetFromVector(self._eval_draw(context).dwell)

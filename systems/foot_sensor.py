@@ -1,6 +1,15 @@
 """Senses the contacts and the heights of the feet."""
 
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
 
 from glassgait.models.a1 import robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -32,18 +41,25 @@ class FootSensor(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
         )
-        state_ticket = self.input_port_ticket(self._state_port.get_index())
+        # Both outputs and the update come from one look at the feet.
+        self._sense = self.DeclareCacheEntry(
+            description="foot sense",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(None), calc=self._calc_sense
+            ),
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
         self._foot_contact_port = self.DeclareVectorOutputPort(
             name="foot_contact",
             size=robot.N_LEGS,
             calc=self._calc_foot_contact,
-            prerequisites_of_calc={state_ticket, self.xd_ticket()},
+            prerequisites_of_calc={self._sense.ticket()},
         )
         self._foot_height_port = self.DeclareVectorOutputPort(
             name="foot_height",
             size=robot.N_LEGS,
             calc=self._calc_foot_height,
-            prerequisites_of_calc={state_ticket, self.xd_ticket()},
+            prerequisites_of_calc={self._sense.ticket()},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
@@ -61,16 +77,19 @@ class FootSensor(LeafSystem):
         """Tells how high the feet are."""
         return self._foot_height_port
 
-    def _sense(self, context: Context) -> FootSense:
+    def _calc_sense(self, context: Context, output: AbstractValue) -> None:
         previously = context.get_discrete_state(self._touching).value() > 0.5
-        return sense_feet(self._state_port.Eval(context), previously)
+        output.set_value(sense_feet(self._state_port.Eval(context), previously))
+
+    def _eval_sense(self, context: Context) -> FootSense:
+        return self._sense.Eval(context)
 
     def _calc_foot_contact(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._sense(context).contact.astype(float))
+        output.SetFromVector(self._eval_sense(context).contact.astype(float))
 
     def _calc_foot_height(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._sense(context).height)
+        output.SetFromVector(self._eval_sense(context).height)
 
     def _latch(self, context: Context, state: State) -> None:
-        touching = self._sense(context).touching
+        touching = self._eval_sense(context).touching
         state.get_mutable_discrete_state(self._touching).SetFromVector(touching.astype(float))

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.systems.function import FunctionSystem
 
 
-class JointTargets(LeafSystem):
+class JointTargets(FunctionSystem):
     """Maps an action to the plant's desired state.
 
     .. pydrake_system::
@@ -21,7 +23,7 @@ class JointTargets(LeafSystem):
 
     Inputs: action (12), in the order of `robot.JOINTS`.
     Outputs: desired_state (24; rad, rad/s), target positions, then zero velocities, in the order of
-    the plant's actuators. State: none. Feedthrough: yes.
+    the plant's actuators. State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
 
     def __init__(self, actuated_joints: Sequence[str]) -> None:
@@ -32,26 +34,24 @@ class JointTargets(LeafSystem):
         Raises:
             ValueError: if the names are not those of `robot.JOINTS`.
         """
-        super().__init__()
         if sorted(actuated_joints) != sorted(robot.JOINTS):
             raise ValueError(f"joint targets: {list(actuated_joints)} are not the robot's joints")
-        self._order = [robot.JOINTS.index(name) for name in actuated_joints]
-        self._action_port = self.DeclareVectorInputPort("action", robot.N_JOINTS)
-        self._desired_state_port = self.DeclareVectorOutputPort(
-            name="desired_state",
-            size=2 * robot.N_JOINTS,
-            calc=self._calc_desired_state,
-            prerequisites_of_calc={self.all_input_ports_ticket()},
+        order = [robot.JOINTS.index(name) for name in actuated_joints]
+
+        def desired_state(action: Array) -> Array:
+            targets = robot.joint_targets(action)[order]
+            return np.concatenate([targets, 0.0 * targets])
+
+        super().__init__(
+            inputs={"action": robot.N_JOINTS},
+            output=("desired_state", 2 * robot.N_JOINTS),
+            function=desired_state,
         )
 
     def get_action_input_port(self) -> InputPort:
         """Takes the action."""
-        return self._action_port
+        return self.GetInputPort("action")
 
     def get_desired_state_output_port(self) -> OutputPort:
         """Gives the joints' desired state."""
-        return self._desired_state_port
-
-    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
-        targets = robot.joint_targets(self._action_port.Eval(context))[self._order]
-        output.SetFromVector(np.concatenate([targets, np.zeros_like(targets)]))
+        return self.GetOutputPort("desired_state")

@@ -23,6 +23,7 @@ class PolicySystem(LeafSystem):
     Inputs: observation (47 + n_states), in the order of the policy's `observation_names`.
     Outputs: action (12), FL FR RL RR, hip thigh calf; 0.25 rad of joint target a unit.
     State: none; the policy is an immutable member that clones share. Feedthrough: yes.
+    It knows numbers alone; `make_symbolic_policy` makes a system that converts to AutoDiffXd.
     Raises: InputError where the action of a finite observation is not finite; the plant would fail
     on it with an error that does not tell the cause.
     """

@@ -1,7 +1,16 @@
 """Rewards the last control step."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
 
 from glassgait.models.a1 import robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -55,13 +64,24 @@ class RewardSystem(LeafSystem):
             self._previous_action_port,
             self._foot_contact_port,
         )
-        of_step = {self.input_port_ticket(port.get_index()) for port in step_ports}
-        of_step.add(self.xd_ticket())
+        # All outputs and the update come from one evaluation; the factor is not part of it.
+        self._evaluation = self.DeclareCacheEntry(
+            description="plain reward and its terms",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(None), calc=self._calc_evaluation
+            ),
+            prerequisites_of_calc={
+                self.xd_ticket(),
+                *(self.input_port_ticket(port.get_index()) for port in step_ports),
+            },
+        )
+        of_step = {self._evaluation.ticket()}
+        multiplier_ticket = self.input_port_ticket(self._reward_multiplier_port.get_index())
         self._reward_port = self.DeclareVectorOutputPort(
             name="reward",
             size=1,
             calc=self._calc_reward,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+            prerequisites_of_calc=of_step | {multiplier_ticket},
         )
         self._plain_reward_port = self.DeclareVectorOutputPort(
             name="plain_reward",
@@ -115,8 +135,8 @@ class RewardSystem(LeafSystem):
         """Gives the weighted terms."""
         return self._reward_terms_port
 
-    def _evaluate(self, context: Context) -> Reward:
-        return step_reward(
+    def _calc_evaluation(self, context: Context, output: AbstractValue) -> None:
+        reward = step_reward(
             state=self._state_port.Eval(context),
             previous_joint_velocity=context.get_discrete_state(self._joint_velocity).value(),
             action=self._action_port.Eval(context),
@@ -126,19 +146,23 @@ class RewardSystem(LeafSystem):
             air_time=context.get_discrete_state(self._air_time).value(),
             weights=self._weights,
         )
+        output.set_value(reward)
+
+    def _eval_reward(self, context: Context) -> Reward:
+        return self._evaluation.Eval(context)
 
     def _calc_reward(self, context: Context, output: BasicVector) -> None:
         multiplier = self._reward_multiplier_port.Eval(context)
-        output.SetFromVector(self._evaluate(context).plain * multiplier)
+        output.SetFromVector(self._eval_reward(context).plain * multiplier)
 
     def _calc_plain_reward(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._evaluate(context).plain)])
+        output.SetFromVector([float(self._eval_reward(context).plain)])
 
     def _calc_reward_terms(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._evaluate(context).terms)
+        output.SetFromVector(self._eval_reward(context).terms)
 
     def _latch(self, context: Context, state: State) -> None:
         velocity = self._state_port.Eval(context)[robot.JOINT_VELOCITY]
-        air_time = self._evaluate(context).air_time
+        air_time = self._eval_reward(context).air_time
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(air_time)

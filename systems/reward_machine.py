@@ -1,7 +1,16 @@
 """Tracks where in the gait the robot is."""
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort, State
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
 
 from glassgait.models.a1 import robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -42,30 +51,38 @@ class RewardMachineSystem(LeafSystem):
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
         self._foot_height_port = self.DeclareVectorInputPort("foot_height", robot.N_LEGS)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
-        everything = {self.all_input_ports_ticket(), self.xd_ticket()}
+        # Four outputs and the update tell of one step; the machine takes it once.
+        self._step = self.DeclareCacheEntry(
+            description="machine step",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(None), calc=self._calc_step
+            ),
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        of_step = {self._step.ticket()}
         self._rm_state_port = self.DeclareVectorOutputPort(
             name="rm_state",
             size=gait.n_states,
             calc=self._calc_rm_state,
-            prerequisites_of_calc=everything,
+            prerequisites_of_calc=of_step,
         )
         self._rm_iterations_port = self.DeclareVectorOutputPort(
             name="rm_iterations",
             size=1,
             calc=self._calc_rm_iterations,
-            prerequisites_of_calc=everything,
+            prerequisites_of_calc=of_step,
         )
         self._reward_multiplier_port = self.DeclareVectorOutputPort(
             name="reward_multiplier",
             size=1,
             calc=self._calc_reward_multiplier,
-            prerequisites_of_calc=everything,
+            prerequisites_of_calc=of_step,
         )
         self._served_dwell_port = self.DeclareVectorOutputPort(
             name="served_dwell",
             size=1,
             calc=self._calc_served_dwell,
-            prerequisites_of_calc=everything,
+            prerequisites_of_calc=of_step,
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
@@ -99,27 +116,31 @@ class RewardMachineSystem(LeafSystem):
         """Gives the rhythm that this instant's transition served."""
         return self._served_dwell_port
 
-    def _step(self, context: Context) -> MachineStep:
+    def _calc_step(self, context: Context, output: AbstractValue) -> None:
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
-        return self._machine.step(
+        step = self._machine.step(
             MachineState(*stored),
             self._foot_contact_port.Eval(context) > 0.5,
             self._foot_height_port.Eval(context),
             self._commanded_dwell_port.Eval(context)[0],
         )
+        output.set_value(step)
+
+    def _eval_step(self, context: Context) -> MachineStep:
+        return self._step.Eval(context)
 
     def _calc_rm_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._machine.one_hot(self._step(context).machine.state))
+        output.SetFromVector(self._machine.one_hot(self._eval_step(context).machine.state))
 
     def _calc_rm_iterations(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._step(context).machine.iterations)])
+        output.SetFromVector([float(self._eval_step(context).machine.iterations)])
 
     def _calc_reward_multiplier(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._step(context).multiplier)])
+        output.SetFromVector([float(self._eval_step(context).multiplier)])
 
     def _calc_served_dwell(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._step(context).served_dwell)])
+        output.SetFromVector([float(self._eval_step(context).served_dwell)])
 
     def _latch(self, context: Context, state: State) -> None:
-        after = np.ravel(self._step(context).machine).astype(float)
+        after = np.ravel(self._eval_step(context).machine).astype(float)
         state.get_mutable_discrete_state(self._machine_state).SetFromVector(after)

@@ -1,0 +1,66 @@
+"""Adds a leaf system of one's own, a power meter, beside the closed loop.
+
+    python -m glassgait.studies.examples.own_leaf_system
+
+It prints for three gaits the joints' power and the cost of transport: work by weight and way.
+"""
+
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, State
+
+from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator
+from glassgait.models.a1 import robot
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+
+WEIGHT = 9.81 * robot.MASS  # N
+
+
+class PowerMeter(LeafSystem):
+    """Adds up the joints' work (J) at the power that each control step begins with.
+
+    What a joint brakes it does not get back.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._state = self.DeclareVectorInputPort("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._actions = self.DeclareVectorInputPort("actions", robot.N_JOINTS)
+        self.DeclareStateOutputPort("work", self.DeclareDiscreteState(1))
+        # Not a discrete update: those come after what the loop latches, and would see the next
+        # observation's action.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(CONTROL_PERIOD, 0.0, self._add)
+
+    def _add(self, context: Context, after: State) -> None:
+        state, action = self._state.Eval(context), self._actions.Eval(context)
+        position, velocity = state[robot.JOINT_POSITION], state[robot.JOINT_VELOCITY]
+        torque = robot.joint_torque(robot.joint_targets(action), position, velocity)
+        work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
+        after.get_mutable_discrete_state(0)[0] += work
+
+
+def main() -> None:
+    """Walks, trots and paces for 5 s."""
+    for gait in ("walk", "trot", "pace"):
+        expert, config = load_expert(gait), LocomotionConfig(command=FixedCommand(speed=0.5))
+        builder = DiagramBuilder()
+        loop = builder.AddSystem(
+            MakeLocomotion(load_gait(gait), config, expert=expert, estimator=expert.estimator)
+        )
+        meter = builder.AddSystem(PowerMeter())
+        for name in ("state", "actions"):
+            builder.Connect(loop.GetOutputPort(name), meter.GetInputPort(name))
+        simulator = make_simulator(builder.Build())
+        simulator.AdvanceTo(5.0)
+        context = simulator.get_context()
+        (work,) = meter.get_output_port().Eval(meter.GetMyContextFromRoot(context))
+        state = loop.GetOutputPort("state").Eval(loop.GetMyContextFromRoot(context))
+        distance = state[robot.POSITION][0]
+        cost = work / (WEIGHT * distance)
+        print(f"{gait}: {work / 5:.0f} W, {distance:.2f} m, cost of transport {cost:.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Wires a shipped policy into a diagram of one's own, without the loop that this project builds.
+
+    python -m glassgait.studies.examples.policy_in_own_diagram
+
+Two linear laws trot, one for each state of the reward machine, as expressions of Drake's symbols.
+It prints how far the robot comes.
+"""
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
+
+from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
+from glassgait.models.a1 import robot
+from glassgait.models.policies.library import load_student
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.systems.action_hold import ActionHold
+from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.joint_targets import JointTargets
+from glassgait.systems.proprioception import Proprioception
+from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.symbolic_policy import make_symbolic_policy
+
+
+def make_diagram() -> Diagram:
+    """Connects the robot, what it senses, the policy and the joints."""
+    gait, builder = load_gait("trot"), DiagramBuilder()
+    layout = ObservationLayout(gait.n_states)
+    plant, _, instance = AddA1Station(builder, StationConfig())
+    command = builder.AddSystem(ConstantVectorSource([0.5, 0.0]))  # m/s, rad/s
+    dwell = builder.AddSystem(ConstantVectorSource([8.0]))  # control steps in a state
+    feet = builder.AddSystem(FootSensor())
+    machine = builder.AddSystem(RewardMachineSystem(gait))
+    sensed = builder.AddSystem(Proprioception(layout))
+    body = builder.AddSystem(BodyStateSensor())
+    observation = builder.AddSystem(Multiplexer([layout.n_proprioceptive, N_ESTIMATED]))
+    policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_linear")))
+    hold = builder.AddSystem(ActionHold())
+    targets = builder.AddSystem(JointTargets(actuated_joints(plant)))
+
+    for system in (feet, sensed, body):
+        builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))
+    for source, target, ports in [
+        (feet, machine, ("foot_contact", "foot_height")),
+        (machine, sensed, ("rm_state", "rm_iterations")),
+    ]:
+        for port in ports:
+            builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
+    for system in (machine, sensed):
+        builder.Connect(dwell.get_output_port(), system.GetInputPort("commanded_dwell"))
+    builder.Connect(command.get_output_port(), sensed.GetInputPort("command"))
+    builder.Connect(sensed.get_output_port(), observation.get_input_port(0))
+    builder.Connect(body.get_output_port(), observation.get_input_port(1))
+    builder.Connect(observation.get_output_port(), policy.get_input_port())
+    builder.Connect(policy.get_output_port(), hold.get_input_port())
+    for port in (sensed.GetInputPort("previous_action"), targets.GetInputPort("action")):
+        builder.Connect(hold.GetOutputPort("held_action"), port)
+    builder.Connect(targets.get_output_port(), plant.get_desired_state_input_port(instance))
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    return builder.Build()
+
+
+def main() -> None:
+    """Lets the robot trot for 5 s."""
+    diagram = make_diagram()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(5.0)
+    x, y, height = diagram.GetOutputPort("state").Eval(simulator.get_context())[robot.POSITION]
+    print(
+        f"after 5 s at a command of 0.5 m/s: {x:.2f} m ahead, {y:+.2f} m aside, {height:.2f} m high"
+    )
+
+
+if __name__ == "__main__":
+    main()

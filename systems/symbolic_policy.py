@@ -1,0 +1,155 @@
+"""Formula, linear and open-loop policies in Drake's own symbols, to be differentiated."""
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import TypeAlias
+
+import numpy as np
+import pydrake.symbolic as drake
+from pydrake.systems.primitives import SymbolicVectorSystem
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+
+Symbols: TypeAlias = Sequence[drake.Variable]
+
+_FUNCTIONS: dict[str, Callable[..., drake.Expression]] = {
+    "add": lambda left, right: left + right,
+    "sub": lambda left, right: left - right,
+    "mul": lambda left, right: left * right,
+    "div": lambda left, right: left / right,
+    "neg": lambda inner: -inner,
+    "sin": drake.sin,
+    "cos": drake.cos,
+    "tanh": drake.tanh,
+    "exp": drake.exp,
+    "log": drake.log,
+    "sqrt": drake.sqrt,
+    "abs": drake.abs,
+    "square": lambda inner: drake.pow(inner, 2),
+    "cube": lambda inner: drake.pow(inner, 3),
+}
+
+
+def make_symbolic_policy(policy: Policy) -> SymbolicVectorSystem:
+    """Writes a policy's actions as symbolic expressions of the observations.
+
+    .. pydrake_system::
+
+        name: SymbolicVectorSystem
+        input_ports:
+        - u0
+        output_ports:
+        - y0
+
+    Inputs: u0 (47 + n_states), the observation, in the order of the policy's `observation_names`,
+    by which its variables are called.
+    Outputs: y0 (12), the action, FL FR RL RR, hip thigh calf; 0.25 rad of joint target a unit.
+    State: none. Feedthrough: yes.
+
+    It acts as `PolicySystem` does and converts to `AutoDiffXd` and back. Drake names the ports of a
+    `SymbolicVectorSystem`; `get_input_port()` and `get_output_port()` give them.
+
+    `if_then_else` selects the machine's state, not a product with the one-hot entries. So only the
+    formulas of the state that is on are evaluated (others may not even be finite there), and the
+    gradient by the entries themselves is 0, the machine's state held, as in
+    `FormulaPolicy.derivatives`. Where two entries are equally great, as never in a one-hot state,
+    the first one counts and there is no gradient.
+
+    Drake raises RuntimeError or ValueError where an observation or an action is not a number.
+
+    Args:
+        policy: A symbolic, a linear or an open-loop policy.
+
+    Raises:
+        InputError: if the policy is of another kind, or a formula has no value anywhere.
+    """
+    variables = [drake.Variable(name) for name in policy.observation_names]
+    actions = _actions(policy, variables)
+    return SymbolicVectorSystem(input=np.array(variables), output=np.array(actions))
+
+
+def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
+    """Returns the expressions of the actions (12)."""
+    match policy:
+        case FormulaPolicy(formulas_by_state=formulas):
+            by_state = [_formulas(row, variables) for row in formulas]
+        case LinearPolicy(weights=weights, intercepts=intercepts):
+            by_state = [_weighted(weights, intercepts, variables)]
+        case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
+            by_state = [
+                _weighted(rows, own, variables)
+                for rows, own in zip(weights, intercepts, strict=True)
+            ]
+        case OpenLoopPolicy(table=table):
+            iterations = variables[policy.observation_names.index("RM Iters")]
+            by_state = [[_entry(column, iterations) for column in rows.T] for rows in table]
+        case _:
+            raise InputError(
+                f"a {policy.kind} policy has no formulas; make a symbolic system of a symbolic, a "
+                "linear or an open-loop policy, or use PolicySystem"
+            )
+    if len(by_state) == 1:
+        return by_state[0]
+    states = variables[machine_state_entries(policy.observation_names)]
+    return [_of_state(branches, states) for branches in zip(*by_state, strict=True)]
+
+
+def _of_state(branches: Sequence[drake.Expression], states: Symbols) -> drake.Expression:
+    """Takes the branch of the greatest entry, the first of equals, as `numpy.argmax` does."""
+    chosen = branches[-1]
+    for index in reversed(range(len(branches) - 1)):
+        greatest_after = reduce(drake.max, states[index + 1 :])
+        chosen = drake.if_then_else(states[index] >= greatest_after, branches[index], chosen)
+    return chosen
+
+
+def _weighted(weights: Array, intercepts: Array, variables: Symbols) -> list[drake.Expression]:
+    return [
+        sum((weight * x for weight, x in zip(row, variables, strict=True)), drake.Expression(own))
+        for row, own in zip(weights, intercepts, strict=True)
+    ]
+
+
+def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.Expression:
+    """Looks an action up by halving; beyond either end of the column, the end counts."""
+    if len(column) == 1:
+        return drake.Expression(column[0])
+    half = len(column) // 2
+    boundary = (first + half - 0.5) * ITERATIONS_SCALE
+    return drake.if_then_else(
+        iterations < boundary,
+        _entry(column[:half], iterations, first),
+        _entry(column[half:], iterations, first + half),
+    )
+
+
+def _formulas(formulas: Sequence[Expression], variables: Symbols) -> list[drake.Expression]:
+    translated = []
+    for joint, formula in zip(robot.JOINTS, formulas, strict=True):
+        try:
+            translated.append(_translated(formula, variables))
+        except (RuntimeError, ValueError) as error:
+            # Drake evaluates what holds no variable at once.
+            raise InputError(
+                f"the formula of {joint} has no value ({error}); fit it again"
+            ) from error
+    return translated
+
+
+def _translated(formula: Expression, variables: Symbols) -> drake.Expression:
+    match formula.operator:
+        case "constant":
+            return drake.Expression(formula.value)
+        case "variable":
+            return drake.Expression(variables[formula.variable])
+        case operator:
+            operands = (_translated(operand, variables) for operand in formula.operands)
+            return _FUNCTIONS[operator](*operands)
