@@ -174,6 +174,11 @@ class TrainingConfig(Settings):
             )
         self._check_batch()
 
+    @property
+    def steps_per_update(self) -> int:
+        """Control steps of all robots between two updates."""
+        return self.n_robots * self.ppo.steps_per_update
+
     def stations(self) -> tuple[StationConfig, ...]:
         """Returns the physics of every group of robots."""
         loaded = [replace(self.station, payload=mass) for mass in self.payloads]
@@ -183,7 +188,7 @@ class TrainingConfig(Settings):
 
     def _check_batch(self) -> None:
         # PPO divides by the spread of an update's advantages, which one step does not have.
-        steps = self.n_robots * self.ppo.steps_per_update
+        steps = self.steps_per_update
         if steps < max(2, self.ppo.num_minibatches):
             raise InputError(
                 f"training: an update of {steps} steps does not fill {self.ppo.num_minibatches} "

@@ -3,52 +3,36 @@
 import platform
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import pandas as pd
 import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.records import to_plain
 from glassgait.studies.training.config import TrainingConfig
-
-if TYPE_CHECKING:
-    from glassgait.studies.training.study import TrainingRun
+from glassgait.studies.training.progress import Progress
 
 RECENT_UPDATES = 20
 
 
-class Curve:
-    """The learning curve, a row an update."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, float]] = []
-
-    def append(self, row: dict[str, float]) -> None:
-        """Adds the row of one update."""
-        self.rows.append(row)
-
-    def to_frame(self) -> pd.DataFrame:
-        """Returns the curve as a table."""
-        return pd.DataFrame(self.rows)
-
-
-def write_expert(run: "TrainingRun", folder: Path) -> None:
+def write_expert(
+    policy: NeuralPolicy, config: TrainingConfig, progress: Progress, folder: Path
+) -> None:
     """Writes `<gait>.safetensors`, `<gait>.yaml` and `<gait>.csv`, each atomically."""
-    name = run.gait.name
-    curve = run.curve.to_frame()
+    name = policy.gait
+    curve = progress.curve_table()
     recent = curve.tail(RECENT_UPDATES).mean()
-    steps = run.control_steps
+    steps = progress.update * config.steps_per_update
     record = {
         "gait": name,
-        "seed": run.config.seed,
-        "updates": run.progress.update,
+        "seed": config.seed,
+        "updates": progress.update,
         "control_steps": steps,
         "simulated_hours": round(steps * CONTROL_PERIOD / 3600, 2),
-        "wall_minutes": round(run.progress.seconds / 60, 1),
-        "control_steps_per_second": round(steps / run.progress.seconds),
+        "wall_minutes": round(progress.seconds / 60, 1),
+        "control_steps_per_second": round(steps / progress.seconds),
         "final": {
             key: round(float(recent[key]), 4)
             for key in ("plain_reward", "reward", "rhythm", "failure_rate", "difficulty")
@@ -57,9 +41,9 @@ def write_expert(run: "TrainingRun", folder: Path) -> None:
             package: version(package) for package in ("drake", "torch", "rsl-rl-lib", "numpy")
         }
         | {"python": platform.python_version()},
-        "config": to_plain(run.config),
+        "config": to_plain(config),
     }
-    run.learner.to_policy(name, run.environment).save(folder / f"{name}.safetensors")
+    policy.save(folder / f"{name}.safetensors")
     write_atomically(folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
     write_atomically(folder / f"{name}.csv", curve.to_csv(index=False, float_format="%.6g"))
 

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +19,8 @@ from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.estimator import StateEstimator
 from glassgait.studies.training.learner import Learner
-from glassgait.studies.training.record import Curve, write_expert
-
-
-@dataclass
-class Progress:
-    """How far a run has come.
-
-    Attributes:
-        update: Updates done.
-        seconds: Wall time spent (s), over all parts of an interrupted run.
-    """
-
-    update: int = 0
-    seconds: float = 0.0
+from glassgait.studies.training.progress import Progress
+from glassgait.studies.training.record import write_expert
 
 
 class TrainingRun:
@@ -55,7 +42,6 @@ class TrainingRun:
         self.config = config
         self.folder = folder
         self.progress = Progress()
-        self.curve = Curve()
         torch.manual_seed(config.seed)
         self.gait = gait
         layout = ObservationLayout(self.gait.n_states)
@@ -64,13 +50,18 @@ class TrainingRun:
         self.environment = TrainingEnvironment(config, gait, self._estimator, generator)
         self.learner = Learner(config, self._estimator, self.environment.observe())
         if resume:
-            load_checkpoint(self, folder / CHECKPOINT_NAME)
+            self.progress = load_checkpoint(
+                folder / CHECKPOINT_NAME,
+                environment=self.environment,
+                learner=self.learner,
+                of=self.identity,
+            )
 
     def run(self, report) -> None:
         """Trains to the end, calling `report(run, row)` after every update."""
         if self.progress.update == self.config.updates:
             # A run may have been killed after its last checkpoint and before its expert.
-            write_expert(self, self.folder)
+            self._write_expert()
         writer = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.progress.update)
         try:
             while self.progress.update < self.config.updates:
@@ -86,8 +77,18 @@ class TrainingRun:
 
     def save(self) -> None:
         """Writes checkpoint, curve and the expert as it is now."""
-        save_checkpoint(self, self.folder / CHECKPOINT_NAME)
-        write_expert(self, self.folder)
+        save_checkpoint(
+            self.folder / CHECKPOINT_NAME,
+            environment=self.environment,
+            learner=self.learner,
+            progress=self.progress,
+            of=self.identity,
+        )
+        self._write_expert()
+
+    def _write_expert(self) -> None:
+        policy = self.learner.to_policy(self.gait.name, self.environment)
+        write_expert(policy, self.config, self.progress, self.folder)
 
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
@@ -118,8 +119,8 @@ class TrainingRun:
             "seconds": self.progress.seconds,
             "memory_mb": psutil.Process().memory_info().rss / 2**20,
         }
-        self._difficulty(row["rhythm"])
-        self.curve.append(row)
+        self._raise_difficulty(row["rhythm"])
+        self.progress.curve.append(row)
         return row
 
     @property
@@ -132,9 +133,9 @@ class TrainingRun:
     @property
     def control_steps(self) -> int:
         """Control steps of all robots so far."""
-        return self.progress.update * self.config.n_robots * self.config.ppo.steps_per_update
+        return self.progress.update * self.config.steps_per_update
 
-    def _difficulty(self, rhythm: float) -> None:
+    def _raise_difficulty(self, rhythm: float) -> None:
         curriculum, simulator = self.config.curriculum, self.environment.simulator
         if rhythm > curriculum.required_rhythm:
             simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)

@@ -448,10 +448,8 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
             load_gait("trot"),
             broken,
             untrained_student("trot", expert.observation_names),
-            period=1,
-            episodes=np.array([1, 2]),
+            plan=Round(number=1, period=1, episodes=range(1, 3), steps=3),
             speeds=np.array([0.0, 0.5]),
-            n_steps=3,
             station=StationConfig(),
             generator=np.random.default_rng(0),
         )

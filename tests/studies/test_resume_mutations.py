@@ -95,7 +95,8 @@ def resumes(finished, tmp_path):
         return again.equals(r2)
 
     def trains():
-        load_checkpoint(run, tmp_path / "training" / CHECKPOINT_NAME)
+        path = tmp_path / "training" / CHECKPOINT_NAME
+        load_checkpoint(path, environment=run.environment, learner=run.learner, of=run.identity)
         arrays, _ = run.learner.to_arrays()
         return all(np.array_equal(value, weights[name]) for name, value in arrays.items())
 
