@@ -131,7 +131,8 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 f"step: the episodes of robots {np.flatnonzero(begun).tolist()} ended; call "
                 'reset(options={"reset_mask": terminated | truncated}) first'
             )
-        # The physics leaves a robot without a finite action as it is, which costs nothing.
+        # The physics leaves a robot without a finite action as it is, and the task pays it
+        # nothing.
         outcome = self._simulator.step(np.where(begun[:, None], np.nan, actions))
         terminated, truncated = outcome.terminated & ~begun, outcome.truncated & ~begun
         self._ended = terminated | truncated
@@ -140,13 +141,13 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             begun, self._ended = self._ended, np.zeros(self.num_envs, dtype=bool)
             finals = self._finals(begun, outcome)
         self._simulator.reset(np.flatnonzero(begun))
-        reward = np.where(self._mode == AutoresetMode.NEXT_STEP and begun, 0.0, outcome.reward)
         info = self._info(
             outcome.failures & ~begun[:, None],
             np.where(begun, 0.0, outcome.plain_reward),
             np.ones(self.num_envs, dtype=bool),
         )
-        return self._simulator.observe(), reward, terminated, truncated, info | finals
+        observations = self._simulator.observe()
+        return observations, outcome.reward, terminated, truncated, info | finals
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Takes a picture (360, 640, 3) of each robot; None without a render mode.

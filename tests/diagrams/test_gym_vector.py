@@ -77,6 +77,19 @@ def test_an_episode_can_begin_in_the_same_step():
     assert info["command"][1, YAW] != info["final_info"]["command"][1, YAW]
 
 
+def test_the_last_step_of_an_episode_is_paid_in_every_mode():
+    paid = []
+    for mode in AutoresetMode:
+        envs = LocomotionVectorEnv(8, max_episode_steps=1, autoreset_mode=mode)
+        envs.reset(seed=0)
+        _, reward, _, truncated, info = envs.step(np.zeros((8, 12)))
+        assert truncated.all()
+        paid.append([reward, info.get("final_info", info)["plain_reward"]])
+    np.testing.assert_array_equal(paid[0], paid[1])
+    np.testing.assert_array_equal(paid[0], paid[2])
+    assert np.any(paid, axis=-1).all()
+
+
 def test_robots_can_be_left_to_be_reset_by_hand():
     envs = LocomotionVectorEnv(3, autoreset_mode=AutoresetMode.DISABLED)
     before, _ = envs.reset(seed=0)
