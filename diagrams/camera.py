@@ -18,6 +18,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
+from glassgait.diagrams.egl import check_egl
 from glassgait.diagrams.station import AddA1Station, StationConfig
 from glassgait.diagrams.visualization import TILE
 from glassgait.models.a1 import robot
@@ -39,7 +40,11 @@ class Camera:
         Args:
             width: Width of a picture (pixels).
             height: Height of a picture (pixels).
+
+        Raises:
+            InputError: if EGL is missing, or no driver behind it.
         """
+        check_egl()
         builder = DiagramBuilder()
         self._plant, self._scene_graph, _ = AddA1Station(builder, StationConfig())
         lights = [

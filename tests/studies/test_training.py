@@ -127,12 +127,12 @@ def test_the_record_tells_how_the_expert_was_trained(tmp_path):
 
 def test_difficulty_rises_only_while_the_rhythm_is_kept(tmp_path):
     run = training_run(TINY, tmp_path)
-    run._difficulty(0.4)
+    run._raise_difficulty(0.4)
     assert run.environment.simulator.difficulty == pytest.approx(0.2)
-    run._difficulty(0.6)
+    run._raise_difficulty(0.6)
     assert run.environment.simulator.difficulty == pytest.approx(0.22)
     for _ in range(100):
-        run._difficulty(0.6)
+        run._raise_difficulty(0.6)
     assert run.environment.simulator.difficulty == 1.0
 
 
