@@ -1,0 +1,132 @@
+"""A student of one's own: one entry of the registry is enough for every study."""
+
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+pytestmark = pytest.mark.slow
+
+PROGRAM = """
+import sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sklearn.linear_model import Ridge
+
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.settings import Positive
+from glassgait.studies.students.registry import STUDENTS
+from glassgait.studies.students.student import Student, StudentSettings
+
+
+@dataclass(frozen=True)
+class StiffSettings(StudentSettings):
+    '''Settings of the stiff student.
+
+    Attributes:
+        ridge: Weight of the penalty.
+    '''
+
+    title: ClassVar[str] = "distillation: stiff"
+    ridge: Positive = 3.0
+
+
+def fit(samples, settings, *, seed, n_jobs):
+    model = Ridge(settings.ridge).fit(samples.observations, samples.actions)
+    return LinearPolicy(samples.gait, samples.observation_names, model.coef_, model.intercept_)
+
+
+STUDENTS["stiff"] = Student(
+    "stiff", "Stiff", fit, color="#E69F00", marker="*", settings=StiffSettings(), brevity=9
+)
+
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.report import command
+from glassgait.studies.report.config import ReportConfig
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.students.additive import EbmSettings
+from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.students.registry import paper_students
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
+
+command.QUICK = ReportConfig(
+    distillation=DistillationConfig(
+        students=paper_students(),
+        episodes=5,
+        alone_rounds=0,
+        episode_steps=60,
+        settings=StudentsSettings(
+            gbm=GbmSettings(n_trees=5, depth=2),
+            histogram_gbm=HistogramGbmSettings(n_trees=5),
+            ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=20),
+            symbolic=SymbolicSettings(shapes=((20, 20),), start_weights=(1,)),
+        ),
+        n_jobs=1,
+    ),
+    rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
+    n_samples=30,
+    repeats=2,
+)
+main(sys.argv[1:])
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("stiff")
+
+
+@pytest.fixture(scope="module")
+def run(folder):
+    """Runs a command in a process whose registry holds one student more."""
+
+    def start(*arguments):
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, *arguments],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return start
+
+
+@pytest.fixture(scope="module")
+def distilled(run, folder):
+    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-jobs", "1"]
+    run("distill", "--students", "stiff", "linear", "--stiff.ridge", "2.0", *short)
+    return folder / "runs" / "distillation" / "trot"
+
+
+def test_it_is_distilled_with_settings_of_its_own(distilled):
+    assert (distilled / "stiff.safetensors").exists()
+    assert "ridge: 2.0" in (distilled / "config.yaml").read_text()
+    assert pd.read_csv(distilled / "r2.csv")["student"].tolist() == ["Stiff", "Linear"]
+
+
+def test_it_is_evaluated_at_every_ratio(run, distilled, folder):
+    run("evaluate", "--policy", "students", "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1")
+    table = pd.read_csv(folder / "runs" / "evaluation" / "trot" / "students" / "standalone.csv")
+    assert "Stiff" in table["policy"].tolist()
+
+
+def test_its_importances_are_measured(run, distilled, folder):
+    short = ["--n-robots", "2", "--n-steps", "20", "--n-samples", "30", "--repeats", "2"]
+    run("importance", "--students", "stiff", *short)
+    found = folder / "runs" / "importance" / "trot"
+    assert (found / "stiff_permutation.png").exists()
+    assert (found / "stiff_derivatives.png").exists()
+
+
+def test_it_stands_in_the_report_beside_the_papers(run, folder):
+    run("report", "--quick", "--gaits", "trot", "--students", "stiff", "--output", "report")
+    page = (folder / "report" / "report.html").read_text()
+    assert "Gait sequences, Stiff" in page
+    assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()
