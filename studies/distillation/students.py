@@ -18,7 +18,7 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 from glassgait.studies.distillation.collection import samples_by_state
 from glassgait.studies.distillation.config import (
     DistillationConfig,
@@ -92,9 +92,10 @@ def _fit_open_loop(
     actions: Array,
 ) -> OpenLoopPolicy:
     state = np.argmax(observations[:, machine_state_entries(names)], axis=1)
-    counted = np.rint(observations[:, names.index("RM Iters")] / ITERATIONS_SCALE).astype(int)
+    (iterations,) = indices_of("iterations", names)
+    counted = np.rint(observations[:, iterations] / ITERATIONS_SCALE).astype(int)
     iteration = np.minimum(counted, OPEN_LOOP_ITERATIONS - 1)
-    n_states = sum(name.startswith("RM State ") for name in names)
+    n_states = len(indices_of("machine state", names))
     table = np.tile(actions.mean(axis=0), (n_states, OPEN_LOOP_ITERATIONS, 1))
     for s in range(n_states):
         for i in range(OPEN_LOOP_ITERATIONS):
