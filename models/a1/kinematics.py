@@ -70,7 +70,9 @@ def leg_points(joint_position: Array) -> LegPoints:
     foot_x = knee_x - robot.CALF_LENGTH * np.sin(q_shank)
     foot_z = knee_z - robot.CALF_LENGTH * np.cos(q_shank)
     zero = np.zeros_like(q_hip)
-    return LegPoints(in_trunk(zero, zero), in_trunk(knee_x, knee_z), in_trunk(foot_x, foot_z))
+    return LegPoints(
+        thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
+    )
 
 
 def foot_positions(joint_position: Array) -> Array:

@@ -57,6 +57,7 @@ class BoostedTreesPolicy(Policy):
         self,
         gait: str,
         observation_names: tuple[str, ...],
+        *,
         features: NDArray[np.integer],
         thresholds: Array,
         leaves: Array,

@@ -235,6 +235,7 @@ def _entries_by_name() -> dict[str, ObservationEntry]:
 
 
 def proprioception(
+    *,
     command: Array,
     joint_position: Array,
     joint_velocity: Array,
