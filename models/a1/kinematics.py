@@ -146,19 +146,17 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
     return linear, angular
 
 
-def standing_state(joint_position: Array, heading: Array | float = 0.0) -> Array:
-    """Places level robots at rest with their lowest foot just on the ground.
+def standing_state(joint_position: Array) -> Array:
+    """Places level robots, facing along x, at rest with their lowest foot just on the ground.
 
     Args:
         joint_position: Joint positions (..., 12; rad).
-        heading: Yaw of the trunk (...; rad).
 
     Returns:
         The plant's state x (..., 37), at the world's origin.
     """
     state = np.zeros((*joint_position.shape[:-1], robot.N_POSITIONS + robot.N_VELOCITIES))
-    state[..., 0] = np.cos(0.5 * np.asarray(heading))
-    state[..., 3] = np.sin(0.5 * np.asarray(heading))
+    state[..., 0] = 1.0
     state[..., robot.JOINT_POSITION] = joint_position
     state[..., 6] = -foot_heights(state).min(axis=-1)
     return state

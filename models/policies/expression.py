@@ -33,11 +33,6 @@ class Expression:
     variable: int = -1
 
     @cached_property
-    def size(self) -> int:
-        """Number of nodes, constants and operators each one, as PySR counts."""
-        return 1 + sum(operand.size for operand in self.operands)
-
-    @cached_property
     def length(self) -> int:
         """Number of nodes where a weighted variable is one, as Operon counts."""
         match self:
