@@ -88,7 +88,9 @@ class TaskState:
             plant=arrays["plant"],
             command=Command(arrays["command_velocity"], arrays["command_dwell"]),
             machine=MachineState(
-                arrays["machine_state"], arrays["machine_iterations"], arrays["machine_age"]
+                state=arrays["machine_state"],
+                iterations=arrays["machine_iterations"],
+                age=arrays["machine_age"],
             ),
             touching=arrays["touching"],
             air_time=arrays["air_time"],
@@ -245,7 +247,7 @@ class BatchSimulator:
         """Holds actions (n, 12) for one control step and moves the task on."""
         s, task = self._state, self.task
         plant = self.physics.step(s.plant, robot.joint_targets(action))
-        shown = failures(plant, action, s.action, task.limits)
+        shown = failures(plant, action=action, previous_action=s.action, limits=task.limits)
         # A lost robot keeps its last sound state, so that nothing below meets a NaN.
         lost = shown[:, FAILURES.index("not_finite")]
         plant = np.where(lost[:, None], s.plant, plant)
@@ -253,7 +255,11 @@ class BatchSimulator:
 
         feet = sense_feet(plant, s.touching)
         machine = self.machine.step(
-            s.machine, feet.contact, feet.height, s.command.dwell, self.difficulty
+            s.machine,
+            foot_contact=feet.contact,
+            foot_height=feet.height,
+            commanded_dwell=s.command.dwell,
+            difficulty=self.difficulty,
         )
         reward = step_reward(
             state=plant,
@@ -313,10 +319,10 @@ class BatchSimulator:
         feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
         start = self.machine.step(
             self.machine.initial((count,)),
-            feet.contact,
-            feet.height,
-            command.dwell,
-            self.difficulty,
+            foot_contact=feet.contact,
+            foot_height=feet.height,
+            commanded_dwell=command.dwell,
+            difficulty=self.difficulty,
         )
         return TaskState(
             plant=plant,

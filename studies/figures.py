@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter
 
 from glassgait.models.files import write_atomically
-from glassgait.models.task.observation import unit_of
+from glassgait.models.task.observation import entry_of
 
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
@@ -54,7 +54,7 @@ def subplots(n_rows: int = 1, n_columns: int = 1, **options: Any) -> tuple[Figur
 
 def label_with_unit(name: str) -> str:
     """Labels an axis with an observation's name, its unit below."""
-    return f"{name}\n({unit_of(name)})"
+    return f"{name}\n({entry_of(name).scaled_unit})"
 
 
 @styled

@@ -58,8 +58,8 @@ class FallMonitor(LeafSystem):
     def _calc_failures(self, context: Context, output: BasicVector) -> None:
         shown = failures(
             self._state_port.Eval(context),
-            self._action_port.Eval(context),
-            self._previous_action_port.Eval(context),
-            self._limits,
+            action=self._action_port.Eval(context),
+            previous_action=self._previous_action_port.Eval(context),
+            limits=self._limits,
         )
         output.SetFromVector(shown.astype(float))

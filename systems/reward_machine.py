@@ -120,9 +120,9 @@ class RewardMachineSystem(LeafSystem):
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
         step = self._machine.step(
             MachineState(*stored),
-            self._foot_contact_port.Eval(context) > 0.5,
-            self._foot_height_port.Eval(context),
-            self._commanded_dwell_port.Eval(context)[0],
+            foot_contact=self._foot_contact_port.Eval(context) > 0.5,
+            foot_height=self._foot_height_port.Eval(context),
+            commanded_dwell=self._commanded_dwell_port.Eval(context)[0],
         )
         output.set_value(step)
 

@@ -16,7 +16,7 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
 Symbols: TypeAlias = Sequence[drake.Variable]
 
@@ -89,7 +89,8 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
                 for rows, own in zip(weights, intercepts, strict=True)
             ]
         case OpenLoopPolicy(table=table):
-            iterations = variables[policy.observation_names.index("RM Iters")]
+            (at,) = indices_of("iterations", policy.observation_names)
+            iterations = variables[at]
             by_state = [[_entry(column, iterations) for column in rows.T] for rows in table]
         case _:
             raise InputError(

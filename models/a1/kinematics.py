@@ -70,7 +70,9 @@ def leg_points(joint_position: Array) -> LegPoints:
     foot_x = knee_x - robot.CALF_LENGTH * np.sin(q_shank)
     foot_z = knee_z - robot.CALF_LENGTH * np.cos(q_shank)
     zero = np.zeros_like(q_hip)
-    return LegPoints(in_trunk(zero, zero), in_trunk(knee_x, knee_z), in_trunk(foot_x, foot_z))
+    return LegPoints(
+        thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
+    )
 
 
 def foot_positions(joint_position: Array) -> Array:
@@ -144,19 +146,17 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
     return linear, angular
 
 
-def standing_state(joint_position: Array, heading: Array | float = 0.0) -> Array:
-    """Places level robots at rest with their lowest foot just on the ground.
+def standing_state(joint_position: Array) -> Array:
+    """Places level robots, facing along x, at rest with their lowest foot just on the ground.
 
     Args:
         joint_position: Joint positions (..., 12; rad).
-        heading: Yaw of the trunk (...; rad).
 
     Returns:
         The plant's state x (..., 37), at the world's origin.
     """
     state = np.zeros((*joint_position.shape[:-1], robot.N_POSITIONS + robot.N_VELOCITIES))
-    state[..., 0] = np.cos(0.5 * np.asarray(heading))
-    state[..., 3] = np.sin(0.5 * np.asarray(heading))
+    state[..., 0] = 1.0
     state[..., robot.JOINT_POSITION] = joint_position
     state[..., 6] = -foot_heights(state).min(axis=-1)
     return state

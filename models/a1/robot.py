@@ -94,7 +94,7 @@ def joint_targets(action: Array) -> Array:
     return DEFAULT_STANCE + ACTION_SCALE * action
 
 
-def joint_torque(target: Array, position: Array, velocity: Array) -> Array:
+def joint_torque(*, target: Array, position: Array, velocity: Array) -> Array:
     """Evaluates the joints' PD law, limited to the motors' effort.
 
     The plant integrates the same law implicitly; this is its value at one instant.

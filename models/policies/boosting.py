@@ -1,7 +1,7 @@
-"""Gradient-boosted trees, compiled to flat arrays and evaluated for all joints at once."""
+"""Gradient-boosted trees, evaluated for all joints at once."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,13 @@ from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegr
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.fitted_trees import compiled_trees
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.precision import rounded
+from glassgait.models.policies.precision import (
+    lower_neighbours,
+    rounded,
+    single_precision_cuts,
+)
 
 _LOWER = "thresholds_lower_neighbours"
 """The array that a file holds instead of thresholds which tell no more."""
@@ -52,6 +57,7 @@ class BoostedTreesPolicy(Policy):
         self,
         gait: str,
         observation_names: tuple[str, ...],
+        *,
         features: NDArray[np.integer],
         thresholds: Array,
         leaves: Array,
@@ -91,27 +97,7 @@ class BoostedTreesPolicy(Policy):
         models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor],
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
-        joints = [
-            _histogram_trees(model)
-            if isinstance(model, HistGradientBoostingRegressor)
-            else _exact_trees(model)
-            for model in models
-        ]
-        n_trees = max(len(trees) for trees in joints)
-        depth = max(1, *(tree.depth() for trees in joints for tree in trees))
-        compiled = [
-            [tree.complete(depth) for tree in trees] + [_nothing(depth)] * (n_trees - len(trees))
-            for trees in joints
-        ]
-        return cls(
-            gait,
-            observation_names,
-            features=np.array([[tree.features for tree in joint] for joint in compiled]),
-            thresholds=np.array([[tree.thresholds for tree in joint] for joint in compiled]),
-            leaves=np.array([[tree.leaves for tree in joint] for joint in compiled]),
-            intercepts=np.array([_constant(model) for model in models]),
-            importances=np.array([_importances(model, len(observation_names)) for model in models]),
-        )
+        return cls(gait, observation_names, **compiled_trees(models, len(observation_names)))
 
     def __call__(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
@@ -136,7 +122,7 @@ class BoostedTreesPolicy(Policy):
         that every branch is the same and an action differs by rounding alone. Those of trees by
         histograms are rounded.
         """
-        as_they_are = _lower_neighbours(self.thresholds) is not None
+        as_they_are = lower_neighbours(self.thresholds) is not None
         return type(self)(
             self.gait,
             self.observation_names,
@@ -149,7 +135,7 @@ class BoostedTreesPolicy(Policy):
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         arrays, values = super().to_arrays()
-        lower = _lower_neighbours(self.thresholds)
+        lower = lower_neighbours(self.thresholds)
         if lower is not None:
             del arrays["thresholds"]
             arrays[_LOWER] = lower
@@ -176,131 +162,3 @@ class BoostedTreesPolicy(Policy):
         for _ in range(self.depth):
             node = 2 * node + 1 + (observations[row, features[node]] > thresholds[node])
         return self.leaves[joint, tree, node - (2**self.depth - 1)]
-
-
-class _CompleteTree(NamedTuple):
-    features: NDArray[np.int32]
-    thresholds: Array
-    leaves: Array
-
-
-class _Tree(NamedTuple):
-    """A fitted tree, nodes in any order and the root first; a leaf's `left` is negative."""
-
-    features: NDArray[Any]
-    thresholds: Array
-    left: NDArray[Any]
-    right: NDArray[Any]
-    values: Array
-
-    def depth(self, node: int = 0) -> int:
-        """Counts the questions on the longest branch."""
-        if self.left[node] < 0:
-            return 0
-        return 1 + max(self.depth(self.left[node]), self.depth(self.right[node]))
-
-    def complete(self, depth: int) -> _CompleteTree:
-        """Fills the tree up to a depth."""
-        done = _nothing(depth)
-
-        def place(node: int, slot: int, level: int) -> None:
-            if level == depth:
-                done.leaves[slot - (2**depth - 1)] = self.values[node]
-            elif self.left[node] < 0:
-                place(node, 2 * slot + 1, level + 1)
-            else:
-                done.features[slot] = self.features[node]
-                done.thresholds[slot] = self.thresholds[node]
-                place(self.left[node], 2 * slot + 1, level + 1)
-                place(self.right[node], 2 * slot + 2, level + 1)
-
-        place(0, 0, 0)
-        return done
-
-
-def _nothing(depth: int) -> _CompleteTree:
-    inner = 2**depth - 1
-    return _CompleteTree(
-        np.zeros(inner, dtype=np.int32), np.full(inner, np.inf), np.zeros(inner + 1)
-    )
-
-
-def _constant(model: Any) -> float:
-    if isinstance(model, HistGradientBoostingRegressor):
-        return float(np.ravel(model._baseline_prediction)[0])
-    # scikit-learn starts from the mean of the samples, held by a dummy regressor.
-    return float(np.ravel(model.init_.constant_)[0])
-
-
-def _importances(model: Any, n_observations: int) -> Array:
-    if not isinstance(model, HistGradientBoostingRegressor):
-        return model.feature_importances_
-    nodes = np.concatenate([predictors[0].nodes for predictors in model._predictors])
-    inner = nodes[nodes["is_leaf"] == 0]
-    gains = np.bincount(inner["feature_idx"], inner["gain"], minlength=n_observations)
-    return gains / max(gains.sum(), np.finfo(float).tiny)
-
-
-def _exact_trees(model: GradientBoostingRegressor) -> list[_Tree]:
-    trees = [estimator.tree_ for estimator in model.estimators_[:, 0]]
-    return [
-        _Tree(
-            tree.feature,
-            single_precision_cuts(tree.threshold),
-            tree.children_left,
-            tree.children_right,
-            model.learning_rate * tree.value[:, 0, 0],
-        )
-        for tree in trees
-    ]
-
-
-def _histogram_trees(model: HistGradientBoostingRegressor) -> list[_Tree]:
-    every_nodes = [predictors[0].nodes for predictors in model._predictors]
-    return [
-        _Tree(
-            nodes["feature_idx"],
-            nodes["num_threshold"],
-            np.where(nodes["is_leaf"], -1, nodes["left"].astype(int)),
-            nodes["right"].astype(int),
-            nodes["value"],
-        )
-        for nodes in every_nodes
-    ]
-
-
-def single_precision_cuts(thresholds: NDArray[np.floating]) -> Array:
-    """Returns cuts that part doubles as the thresholds part them once rounded to single precision.
-
-    scikit-learn's exact trees round an observation before they compare it. With these cuts the
-    branches are the same without rounding.
-
-    Args:
-        thresholds: Thresholds, any shape.
-
-    Returns:
-        Cuts c of the same shape: `x <= c` if and only if `float32(x) <= threshold`.
-    """
-    below = _single_precision_below(thresholds)
-    above = np.nextafter(below, np.float32(np.inf))
-    middle = 0.5 * (below.astype(float) + above.astype(float))
-    # Halfway, rounding goes to the neighbour whose last bit is 0.
-    goes_down = middle.astype(np.float32) == below
-    return np.where(goes_down, middle, np.nextafter(middle, -np.inf))
-
-
-def _lower_neighbours(cuts: Array) -> NDArray[np.float32] | None:
-    """Returns the thresholds, in single precision, of which these are the cuts, if there are such.
-
-    Args:
-        cuts: Cuts of any shape, of any source.
-    """
-    below = _single_precision_below(cuts)
-    return below if np.array_equal(single_precision_cuts(below), cuts) else None
-
-
-def _single_precision_below(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Returns the greatest numbers of single precision that are at most as large."""
-    with np.errstate(over="ignore"):
-        near = values.astype(np.float32)
-    return np.where(near > values, np.nextafter(near, np.float32(-np.inf)), near)

@@ -5,9 +5,8 @@ are in the air. All are bounded; a product with the iterations themselves would 
 where the robot is late.
 """
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.expression import Expression, constant, scaled, variable
-from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, entries_of, indices_of
 
 LATE = 4
 """Control steps in a state of the machine that are neither early nor late."""
@@ -37,31 +36,32 @@ def statewise_symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
 
 def named_gates(names: tuple[str, ...]) -> dict[str, Expression]:
     """Returns the gates that formulas are written with: lateness, and whether each foot is up."""
+    (iterations,) = indices_of("iterations", names)
     lifted = {
-        f"Lifted {leg}": gate for leg, gate in zip(robot.LEGS, foot_gates(names), strict=True)
+        f"Lifted {entry.leg}": _lifted(index)
+        for index, entry in enumerate(entries_of(names))
+        if entry.group == "foot height"
     }
-    return {"Late": lateness_gate(names), **lifted}
+    return {"Late": _late(iterations), **lifted}
 
 
 def _machine_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
     """Returns the states of the machine but the last, which is where all others are 0."""
-    states = machine_state_entries(names)
-    return tuple(variable(index) for index in range(states.start, states.stop - 1))
+    return tuple(variable(index) for index in indices_of("machine state", names)[:-1])
 
 
-def lateness_gate(names: tuple[str, ...]) -> Expression:
+def _late(iterations: int) -> Expression:
     """Returns a function that goes from -1 early in a state of the machine to 1 late in it.
 
     It is tanh((n - 4) / 2) of the n control steps spent there. A steeper and earlier one,
     tanh(n - 2), imitates better and walks no better.
     """
-    return _turning(variable(names.index("RM Iters")), LATE * ITERATIONS_SCALE, 5.0)
+    return _turning(variable(iterations), LATE * ITERATIONS_SCALE, 5.0)
 
 
-def foot_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
-    """Returns for each foot a function that goes from -1 on the ground to 1 in the air."""
-    feet = [names.index(f"Foot Height {leg}") for leg in robot.LEGS]
-    return tuple(_turning(variable(foot), LIFTED, 100.0) for foot in feet)
+def _lifted(foot_height: int) -> Expression:
+    """Returns a function that goes from -1 on the ground to 1 in the air."""
+    return _turning(variable(foot_height), LIFTED, 100.0)
 
 
 def _turning(expression: Expression, where: float, slope: float) -> Expression:

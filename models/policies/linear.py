@@ -7,7 +7,7 @@ import numpy as np
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.arrays import Reals
 from glassgait.models.policies.policy import INTERCEPT, Contributions, Policy
-from glassgait.models.task.observation import STATE_ENTRY, machine_state_entries
+from glassgait.models.task.observation import machine_state_entries
 
 
 class LinearPolicy(Policy):
@@ -49,7 +49,7 @@ class StatewiseLinearPolicy(Policy):
         "weights": Reals("states joints observations"),
         "intercepts": Reals("states joints"),
     }
-    needed_observations = (f"{STATE_ENTRY}0",)
+    needed_groups = ("machine state",)
     weights: Array
     intercepts: Array
 

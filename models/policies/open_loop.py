@@ -7,7 +7,7 @@ import numpy as np
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.arrays import Reals
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.observation import ITERATIONS_SCALE, STATE_ENTRY, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
 
 class OpenLoopPolicy(Policy):
@@ -19,13 +19,13 @@ class OpenLoopPolicy(Policy):
 
     kind = "open_loop"
     array_specs: ClassVar = {"table": Reals("states iterations joints")}
-    needed_observations = (f"{STATE_ENTRY}0", "RM Iters")
+    needed_groups = ("machine state", "iterations")
     table: Array
 
     def __init__(self, gait: str, observation_names: tuple[str, ...], table: Array) -> None:
         super().__init__(gait, observation_names, table=table)
         self._one_hot = machine_state_entries(observation_names)
-        self._iterations = self.observation_names.index("RM Iters")
+        (self._iterations,) = indices_of("iterations", observation_names)
 
     def __call__(self, observation: Array) -> Array:
         state = np.argmax(observation[..., self._one_hot], axis=-1)

@@ -18,7 +18,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
 from glassgait.models.policies.precision import narrowest
-from glassgait.models.task.observation import STATE_ENTRY
+from glassgait.models.task.observation import Group, ObservationLayout, indices_of
 
 FORMAT_VERSION = 1
 
@@ -68,8 +68,8 @@ class Policy(ABC):
     kind: ClassVar[str]
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
     """What the policy's arrays must be; their names are its attributes and its arguments."""
-    needed_observations: ClassVar[tuple[str, ...]] = ()
-    """Observations that this kind of policy asks for by name."""
+    needed_groups: ClassVar[tuple[Group, ...]] = ()
+    """Groups of observations that this kind of policy asks for."""
 
     def __init__(self, gait: str, observation_names: Sequence[str], **arrays: NDArray[Any]) -> None:
         """
@@ -96,11 +96,11 @@ class Policy(ABC):
         Raises:
             InputError: if the names cannot be those of the observations.
         """
-        _refuse_other_than_observations(observation_names, cls.needed_observations)
+        _refuse_other_than_observations(observation_names, cls.needed_groups)
         return {
             "joints": robot.N_JOINTS,
             "observations": len(observation_names),
-            "states": sum(name.startswith(STATE_ENTRY) for name in observation_names),
+            "states": len(indices_of("machine state", observation_names)),
         }
 
     @classmethod
@@ -246,7 +246,7 @@ def _refuse_other_than_names(what: str, names: Sequence[str]) -> None:
             raise InputError(f"{what} is {shown(name)}; it must be printable, so make it anew")
 
 
-def _refuse_other_than_observations(names: Sequence[str], needed: tuple[str, ...]) -> None:
+def _refuse_other_than_observations(names: Sequence[str], needed: tuple[Group, ...]) -> None:
     if not isinstance(names, tuple | list) or not 0 < len(names) <= MAX_OBSERVATIONS:
         raise InputError(
             f"it must have from 1 to {MAX_OBSERVATIONS} names of observations; make it anew"
@@ -255,13 +255,12 @@ def _refuse_other_than_observations(names: Sequence[str], needed: tuple[str, ...
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"observes {shown(twice)} twice; make it anew")
-    for name in needed:
-        if name not in names:
-            raise InputError(f"does not observe {name!r}, which it needs; make it anew")
-    states = [name for name in names if name.startswith(STATE_ENTRY)]
-    start = names.index(states[0]) if states else 0
-    in_a_row = names[start : start + len(states)]
-    if list(in_a_row) != [f"{STATE_ENTRY}{i}" for i in range(len(states))]:
-        raise InputError(
-            f"does not observe {STATE_ENTRY}0, {STATE_ENTRY}1, … in a row; make it anew"
-        )
+    for entry in ObservationLayout(n_machine_states=1).entries:
+        if entry.group in needed and entry.name not in names:
+            raise InputError(f"does not observe {entry.name!r}, which it needs; make it anew")
+    states = indices_of("machine state", names)
+    layout = ObservationLayout(len(states))
+    wanted = [entry.name for entry in layout.entries if entry.group == "machine state"]
+    start = states[0] if states else 0
+    if list(names[start : start + len(states)]) != wanted:
+        raise InputError("does not observe RM State 0, RM State 1, … in a row; make it anew")

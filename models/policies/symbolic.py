@@ -1,10 +1,8 @@
-"""Symbolic policies: one formula a joint, compiled and evaluated for all joints at once."""
+"""Symbolic policies: one formula a joint, or one a joint and state of the reward machine."""
 
 from abc import abstractmethod
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any, ClassVar, Self
 
@@ -15,137 +13,19 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.arrays import refuse_other_arrays
-from glassgait.models.policies.expression import (
-    Expression,
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.expression_text import (
     parse_expression,
     refuse_unfit,
     variable_names,
 )
 from glassgait.models.policies.gates import named_gates
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.task.observation import STATE_ENTRY, machine_state_entries
+from glassgait.models.policies.tape import Tape
+from glassgait.models.task.observation import machine_state_entries
 
 TERM_DIGITS = 3
 """Digits of the constants in the terms that an action is split into."""
-
-_FUNCTIONS: dict[str, Callable[..., Array]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "log": np.log,
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-    "square": np.square,
-    "cube": lambda x: x * x * x,
-}
-
-
-@dataclass(frozen=True)
-class _Instruction:
-    """One operator, applied to all nodes of a height at once."""
-
-    function: Callable[..., Array]
-    operands: tuple[NDArray[np.intp], ...]
-    start: int
-    stop: int
-
-
-class _Nodes:
-    """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
-
-    Attributes:
-        keys: Operator of each, and what it is applied to: the numbers of its operands, the value of
-            a constant, the index of a variable.
-        heights: Operators on the longest way down from each.
-    """
-
-    def __init__(self) -> None:
-        self.keys: list[tuple[str, Any]] = []
-        self.heights: list[int] = []
-        self._number_of_key: dict[tuple[str, Any], int] = {}
-        self._number_of_object: dict[int, int] = {}
-
-    def add(self, formula: Expression) -> int:
-        """Adds a formula, which must outlive this object, and returns its number."""
-        # A list of what is still to visit: derivatives may be deeper than Python's stack. Their
-        # parts are shared, so that a part that was met before is not walked through again.
-        numbers, pending = self._number_of_object, [formula]
-        while pending:
-            node = pending[-1]
-            missing = [operand for operand in node.operands if id(operand) not in numbers]
-            if missing:
-                pending += reversed(missing)
-                continue
-            pending.pop()
-            numbers[id(node)] = self._number(node)
-        return numbers[id(formula)]
-
-    def _number(self, node: Expression) -> int:
-        operands = tuple(self._number_of_object[id(operand)] for operand in node.operands)
-        leaf = {"variable": node.variable, "constant": node.value}
-        key = (node.operator, leaf.get(node.operator, operands))
-        if key not in self._number_of_key:
-            self._number_of_key[key] = len(self.keys)
-            self.keys.append(key)
-            self.heights.append(max((1 + self.heights[operand] for operand in operands), default=0))
-        return self._number_of_key[key]
-
-
-class Tape:
-    """Formulas compiled to a short list of vectorised instructions.
-
-    Nodes of all formulas that have the same operator and the same height are evaluated together,
-    and a sub-formula that occurs twice is evaluated once.
-    """
-
-    def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
-        self._n_variables = n_variables
-        nodes = _Nodes()
-        roots = [nodes.add(expression) for expression in expressions]
-        # The slot of each node among the values: variables first, then constants, then the rest.
-        slots = np.zeros(len(nodes.keys), dtype=np.int64)
-        constants: list[float] = []
-        by_height: dict[tuple[int, str], list[int]] = defaultdict(list)
-        for number, (operator, operands) in enumerate(nodes.keys):
-            if operator == "variable":
-                slots[number] = operands
-            elif operator == "constant":
-                slots[number] = n_variables + len(constants)
-                constants.append(operands)
-            else:
-                by_height[nodes.heights[number], operator].append(number)
-        self._constants = np.array(constants)
-        self._instructions: list[_Instruction] = []
-        size = n_variables + len(constants)
-        for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
-            sides = np.array([nodes.keys[number][1] for number in numbers]).T
-            slots[numbers] = np.arange(size, size + len(numbers))
-            self._instructions.append(
-                _Instruction(_FUNCTIONS[operator], tuple(slots[sides]), size, size + len(numbers))
-            )
-            size += len(numbers)
-        self._size = size
-        self._outputs = slots[roots]
-
-    def __call__(self, observation: Array) -> Array:
-        """Evaluates all formulas (..., k) on observations (..., n)."""
-        # Nodes along the first axis, so that an instruction writes one block of memory.
-        rows = observation.reshape(-1, self._n_variables)
-        values = np.empty((self._size, len(rows)))
-        values[: self._n_variables] = rows.T
-        first = self._n_variables
-        values[first : first + len(self._constants)] = self._constants[:, None]
-        with np.errstate(all="ignore"):
-            for step in self._instructions:
-                operands = (values[operand] for operand in step.operands)
-                values[step.start : step.stop] = step.function(*operands)
-        return values[self._outputs].T.reshape(*observation.shape[:-1], len(self._outputs))
 
 
 class FormulaPolicy(Policy):
@@ -158,7 +38,7 @@ class FormulaPolicy(Policy):
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
     # The gates that formulas are written with are functions of these.
-    needed_observations = ("RM Iters", *(f"Foot Height {leg}" for leg in robot.LEGS))
+    needed_groups = ("iterations", "foot height")
 
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Any]
@@ -252,7 +132,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
 
     kind = "statewise_symbolic"
     dims = ("states", "joints")
-    needed_observations = (f"{STATE_ENTRY}0", *FormulaPolicy.needed_observations)
+    needed_groups = ("machine state", *FormulaPolicy.needed_groups)
 
     def __init__(
         self,

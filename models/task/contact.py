@@ -35,4 +35,4 @@ def sense_feet(positions: Array, previously_touching: NDArray[np.bool_]) -> Foot
     """
     height = kinematics.foot_heights(positions)
     touching = height < 0.0
-    return FootSense(touching, touching | previously_touching, height)
+    return FootSense(touching=touching, contact=touching | previously_touching, height=height)

@@ -1,11 +1,16 @@
-"""What a policy sees: the layout of the observation, with the names that the paper's tables use."""
+"""What a policy sees: the entries of the observation, named as in the paper's tables."""
 
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Literal
 
 import numpy as np
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError, shown
+from glassgait.models.task.gait_keys import MOST_STATES
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
@@ -24,28 +29,60 @@ JOINT_NOISE.flags.writeable = False
 N_ESTIMATED = 7
 """Length of the part that a deployed robot has to estimate: base velocity and foot heights."""
 
-STATE_ENTRY = "RM State "
-"""How the names of the machine's states begin; their numbers follow."""
+Group = Literal[
+    "commanded velocity",
+    "joint position",
+    "joint velocity",
+    "previous action",
+    "machine state",
+    "iterations",
+    "commanded iterations",
+    "base velocity",
+    "foot height",
+]
+"""Entries of one group are one quantity, of several legs, joints, axes or states."""
 
-_UNITS = {
-    "Command X": "m/s",
-    "Command Yaw": "rad/s",
-    "DoF Pos": "rad from the default stance",
-    "DoF Vel": f"{JOINT_VELOCITY_SCALE} · rad/s",
-    "Prev Action": f"{robot.ACTION_SCALE} rad of joint target",
-    "RM State": "0 or 1",
-    "RM Iters": f"{ITERATIONS_SCALE} · control steps",
-    "Command RM Iters": f"{ITERATIONS_SCALE} · control steps",
-    "Base Lin Vel": f"{BASE_VELOCITY_SCALE:g} · m/s",
-    "Foot Height": "m",
+_SCALED_UNITS: dict[Group, str] = {
+    "joint position": "rad from the default stance",
+    "previous action": f"{robot.ACTION_SCALE} rad of joint target",
+    "machine state": "0 or 1",
 }
-"""Units by the start of an entry's name, with the factor that the entry is scaled by."""
 
-_JOINT_TITLES = tuple(f"{leg} {joint.title()}" for leg in robot.LEGS for joint in robot.LEG_JOINTS)
+
+@dataclass(frozen=True)
+class ObservationEntry:
+    """One number of the observation.
+
+    Attributes:
+        name: Its name in policy files and tables, such as "DoF Vel FL Hip".
+        group: The quantity.
+        leg: The leg that it belongs to, or None.
+        unit: Unit of the quantity; none for the one-hot state of the machine.
+        scale: What the quantity, in its unit, is multiplied by. Joint positions are counted from
+            the default stance, and so are joint targets, which the previous action stands for.
+        symbol: Short symbol, such as "dq.FL_hip".
+        latex: The same for LaTeX.
+        merged_name: The name without its leg and without the number of the machine's state.
+    """
+
+    name: str
+    group: Group
+    leg: str | None
+    unit: str
+    scale: float
+    symbol: str
+    latex: str
+    merged_name: str
+
+    @property
+    def scaled_unit(self) -> str:
+        """Unit as pages print it, with the factor that the entry is scaled by."""
+        plain = self.unit if self.scale == 1.0 else f"{self.scale:g} · {self.unit}"
+        return _SCALED_UNITS.get(self.group, plain)
 
 
 class ObservationLayout:
-    """Names and order of the observation for a machine of `n_machine_states` states.
+    """Entries of the observation, in order, for a machine of `n_machine_states` states.
 
     The first part, proprioception, is measured or known; the last seven entries, the body state,
     come from an estimator.
@@ -55,20 +92,33 @@ class ObservationLayout:
         self.n_machine_states = n_machine_states
 
     @cached_property
+    def entries(self) -> tuple[ObservationEntry, ...]:
+        """All entries, in order."""
+        velocity, action = JOINT_VELOCITY_SCALE, 1.0 / robot.ACTION_SCALE
+        return (
+            _single("Command X", "commanded velocity", "m/s", 1.0, "cmd.v", "v_x^{*}"),
+            _single("Command Yaw", "commanded velocity", "rad/s", 1.0, "cmd.yaw", r"\omega_z^{*}"),
+            *_of_joints("DoF Pos", "joint position", "rad", 1.0, "q", "q"),
+            *_of_joints("DoF Vel", "joint velocity", "rad/s", velocity, "dq", r"\dot q"),
+            *_of_joints("Prev Action", "previous action", "rad", action, "a", "a^{-}"),
+            *(_machine_state(i) for i in range(self.n_machine_states)),
+            _single("RM Iters", "iterations", "control steps", ITERATIONS_SCALE, "t", "n"),
+            _single(
+                "Command RM Iters",
+                "commanded iterations",
+                "control steps",
+                ITERATIONS_SCALE,
+                "cmd.t",
+                "n^{*}",
+            ),
+            *(_base_velocity(axis) for axis in "xyz"),
+            *(_foot_height(leg) for leg in robot.LEGS),
+        )
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all entries, in order."""
-        return (
-            "Command X",
-            "Command Yaw",
-            *(f"DoF Pos {joint}" for joint in _JOINT_TITLES),
-            *(f"DoF Vel {joint}" for joint in _JOINT_TITLES),
-            *(f"Prev Action {joint}" for joint in _JOINT_TITLES),
-            *(f"{STATE_ENTRY}{i}" for i in range(self.n_machine_states)),
-            "RM Iters",
-            "Command RM Iters",
-            *(f"Base Lin Vel {axis}" for axis in "XYZ"),
-            *(f"Foot Height {leg}" for leg in robot.LEGS),
-        )
+        return tuple(entry.name for entry in self.entries)
 
     @property
     def size(self) -> int:
@@ -81,25 +131,111 @@ class ObservationLayout:
         return self.size - N_ESTIMATED
 
 
-def unit_of(name: str) -> str:
-    """Returns the unit of an entry, with the factor that it is scaled by.
+def _single(
+    name: str, group: Group, unit: str, scale: float, symbol: str, latex: str
+) -> ObservationEntry:
+    return ObservationEntry(name, group, None, unit, scale, symbol, latex, merged_name=name)
+
+
+def _of_joints(
+    title: str, group: Group, unit: str, scale: float, symbol: str, latex: str
+) -> list[ObservationEntry]:
+    return [
+        ObservationEntry(
+            name=f"{title} {leg} {joint.title()}",
+            group=group,
+            leg=leg,
+            unit=unit,
+            scale=scale,
+            symbol=f"{symbol}.{leg}_{joint}",
+            latex=rf"{latex}_{{\mathrm{{{leg} {joint.title()}}}}}",
+            merged_name=f"{title} {joint.title()}",
+        )
+        for leg in robot.LEGS
+        for joint in robot.LEG_JOINTS
+    ]
+
+
+def _machine_state(number: int) -> ObservationEntry:
+    return ObservationEntry(
+        name=f"RM State {number}",
+        group="machine state",
+        leg=None,
+        unit="",
+        scale=1.0,
+        symbol=f"s.{number}",
+        latex=f"s_{{{number}}}",
+        merged_name="RM State",
+    )
+
+
+def _base_velocity(axis: str) -> ObservationEntry:
+    name, latex = f"Base Lin Vel {axis.upper()}", rf"\hat v_{{{axis}}}"
+    return _single(name, "base velocity", "m/s", BASE_VELOCITY_SCALE, f"v.{axis}", latex)
+
+
+def _foot_height(leg: str) -> ObservationEntry:
+    return ObservationEntry(
+        name=f"Foot Height {leg}",
+        group="foot height",
+        leg=leg,
+        unit="m",
+        scale=1.0,
+        symbol=f"h.{leg}",
+        latex=rf"\hat h_{{\mathrm{{{leg}}}}}",
+        merged_name="Foot Height",
+    )
+
+
+def entry_of(name: str) -> ObservationEntry:
+    """Returns the entry of a name that a policy stores.
 
     Raises:
-        KeyError: if no entry is called so.
+        InputError: if no entry is called so.
     """
-    for start, unit in _UNITS.items():
-        if name.startswith(start):
-            return unit
-    raise KeyError(name)
+    entry = _entries_by_name().get(name)
+    if entry is None:
+        raise InputError(f"no observation is called {shown(name)}; make the policy anew")
+    return entry
 
 
-def machine_state_entries(names: tuple[str, ...]) -> slice:
-    """Finds the one-hot machine state among the names of an observation."""
-    start = names.index(f"{STATE_ENTRY}0")
-    return slice(start, start + sum(name.startswith(STATE_ENTRY) for name in names))
+def entries_of(names: Sequence[str]) -> tuple[ObservationEntry, ...]:
+    """Returns the entries of the names that a policy stores, in their order.
+
+    Raises:
+        InputError: if no entry is called so.
+    """
+    return tuple(entry_of(name) for name in names)
+
+
+def indices_of(group: Group, names: Sequence[str]) -> tuple[int, ...]:
+    """Returns where the entries of a group stand among the names of an observation.
+
+    Raises:
+        InputError: if a name is unknown.
+    """
+    return tuple(i for i, entry in enumerate(entries_of(names)) if entry.group == group)
+
+
+def machine_state_entries(names: Sequence[str]) -> slice:
+    """Finds the one-hot machine state, whose entries stand in a row, in an observation.
+
+    Raises:
+        InputError: if a name is unknown, or none is of the machine's state.
+    """
+    indices = indices_of("machine state", names)
+    if not indices:
+        raise InputError("no observation tells the machine's state; make the policy anew")
+    return slice(indices[0], indices[-1] + 1)
+
+
+@cache
+def _entries_by_name() -> dict[str, ObservationEntry]:
+    return {entry.name: entry for entry in ObservationLayout(MOST_STATES).entries}
 
 
 def proprioception(
+    *,
     command: Array,
     joint_position: Array,
     joint_velocity: Array,

@@ -67,6 +67,7 @@ class Reward(NamedTuple):
 
 def step_reward(
     state: Array,
+    *,
     previous_joint_velocity: Array,
     action: Array,
     previous_action: Array,
@@ -90,7 +91,9 @@ def step_reward(
     linear, angular = kinematics.base_velocity(state)
     joint_position = state[..., robot.JOINT_POSITION]
     joint_velocity = state[..., robot.JOINT_VELOCITY]
-    torque = robot.joint_torque(robot.joint_targets(action), joint_position, joint_velocity)
+    torque = robot.joint_torque(
+        target=robot.joint_targets(action), position=joint_position, velocity=joint_velocity
+    )
     acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
     excursion = np.abs(joint_position - _MIDDLE) - SOFT_LIMIT_FRACTION * _HALF_RANGE
 
@@ -112,4 +115,4 @@ def step_reward(
     )
     terms = np.stack(values, axis=-1) * weights
     plain = np.maximum(terms.sum(axis=-1) * CONTROL_PERIOD, 0.0)
-    return Reward(terms, plain, np.where(foot_contact, 0.0, air_time))
+    return Reward(terms=terms, plain=plain, air_time=np.where(foot_contact, 0.0, air_time))

@@ -85,11 +85,13 @@ class RewardMachine:
     def initial(self, shape: tuple[int, ...] = ()) -> MachineState:
         """Returns the state at an episode's start, before its first propositions."""
         zero = np.zeros(shape, dtype=np.int64)
-        return MachineState(np.full(shape, self._initial, dtype=np.int64), zero, zero.copy())
+        state = np.full(shape, self._initial, dtype=np.int64)
+        return MachineState(state=state, iterations=zero, age=zero.copy())
 
     def step(
         self,
         machine: MachineState,
+        *,
         foot_contact: BoolArray,
         foot_height: Array,
         commanded_dwell: Array | IntArray,
@@ -117,7 +119,7 @@ class RewardMachine:
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
         state = np.where(fired, self._target[edge], machine.state)
-        after = MachineState(state, np.where(fired, 0, spent), machine.age + 1)
+        after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)
         multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)
         return MachineStep(
             machine=after,

@@ -47,7 +47,7 @@ class TerminationLimits(Settings):
 
 
 def failures(
-    state: Array, action: Array, previous_action: Array, limits: TerminationLimits
+    state: Array, *, action: Array, previous_action: Array, limits: TerminationLimits
 ) -> NDArray[np.bool_]:
     """Tells which failures a robot shows.
 

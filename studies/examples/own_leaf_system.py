@@ -36,7 +36,8 @@ class PowerMeter(LeafSystem):
     def _add(self, context: Context, after: State) -> None:
         state, action = self._state.Eval(context), self._actions.Eval(context)
         position, velocity = state[robot.JOINT_POSITION], state[robot.JOINT_VELOCITY]
-        torque = robot.joint_torque(robot.joint_targets(action), position, velocity)
+        target = robot.joint_targets(action)
+        torque = robot.joint_torque(target=target, position=position, velocity=velocity)
         work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
         after.get_mutable_discrete_state(0)[0] += work
 

@@ -13,10 +13,11 @@ from glassgait.models.a1 import robot
 from glassgait.models.policies.expression import Expression, variable
 from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.policies.symbolic import TERM_DIGITS, Tape
+from glassgait.models.policies.symbolic import TERM_DIGITS
+from glassgait.models.policies.tape import Tape
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import unit_of
+from glassgait.models.task.observation import entries_of
 from glassgait.models.task.palette import STATE_COLORS
 from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.explanation.products import Product, products
@@ -120,7 +121,7 @@ def render_page(
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
         "quantities": list(quantities.values()),
-        "units": [unit_of(name) for name in observation_names],
+        "units": [entry.scaled_unit for entry in entries_of(observation_names)],
         "values": _values(quantities, rollout["observations"]),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
         "joint": joint,

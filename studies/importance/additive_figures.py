@@ -56,7 +56,7 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
     """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
     explanation: Any = model.explain_global()
     data = explanation.data(term)
-    first, second = model.term_names_[term].split(" & ")
+    first, second = (model.feature_names_in_[index] for index in model.term_features_[term])
     left, right = _edges(data["left_names"]), _edges(data["right_names"])
     scores = np.asarray(data["scores"])
     reach = max(float(np.abs(scores).max()), 1e-9)

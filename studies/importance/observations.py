@@ -1,25 +1,15 @@
 """Observations merged over legs, as the paper's table names them."""
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-
-_LEG = re.compile(rf" ({'|'.join(robot.LEGS)})\b")
-
-
-def merged_name(name: str) -> str:
-    """Returns an observation's name without its leg and without the machine state's number."""
-    name = _LEG.sub("", name)
-    return "RM State" if name.startswith("RM State") else name
+from glassgait.models.task.observation import entries_of
 
 
 def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
     """Groups observations that differ by leg alone: columns by merged name, in order."""
-    merged = [merged_name(name) for name in names]
+    merged = [entry.merged_name for entry in entries_of(names)]
     return {
         group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
     }

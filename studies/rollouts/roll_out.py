@@ -141,5 +141,6 @@ def _forward_and_yaw(plant: Array) -> Array:
 def _power(plant: Array, action: Array) -> Array:
     velocity = plant[..., robot.JOINT_VELOCITY]
     targets = robot.joint_targets(action)
-    torque = robot.joint_torque(targets, plant[..., robot.JOINT_POSITION], velocity)
+    position = plant[..., robot.JOINT_POSITION]
+    torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
     return np.abs(torque * velocity).sum(axis=-1)

@@ -14,7 +14,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.task.observation import machine_state_entries, unit_of
+from glassgait.models.task.observation import entry_of, indices_of
 from glassgait.studies.tables import escape_markdown
 
 DIGITS = 3
@@ -30,22 +30,8 @@ GLUE = "\N{NO-BREAK SPACE}"
 
 MINUS = "\N{MINUS SIGN}"
 
-_LATEX = {
-    "Command X": "v_x^{*}",
-    "Command Yaw": r"\omega_z^{*}",
-    "RM Iters": "n",
-    "Command RM Iters": "n^{*}",
-    "Late": r"\ell",
-}
-
-_LATEX_PREFIXES = {
-    "DoF Pos": r"q_{\mathrm{%s}}",
-    "DoF Vel": r"\dot q_{\mathrm{%s}}",
-    "Prev Action": r"a^{-}_{\mathrm{%s}}",
-    "RM State": "s_{%s}",
-    "Base Lin Vel": r"\hat v_{%s}",
-    "Foot Height": r"\hat h_{\mathrm{%s}}",
-    "Lifted": r"u_{\mathrm{%s}}",
+_GATE_SYMBOLS = {"Late": r"\ell"} | {
+    f"Lifted {leg}": rf"u_{{\mathrm{{{leg}}}}}" for leg in robot.LEGS
 }
 
 
@@ -81,11 +67,7 @@ def latex_formula(formula: Expression, names: tuple[str, ...], state: int | None
 
 def latex_symbol(name: str) -> str:
     """Returns the symbol that an observation or a gate has in LaTeX."""
-    if name in _LATEX:
-        return _LATEX[name]
-    prefix = next(prefix for prefix in _LATEX_PREFIXES if name.startswith(prefix))
-    rest = name.removeprefix(prefix).strip()
-    return _LATEX_PREFIXES[prefix] % (rest.lower() if prefix == "Base Lin Vel" else rest)
+    return _GATE_SYMBOLS.get(name) or entry_of(name).latex
 
 
 def write_formulas(policy: FormulaPolicy, stem: Path) -> None:
@@ -114,7 +96,9 @@ def _markdown(policy: FormulaPolicy) -> str:
         for joint, formula in zip(robot.JOINTS, formulas, strict=True):
             lines += ["```text", *_wrapped(joint, formula, names, state), "```", ""]
     lines += ["## Observations", "", "| name | in LaTeX | unit |", "|---|---|---|"]
-    lines += [f"| {name} | ${latex_symbol(name)}$ | {unit_of(name)} |" for name in names]
+    lines += [
+        f"| {name} | ${latex_symbol(name)}$ | {entry_of(name).scaled_unit} |" for name in names
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -226,7 +210,7 @@ def _named(formula: Expression, names: tuple[str, ...], state: int | None) -> sy
     """Names the gates of a formula, and puts in what is known in a state of the machine."""
     known = {}
     if state is not None:
-        one_hot = names[machine_state_entries(names)]
+        one_hot = [names[index] for index in indices_of("machine state", names)]
         known = {sympy.Symbol(name): sympy.Integer(i == state) for i, name in enumerate(one_hot)}
     return _rounded(formula, names).xreplace(_gate_symbols(names)).xreplace(known)
 

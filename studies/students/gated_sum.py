@@ -13,7 +13,7 @@ from sklearn.linear_model import orthogonal_mp_gram
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.expression import Expression, constant, scaled, variable
-from glassgait.models.policies.symbolic import Tape
+from glassgait.models.policies.tape import Tape
 
 SPREAD = 1e-12
 """A term of a smaller standard deviation says nothing."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from glassgait.models.policies.open_loop import OpenLoopPolicy
-from glassgait.models.task.observation import ITERATIONS_SCALE, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 from glassgait.studies.students.student import Student, StudentSettings, TrainingSet
 
 ITERATIONS = 16
@@ -20,7 +20,8 @@ def _fit_open_loop(
     )
     one_hot = observations[:, machine_state_entries(names)]
     state, n_states = np.argmax(one_hot, axis=1), one_hot.shape[1]
-    counted = np.rint(observations[:, names.index("RM Iters")] / ITERATIONS_SCALE).astype(int)
+    (iterations,) = indices_of("iterations", names)
+    counted = np.rint(observations[:, iterations] / ITERATIONS_SCALE).astype(int)
     iteration = np.minimum(counted, ITERATIONS - 1)
     table = np.tile(actions.mean(axis=0), (n_states, ITERATIONS, 1))
     for s in range(n_states):

@@ -9,13 +9,9 @@ from pyoperon.sklearn import SymbolicRegressor
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import (
-    Expression,
-    parse_expression,
-    scaled,
-    variable_names,
-)
-from glassgait.models.policies.symbolic import Tape
+from glassgait.models.policies.expression import Expression, scaled
+from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.policies.tape import Tape
 from glassgait.studies.parallel import run_parallel
 from glassgait.studies.students.gated_sum import fit_gated_sums
 from glassgait.studies.students.symbolic_settings import SymbolicSettings

@@ -80,7 +80,10 @@ def check_sound(gait: Gait) -> None:
     state = machine.initial((len(STANCES),))
     for _ in range(gait.dwell[1] + 1):
         step = machine.step(
-            state, STANCES, np.full((len(STANCES), robot.N_LEGS), 2.0), gait.dwell[0]
+            state,
+            foot_contact=STANCES,
+            foot_height=np.full((len(STANCES), robot.N_LEGS), 2.0),
+            commanded_dwell=gait.dwell[0],
         )
         state = step.machine
         assert np.all((state.state >= 0) & (state.state < gait.n_states))

@@ -68,6 +68,6 @@ def test_gravity_points_down_in_a_level_trunk():
 
 def test_standing_robot_touches_with_its_lowest_foot(generator):
     joints = robot.DEFAULT_STANCE * generator.uniform(0.8, 1.2, size=(20, 12))
-    state = kinematics.standing_state(joints, heading=0.3)
+    state = kinematics.standing_state(joints)
     np.testing.assert_allclose(kinematics.foot_heights(state).min(axis=1), 0.0, atol=TOLERANCE)
     np.testing.assert_allclose(np.linalg.norm(state[:, :4], axis=1), 1.0)

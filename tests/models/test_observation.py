@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
 from glassgait.models.task.observation import (
     ObservationLayout,
     body_state,
+    entries_of,
+    entry_of,
+    indices_of,
     machine_state_entries,
     proprioception,
 )
@@ -53,10 +57,17 @@ def test_every_entry_stands_under_its_name():
 
 def test_noise_is_in_radians_before_the_scales():
     noise = np.concatenate([np.full(12, 0.01), np.full(12, 1.5)])
-    still = (np.zeros(2), np.zeros(12), np.zeros(12), np.zeros(12), np.zeros(2))
-    counts = (np.array(0.0), np.array(8.0))
-    quiet = proprioception(*still, *counts)
-    noisy = proprioception(*still, *counts, joint_noise=noise)
+    still = {
+        "command": np.zeros(2),
+        "joint_position": np.zeros(12),
+        "joint_velocity": np.zeros(12),
+        "previous_action": np.zeros(12),
+        "rm_state": np.zeros(2),
+        "rm_iterations": np.array(0.0),
+        "commanded_dwell": np.array(8.0),
+    }
+    quiet = proprioception(**still)
+    noisy = proprioception(**still, joint_noise=noise)
     np.testing.assert_allclose((noisy - quiet)[2:14], 0.01)
     np.testing.assert_allclose((noisy - quiet)[14:26], 0.075)
 
@@ -66,3 +77,123 @@ def test_body_state_is_scaled_velocity_and_foot_heights(standing):
     state[robot.LINEAR_VELOCITY] = [0.5, 0.0, -0.1]
     np.testing.assert_allclose(body_state(state)[:3], [1.0, 0.0, -0.2])
     np.testing.assert_allclose(body_state(state)[3:].min(), 0.0, atol=1e-12)
+
+
+def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
+    generator = np.random.default_rng(0)
+    layout = ObservationLayout(3)
+    action, command = generator.normal(size=12), np.array([0.5, -0.25])
+    state = standing.copy()
+    state[robot.JOINT_POSITION] += 0.1 * generator.normal(size=12)
+    state[robot.JOINT_VELOCITY] = generator.normal(size=12)
+    state[robot.LINEAR_VELOCITY] = [0.5, 0.2, -0.1]
+    observation = np.concatenate(
+        [
+            proprioception(
+                command=command,
+                joint_position=state[robot.JOINT_POSITION],
+                joint_velocity=state[robot.JOINT_VELOCITY],
+                previous_action=action,
+                rm_state=np.array([0.0, 1.0, 0.0]),
+                rm_iterations=np.array(7),
+                commanded_dwell=np.array(9),
+            ),
+            body_state(state),
+        ]
+    )
+    quantities = {
+        "commanded velocity": command,
+        "joint position": state[robot.JOINT_POSITION] - robot.DEFAULT_STANCE,
+        "joint velocity": state[robot.JOINT_VELOCITY],
+        "previous action": robot.joint_targets(action) - robot.DEFAULT_STANCE,
+        "machine state": [0.0, 1.0, 0.0],
+        "iterations": [7],
+        "commanded iterations": [9],
+        "base velocity": kinematics.base_velocity(state)[0],
+        "foot height": kinematics.foot_heights(state),
+    }
+    scales = np.array([entry.scale for entry in layout.entries])
+    for group, expected in quantities.items():
+        columns = list(indices_of(group, layout.names))
+        np.testing.assert_allclose((observation / scales)[columns], expected, atol=1e-12)
+    assert sum(len(indices_of(group, layout.names)) for group in quantities) == layout.size
+
+
+@pytest.mark.parametrize(
+    ("name", "group", "leg", "symbol", "latex", "scaled_unit"),
+    [
+        ("Command X", "commanded velocity", None, "cmd.v", "v_x^{*}", "m/s"),
+        ("Command Yaw", "commanded velocity", None, "cmd.yaw", r"\omega_z^{*}", "rad/s"),
+        (
+            "DoF Pos FR Thigh",
+            "joint position",
+            "FR",
+            "q.FR_thigh",
+            r"q_{\mathrm{FR Thigh}}",
+            "rad from the default stance",
+        ),
+        (
+            "DoF Vel RR Calf",
+            "joint velocity",
+            "RR",
+            "dq.RR_calf",
+            r"\dot q_{\mathrm{RR Calf}}",
+            "0.05 · rad/s",
+        ),
+        (
+            "Prev Action FL Hip",
+            "previous action",
+            "FL",
+            "a.FL_hip",
+            r"a^{-}_{\mathrm{FL Hip}}",
+            "0.25 rad of joint target",
+        ),
+        ("RM State 1", "machine state", None, "s.1", "s_{1}", "0 or 1"),
+        ("RM Iters", "iterations", None, "t", "n", "0.1 · control steps"),
+        ("Command RM Iters", "commanded iterations", None, "cmd.t", "n^{*}", "0.1 · control steps"),
+        ("Base Lin Vel Z", "base velocity", None, "v.z", r"\hat v_{z}", "2 · m/s"),
+        ("Foot Height RL", "foot height", "RL", "h.RL", r"\hat h_{\mathrm{RL}}", "m"),
+    ],
+)
+def test_entries_tell_what_a_number_is(name, group, leg, symbol, latex, scaled_unit):
+    entry = entry_of(name)
+    assert (entry.name, entry.group, entry.leg) == (name, group, leg)
+    assert (entry.symbol, entry.latex, entry.scaled_unit) == (symbol, latex, scaled_unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "merged"),
+    [
+        ("Prev Action FL Hip", "Prev Action Hip"),
+        ("DoF Vel RR Calf", "DoF Vel Calf"),
+        ("Foot Height RL", "Foot Height"),
+        ("RM State 1", "RM State"),
+        ("RM Iters", "RM Iters"),
+        ("Base Lin Vel Z", "Base Lin Vel Z"),
+    ],
+)
+def test_names_are_merged_over_legs_and_states(name, merged):
+    assert entry_of(name).merged_name == merged
+
+
+def test_symbols_tell_entries_apart():
+    entries = ObservationLayout(4).entries
+    assert len({entry.symbol for entry in entries}) == len({entry.latex for entry in entries}) == 51
+
+
+def test_stored_names_give_the_entries_of_their_layout():
+    layout = ObservationLayout(5)
+    assert entries_of(list(layout.names)) == layout.entries
+    assert entries_of(layout.names[3:1:-1]) == (layout.entries[3], layout.entries[2])
+    assert indices_of("iterations", layout.names) == (layout.names.index("RM Iters"),)
+
+
+@pytest.mark.parametrize("name", ["DoF Pos", "DoF Pos FL Knee", "RM State", "RM State 32", "Speed"])
+def test_names_of_no_entry_are_refused(name):
+    with pytest.raises(InputError, match=f"no observation is called '{name}'; make the policy"):
+        entries_of(("Command X", name))
+
+
+def test_observations_without_the_machine_have_no_state_to_find():
+    with pytest.raises(InputError, match="no observation tells the machine's state"):
+        machine_state_entries(("Command X", "RM Iters"))

@@ -11,13 +11,14 @@ from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy, single_precision_cuts
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_policy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy, elu
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.policies.precision import single_precision_cuts
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
@@ -415,6 +416,7 @@ def test_names_that_no_policy_can_have_are_refused():
         ("trot", (5, *NAMES[1:]), "observation is of type int"),
         ("trot", (NAMES[1], *NAMES[1:]), "observes 'Command Yaw' twice"),
         ("trot", ("RM State 2", *NAMES[1:]), "in a row"),
+        ("trot", ("Clock", *NAMES[1:]), "no observation is called 'Clock'; make the policy anew"),
     ):
         with pytest.raises(InputError, match=told):
             LinearPolicy(gait, names, weights, intercepts)

@@ -15,7 +15,8 @@ from safetensors.numpy import save
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression import MAX_TERMS, parse_expression, variable_names
+from glassgait.models.policies.expression import MAX_TERMS
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import POLICY_CLASSES, load_policy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy

@@ -10,13 +10,13 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from glassgait.models.a1 import robot
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import (
-    BoostedTreesPolicy,
-    _lower_neighbours,
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.library import load_policy
+from glassgait.models.policies.precision import (
+    lower_neighbours,
+    narrowest,
     single_precision_cuts,
 )
-from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.precision import narrowest
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -113,7 +113,7 @@ def test_compact_exact_trees_take_every_branch_as_before():
 @given(arrays(np.float64, 3, elements=st.one_of(st.floats(-1e30, 1e30), st.just(np.inf))))
 def test_thresholds_of_exact_trees_are_told_by_single_precision(thresholds):
     cuts = single_precision_cuts(thresholds)
-    lower = _lower_neighbours(cuts)
+    lower = lower_neighbours(cuts)
     assert lower is not None
     np.testing.assert_array_equal(single_precision_cuts(lower), cuts)
 

@@ -21,7 +21,13 @@ def heights(contact, lifted=LIFTED):
 def run(machine, contacts, dwell, difficulty=1.0, lifted=LIFTED):
     state, steps = machine.initial(), []
     for contact in contacts:
-        step = machine.step(state, contact, heights(contact, lifted), dwell, difficulty)
+        step = machine.step(
+            state,
+            foot_contact=contact,
+            foot_height=heights(contact, lifted),
+            commanded_dwell=dwell,
+            difficulty=difficulty,
+        )
         steps.append(step)
         state = step.machine
     return steps
@@ -60,7 +66,10 @@ def test_single_foot_stages_of_three_one_need_half_the_dwell():
     machine = RewardMachine(load_gait("three_one"))
     one_foot = np.array([True, False, False, False])
     step = machine.step(
-        MachineState(np.int64(1), np.int64(4), np.int64(30)), one_foot, heights(one_foot), 10
+        MachineState(state=np.int64(1), iterations=np.int64(4), age=np.int64(30)),
+        foot_contact=one_foot,
+        foot_height=heights(one_foot),
+        commanded_dwell=10,
     )
     assert step.fired
     assert step.served_dwell == 5
@@ -105,7 +114,9 @@ def test_every_run_obeys_the_machine(history):
     }
     state = machine.initial()
     for age, (contact, lift) in enumerate(zip(contacts, lifts, strict=True)):
-        step = machine.step(state, contact, heights(contact, lift), dwell)
+        step = machine.step(
+            state, foot_contact=contact, foot_height=heights(contact, lift), commanded_dwell=dwell
+        )
         after = step.machine
         assert after.age == age + 1
         if step.fired:
@@ -134,10 +145,17 @@ def test_a_batch_is_its_robots_one_by_one(name, seed):
     batch = machine.initial((n,))
     single = [machine.initial() for _ in range(n)]
     for t in range(n_steps):
-        step = machine.step(batch, contact[t], height[t], dwell)
+        step = machine.step(
+            batch, foot_contact=contact[t], foot_height=height[t], commanded_dwell=dwell
+        )
         batch = step.machine
         for i in range(n):
-            own = machine.step(single[i], contact[t, i], height[t, i], dwell[i])
+            own = machine.step(
+                single[i],
+                foot_contact=contact[t, i],
+                foot_height=height[t, i],
+                commanded_dwell=dwell[i],
+            )
             single[i] = own.machine
             assert tuple(int(x) for x in own.machine) == tuple(int(x[i]) for x in batch)
             assert own.multiplier == step.multiplier[i]

@@ -28,8 +28,10 @@ def test_zero_action_asks_for_the_stance():
 
 def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
-    np.testing.assert_allclose(robot.joint_torque(zero + 0.1, zero, zero + 2.0), 1.0)
-    np.testing.assert_allclose(robot.joint_torque(zero + 5.0, zero, zero), robot.EFFORT_LIMIT)
+    torque = robot.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
+    np.testing.assert_allclose(torque, 1.0)
+    torque = robot.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
+    np.testing.assert_allclose(torque, robot.EFFORT_LIMIT)
 
 
 def test_joints_are_found_by_name_and_by_index():

@@ -12,10 +12,8 @@ STILL = np.zeros(12)
 
 
 def shown(state, action=STILL, previous=STILL):
-    return {
-        name for name, flag in zip(FAILURES, failures(state, action, previous, LIMITS), strict=True)
-        if flag
-    }  # fmt: skip
+    flags = failures(state, action=action, previous_action=previous, limits=LIMITS)
+    return {name for name, flag in zip(FAILURES, flags, strict=True) if flag}
 
 
 def test_a_standing_robot_shows_none(standing):

@@ -16,11 +16,12 @@ from sklearn.metrics import r2_score
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import Expression, parse_expression, variable_names
-from glassgait.models.policies.gates import foot_gates, lateness_gate
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.policies.gates import named_gates
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.symbolic import Tape
+from glassgait.models.policies.tape import Tape
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.distillation.collection import collect
@@ -493,7 +494,7 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
 
 def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
     names = ObservationLayout(trot.n_states).names
-    gate = lateness_gate(names)
+    gate = named_gates(names)["Late"]
     iterations = np.zeros((4, len(names)))
     iterations[:, names.index("RM Iters")] = (0.0, 0.4, 0.8, 50.0)
     value = Tape([gate], len(names))(iterations)[:, 0]
@@ -511,7 +512,8 @@ def test_feet_are_on_the_ground_or_in_the_air(trot):
     names = ObservationLayout(trot.n_states).names
     heights = np.zeros((3, len(names)))
     heights[:, names.index("Foot Height RL")] = (0.0, 0.02, 0.08)
-    gates = Tape(foot_gates(names), len(names))(heights)
+    _, *feet = named_gates(names).values()
+    gates = Tape(feet, len(names))(heights)
     assert gates.shape == (3, 4)
     assert gates[:, 2] == pytest.approx([-0.964, 0.0, 1.0], abs=1e-3)
     assert gates[:, 0] == pytest.approx([-0.964] * 3, abs=1e-3)

@@ -14,7 +14,7 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy

@@ -10,11 +10,12 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, Tape
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
+from glassgait.models.policies.tape import Tape
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main

@@ -13,7 +13,7 @@ from sklearn.ensemble import GradientBoostingRegressor
 from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
@@ -26,11 +26,7 @@ from glassgait.studies.distillation.study import distill
 from glassgait.studies.importance.faithfulness import AblatedPolicy, losses, rank_correlations
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.methods import own_importance, permutation_importance
-from glassgait.studies.importance.observations import (
-    merge_importances,
-    merged_name,
-    observation_groups,
-)
+from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.study import draw_student
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
@@ -50,21 +46,6 @@ def samples_of(policy, generator, count=500):
     observations = generator.normal(size=(count, N))
     observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
     return Dataset(observations, policy(observations), np.ones(count, dtype=np.int64))
-
-
-@pytest.mark.parametrize(
-    ("name", "merged"),
-    [
-        ("Prev Action FL Hip", "Prev Action Hip"),
-        ("DoF Vel RR Calf", "DoF Vel Calf"),
-        ("Foot Height RL", "Foot Height"),
-        ("RM State 1", "RM State"),
-        ("RM Iters", "RM Iters"),
-        ("Base Lin Vel Z", "Base Lin Vel Z"),
-    ],
-)
-def test_names_are_merged_over_legs(name, merged):
-    assert merged_name(name) == merged
 
 
 def test_groups_hold_every_observation_once():

@@ -71,7 +71,8 @@ def test_the_scene_moves_so_that_the_robot_stays_in_the_middle(trot, meshcat, in
 
 def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_inputs):
     system = GaitDisplay(trot, meshcat)
-    turned = kinematics.standing_state(robot.DEFAULT_STANCE, heading=np.pi / 2)
+    turned = kinematics.standing_state(robot.DEFAULT_STANCE)
+    turned[robot.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
     show(system, fix_inputs(system, **{**inputs, "state": turned}))
     x, y, _ = kinematics.foot_positions(robot.DEFAULT_STANCE)[robot.LEGS.index("RL")]
     place = meshcat.places["gait/contact/RL"]

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import ObservationLayout

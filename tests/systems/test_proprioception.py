@@ -41,13 +41,13 @@ def test_without_noise_it_is_the_models_function(standing, fix_inputs):
     system = Proprioception(LAYOUT)
     context = fix_inputs(system, **inputs(standing))
     expected = proprioception(
-        np.array([0.5, -0.2]),
-        standing[robot.JOINT_POSITION],
-        standing[robot.JOINT_VELOCITY],
-        np.arange(12.0),
-        np.eye(4)[2],
-        np.array(3.0),
-        np.array(9.0),
+        command=np.array([0.5, -0.2]),
+        joint_position=standing[robot.JOINT_POSITION],
+        joint_velocity=standing[robot.JOINT_VELOCITY],
+        previous_action=np.arange(12.0),
+        rm_state=np.eye(4)[2],
+        rm_iterations=np.array(3.0),
+        commanded_dwell=np.array(9.0),
     )
     np.testing.assert_array_equal(system.get_proprioception_output_port().Eval(context), expected)
 

@@ -50,13 +50,13 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     fix_inputs(system, context, **inputs(moved, reward_multiplier=1000.0))
     expected = step_reward(
         moved,
-        np.arange(12.0),
-        np.zeros(12),
-        np.zeros(12),
-        np.array([0.3, 0.1]),
-        np.ones(4, dtype=bool),
-        np.array([0, 0, 0, 0.02]),
-        RewardWeights().as_array(),
+        previous_joint_velocity=np.arange(12.0),
+        action=np.zeros(12),
+        previous_action=np.zeros(12),
+        command=np.array([0.3, 0.1]),
+        foot_contact=np.ones(4, dtype=bool),
+        air_time=np.array([0, 0, 0, 0.02]),
+        weights=RewardWeights().as_array(),
     )
     np.testing.assert_array_equal(
         system.get_reward_terms_output_port().Eval(context), expected.terms

@@ -10,7 +10,7 @@ from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import parse_expression, variable_names
+from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import (
     load_expert,
     load_student,

@@ -1,0 +1,34 @@
+"""Arrays of one shape cannot be swapped by their place in a call."""
+
+import inspect
+
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.task.observation import proprioception
+from glassgait.models.task.reward import step_reward
+from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.termination import failures
+
+
+@pytest.mark.parametrize(
+    ("function", "swappable"),
+    [
+        (robot.joint_torque, ("target", "position", "velocity")),
+        (proprioception, ("joint_position", "joint_velocity", "previous_action")),
+        (proprioception, ("rm_iterations", "commanded_dwell")),
+        (step_reward, ("previous_joint_velocity", "action", "previous_action")),
+        (step_reward, ("foot_contact", "air_time")),
+        (failures, ("action", "previous_action")),
+        (RewardMachine.step, ("foot_contact", "foot_height")),
+        (BoostedTreesPolicy, ("features", "thresholds")),
+        (AdditivePolicy, ("tables", "deviations")),
+        (AdditivePolicy, ("pair_tables", "pair_deviations")),
+        (AdditivePolicy, ("cuts", "pair_cuts")),
+    ],
+)
+def test_arrays_of_one_shape_go_by_name(function, swappable):
+    parameters = inspect.signature(function).parameters
+    assert {parameters[name].kind for name in swappable} == {inspect.Parameter.KEYWORD_ONLY}
