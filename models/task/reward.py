@@ -29,7 +29,19 @@ _HALF_RANGE = 0.5 * (robot.UPPER_LIMITS - robot.LOWER_LIMITS)
 
 @dataclass(frozen=True)
 class RewardWeights(Settings):
-    """Weights of the terms, each per control step before the factor of 0.02 s."""
+    """Weights of the terms, each per control step before the factor of 0.02 s.
+
+    Attributes:
+        forward_tracking: Weight of going at the commanded forward speed, a Gaussian of the error.
+        yaw_tracking: Weight of turning at the commanded yaw rate, a Gaussian of the error.
+        vertical_velocity: Weight of the trunk's squared vertical velocity (s²/m²).
+        roll_pitch_rate: Weight of the squared roll and pitch rates (s²/rad²).
+        torque: Weight of the squared joint torques (1/(N·m)²).
+        joint_acceleration: Weight of the squared joint accelerations (s⁴/rad²).
+        action_change: Weight of the squared change of the action.
+        joint_limits: Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
+        air_time: Weight of the time in the air of the feet that land, above its target (1/s).
+    """
 
     title: ClassVar[str] = "reward weights"
 

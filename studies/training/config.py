@@ -19,6 +19,7 @@ from glassgait.models.settings import (
     Share,
 )
 from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
 Fraction = Annotated[NotNegative, Le(1.0)]
@@ -130,6 +131,7 @@ class TrainingConfig(Settings):
         checkpoint_updates: Updates between two checkpoints.
         station: Physics of the groups that are neither loaded nor fine.
         randomization: What differs between robots and episodes.
+        weights: Weights of the reward.
         limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
         ppo: Settings of PPO.
@@ -149,6 +151,7 @@ class TrainingConfig(Settings):
     checkpoint_updates: Count = 50
     station: StationConfig = field(default_factory=StationConfig)
     randomization: Randomization = field(default_factory=Randomization)
+    weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)

@@ -1,0 +1,227 @@
+"use strict";
+const data = JSON.parse(document.getElementById("data").textContent);
+const at = id => document.getElementById(id);
+const last = data.state.length - 1;
+const view = { step: data.step, joint: data.joint, timer: null };
+
+const shownJoint = joint => data.joints[joint].replace("_", " ");
+
+// A link such as #joint=FL_calf&step=40 opens the page there.
+function follow() {
+  const link = new URLSearchParams(location.hash.slice(1));
+  const among = (value, size) => Number.isInteger(value) && value >= 0 && value < size;
+  const named = link.get("joint") || "", step = Number(link.get("step") || NaN);
+  const joint = data.joints.indexOf(named.replace(" ", "_"));
+  if (joint >= 0) view.joint = joint;
+  else if (/^\d+$/.test(named) && among(Number(named), data.joints.length)) view.joint = Number(named);
+  if (among(step, data.state.length)) view.step = step;
+}
+follow();
+// Browsers refuse to rewrite the address many times a second.
+let writing = null;
+function write() {
+  clearTimeout(writing);
+  writing = setTimeout(() => history.replaceState(
+    null, "", `#joint=${data.joints[view.joint]}&step=${view.step}`), 250);
+}
+
+const minus = text => text.replace("-", "−");
+const signed = x => (x < 0 ? "−" : "+") + Math.abs(x).toFixed(3);
+const short = x => minus(String(Number(x.toPrecision(4))));
+
+const nameOf = term => term.of.map(k => data.quantities[k]).join(" · ") || "intercept";
+const weightOf = term => term.weights[term.weights.length > 1 ? data.state[view.step] : 0];
+// What a reader multiplies to check a term: its weight and the values at this step.
+function productOf(term) {
+  const values = term.of.map(k => short(data.values[view.step][k]));
+  if (!term.weights.length) return "at " + values.join(", ");
+  return [short(weightOf(term)), ...values].join(" × ");
+}
+
+function head(table, ...titles) {
+  table.replaceChildren();
+  const line = table.createTHead().insertRow();
+  for (const [title, kind] of titles) {
+    const cell = document.createElement("th");
+    cell.textContent = title; cell.className = kind || "";
+    line.append(cell);
+  }
+  return table.createTBody();
+}
+
+function row(table, texts, low, high, scale, color, kind = "") {
+  const line = table.insertRow();
+  line.className = kind;
+  texts.forEach((text, k) => {
+    const cell = line.insertCell();
+    cell.className = k === 0 ? "term" : k === texts.length - 1 ? "number" : "product";
+    cell.textContent = text;
+  });
+  const track = line.insertCell();
+  track.className = "track";
+  const bar = document.createElement("i");
+  const [left, right] = scale;
+  const place = x => 100 * (x - left) / (right - left);
+  track.style.setProperty("--zero", place(0) + "%");
+  bar.style.left = place(Math.min(low, high)) + "%";
+  bar.style.width = Math.abs(place(high) - place(low)) + "%";
+  bar.style.background = color;
+  track.append(bar);
+}
+
+function showLocal() {
+  const own = data.explained[view.joint], step = view.step;
+  const values = own.value[step], others = own.others[step];
+  at("local-title").textContent = `${shownJoint(view.joint)} at step ${step}: `
+    + `action ${signed(own.action[step])}`;
+  const table = head(at("local"), ["term"], ["weight × values"], ["adds", "number"], [""]);
+  at("which").textContent = others > 0 ? `The ${values.length} largest terms`
+    : values.length === 1 ? "The only term" : `All ${values.length} terms`;
+  // Bars follow one another, so that the last one ends at the action.
+  const entries = values.map((value, k) => {
+    const term = own.terms[own.index[step][k]];
+    return [nameOf(term), productOf(term), value];
+  });
+  if (others > 0) entries.push([others === 1 ? "1 other term" : `${others} other terms`, "", own.rest[step]]);
+  let end = 0, low = Math.min(0, own.action[step]), high = Math.max(0, own.action[step]);
+  for (const [, , value] of entries) {
+    end += value; low = Math.min(low, end); high = Math.max(high, end);
+  }
+  const scale = high > low ? [low, high] : [-1, 1];
+  end = 0;
+  for (const [term, product, value] of entries) {
+    row(table, [term, product, signed(value)], end, end + value, scale,
+        value < 0 ? "var(--down)" : "var(--up)");
+    end += value;
+  }
+  row(table, ["sum = action", "", signed(end)], 0, end, scale, "#555", "sum");
+  at("error").textContent = own.error.toExponential(0);
+}
+
+function showValues() {
+  at("observations").firstElementChild.textContent =
+    `All ${data.units.length} observations at step ${view.step}`;
+  if (!at("observations").open) return;
+  const table = head(at("values"), ["observation"], ["value", "number"], ["unit"]);
+  data.quantities.forEach((name, k) => {
+    const line = table.insertRow();
+    line.insertCell().textContent = name;
+    const value = line.insertCell();
+    value.className = "number"; value.textContent = short(data.values[view.step][k]);
+    line.insertCell().textContent = data.units[k] || "function of the observations";
+  });
+}
+
+function showGlobal() {
+  const own = data.explained[view.joint];
+  at("global-title").textContent = `${shownJoint(view.joint)}: what moves it over the rollout`;
+  const table = head(at("global"), ["term"], ["swing", "number"], [""]);
+  const most = Math.max(...own.importance, 1e-9);
+  own.ranked.forEach((index, k) => {
+    const term = own.terms[index];
+    const weight = term.weights.length === 1 ? short(term.weights[0]) : "";
+    const name = weight && !term.of.length ? weight
+      : [weight, nameOf(term)].filter(Boolean).join(" · ");
+    const state = term.state === null ? "" : `${data.states[term.state]}: `;
+    row(table, [state + name, own.importance[k].toFixed(3)], 0, own.importance[k], [0, most],
+        "#777");
+  });
+}
+
+const svg = (name, attributes) => {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const key in attributes) node.setAttribute(key, attributes[key]);
+  at("gait").append(node);
+  return node;
+};
+const left = 26, width = 610, rowHeight = 22;
+const xOf = step => left + width * step / last;
+function runs(values) {
+  const found = [];
+  let start = 0;
+  for (let i = 1; i <= values.length; i++)
+    if (i === values.length || values[i] !== values[start]) { found.push([start, i]); start = i; }
+  return found;
+}
+function drawGait() {
+  for (const [start, stop] of runs(data.state))
+    svg("rect", { x: xOf(start), width: xOf(Math.min(stop, last)) - xOf(start), y: 4, height: 92,
+                  fill: data.colors[data.state[start]], opacity: .25 });
+  data.legs.forEach((leg, k) => {
+    const feet = data.contact.map(contact => contact[k]);
+    for (const [start, stop] of runs(feet)) if (feet[start])
+      svg("rect", { x: xOf(start), width: xOf(Math.min(stop, last)) - xOf(start),
+                    y: 8 + k * rowHeight, height: rowHeight - 8, fill: "#2b2f33" });
+    svg("text", { x: 0, y: 19 + k * rowHeight }).textContent = leg;
+  });
+  for (let second = 0; second <= last * data.period; second++)
+    svg("text", { x: xOf(second / data.period) - 6, y: 112 }).textContent = second + " s";
+  return svg("line", { y1: 0, y2: 98, stroke: "#c00", "stroke-width": 1.5 });
+}
+const cursor = drawGait();
+
+const frame = at("replay");
+frame.srcdoc = JSON.parse(at("replay-page").textContent);
+function seek() {
+  const viewer = frame.contentWindow && frame.contentWindow.viewer;
+  if (!viewer || !viewer.animator) return;
+  viewer.animator.pause();
+  viewer.animator.seek(view.step * data.period);
+}
+// Meshcat starts its animation by itself once it has loaded.
+frame.addEventListener("load", () => {
+  seek(); setTimeout(seek, 400); setTimeout(seek, 1500);
+  // Whoever drags the replay has the focus in there.
+  frame.contentWindow.addEventListener("keydown", press);
+});
+
+function show() {
+  at("time").value = view.step;
+  const state = data.state[view.step];
+  const chip = document.createElement("span");
+  chip.className = "chip";
+  chip.style.background = data.colors[state];
+  chip.textContent = data.states[state];
+  at("moment").replaceChildren(
+    `${(view.step * data.period).toFixed(2)} s · RM state `, chip,
+    `, iteration ${data.iterations[view.step]}`);
+  cursor.setAttribute("x1", xOf(view.step));
+  cursor.setAttribute("x2", xOf(view.step));
+  showLocal();
+  showValues();
+  seek();
+}
+function go(step) { view.step = Math.max(0, Math.min(last, step)); show(); write(); }
+function play() {
+  if (view.timer) { clearInterval(view.timer); view.timer = null; }
+  else view.timer = setInterval(() => go(view.step < last ? view.step + 1 : 0), 1000 * data.period * 2);
+  at("play").textContent = view.timer ? "pause" : "play";
+}
+
+at("time").max = last;
+at("time").addEventListener("input", event => go(Number(event.target.value)));
+at("play").addEventListener("click", play);
+at("gait").addEventListener("click", event => {
+  const box = at("gait").getBoundingClientRect();
+  go(Math.round(((event.clientX - box.left) * 640 / box.width - left) / width * last));
+});
+data.joints.forEach((name, k) => at("joint").add(new Option(shownJoint(k), k)));
+function showAll() { at("joint").value = view.joint; show(); showGlobal(); }
+at("joint").addEventListener("change", event => {
+  view.joint = Number(event.target.value); showAll(); write();
+});
+at("observations").addEventListener("toggle", showValues);
+window.addEventListener("hashchange", () => { follow(); showAll(); });
+document.addEventListener("keydown", press);
+function press(event) {
+  if (event.target.tagName === "SELECT" || event.target.type === "text") return;
+  const by = event.shiftKey ? 10 : 1;
+  if (event.key === "ArrowRight") go(view.step + by);
+  else if (event.key === "ArrowLeft") go(view.step - by);
+  else if (event.key === "Home") go(0);
+  else if (event.key === "End") go(last);
+  else if (event.key === " " && !["BUTTON", "SUMMARY"].includes(event.target.tagName)) play();
+  else return;
+  event.preventDefault();
+}
+showAll();
