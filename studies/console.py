@@ -9,6 +9,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -30,7 +31,7 @@ def say(line: str) -> None:
 
 
 @contextmanager
-def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, int]]:
+def progress_bar(total: int, done: int = 0) -> Iterator[tuple[Progress, TaskID]]:
     """Shows a bar with the time left; its task's `text` field is the study's own line."""
     columns = (
         BarColumn(bar_width=30),

@@ -17,7 +17,7 @@ from glassgait.models.task.observation import entry_of
 COLUMN_WIDTH = 3.5
 """Width of a column of the paper (inches)."""
 
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,

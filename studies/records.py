@@ -7,7 +7,9 @@ from typing import Any
 
 def to_plain(config: Any) -> Any:
     """Turns a configuration into values that YAML and JSON can hold."""
-    return _plain(asdict(config) if is_dataclass(config) else config)
+    return _plain(
+        asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+    )
 
 
 def _plain(value: Any) -> Any:

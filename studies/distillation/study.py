@@ -162,9 +162,10 @@ class _Distillation:
 
         # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
         index = np.arange(len(dataset.episodes))
-        train, test = train_test_split(
+        shares = train_test_split(
             index, test_size=SHUFFLED_TEST_SHARE, random_state=self.config.seed
         )
+        train, test = (np.asarray(share) for share in shares)
         shuffled = self._fit(
             kind, settings.for_shuffled_split(), self._training(dataset).subset(train)
         )

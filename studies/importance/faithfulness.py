@@ -51,7 +51,7 @@ class AblatedPolicy(AlternatingPolicy):
     def act(self, step: int, observation: Array) -> Array:
         """Returns the actions (n, 12) at a control step; steps must come in order from 0."""
         ablated = observation.copy()
-        columns = list(self.columns)
+        columns = np.array(self.columns, dtype=np.int64)
         match self.mode:
             case "mean":
                 ablated[:, columns] = self.means

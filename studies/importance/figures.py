@@ -11,11 +11,15 @@ from matplotlib.ticker import MaxNLocator
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.importance.faithfulness import MODE_TITLES
+from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
 from glassgait.studies.importance.methods import METHOD_TITLES
 from glassgait.studies.students.registry import student_title
 
-_MODE_COLORS = {"mean": "#0072B2", "shuffled": "#E69F00", "delayed": "#999999"}
+_MODE_COLORS: dict[AblationMode, str] = {
+    "mean": "#0072B2",
+    "shuffled": "#E69F00",
+    "delayed": "#999999",
+}
 
 
 @styled

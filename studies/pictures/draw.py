@@ -107,7 +107,10 @@ def _without_unused_ports(dot: str, system: str) -> str:
 def gif(frames: list[np.ndarray]) -> bytes:
     """Encodes frames (height, width, 3) as an endless GIF."""
     palette = Image.fromarray(frames[0]).quantize(96)
-    images = [Image.fromarray(frame).quantize(palette=palette, dither=0) for frame in frames]
+    images = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
     buffer = io.BytesIO()
     images[0].save(
         buffer, "GIF", save_all=True, append_images=images[1:], duration=40, loop=0, optimize=True

@@ -10,6 +10,7 @@ from threading import Event
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams.locomotion import LocomotionConfig, normalize_attitude
 from glassgait.diagrams.replay import save_replay
@@ -84,7 +85,9 @@ def _until(stopped: Callable[[], bool], start: Callable[[int], Simulator]) -> Ro
 def _until_fallen(simulator: Simulator, stopped: Callable[[], bool]) -> Rollout:
     def ended() -> bool:
         # Without this a bound would fall after 50 s, for no reason of its own.
-        normalize_attitude(simulator.get_system(), simulator.get_mutable_context())
+        diagram = simulator.get_system()
+        assert isinstance(diagram, Diagram)
+        normalize_attitude(diagram, simulator.get_mutable_context())
         return stopped()
 
     return record(simulator, None, stopped=ended)

@@ -57,7 +57,7 @@ def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     draw_gait(axes, rollout, gait)
     axes.set_xlim(rollout.time[start], rollout.time[stop])
     for step in steps:
-        axes.axvline(rollout.time[step], color="0.3", linewidth=0.5, linestyle=":")
+        axes.axvline(float(rollout.time[step]), color="0.3", linewidth=0.5, linestyle=":")
     return figure
 
 

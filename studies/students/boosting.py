@@ -84,7 +84,8 @@ def _fit_histogram_gbm_joint(
         max_depth=settings.depth,
         max_leaf_nodes=settings.leaves,
         learning_rate=settings.learning_rate,
-        early_stopping=False,
+        # The stubs know of "auto" alone.
+        early_stopping=False,  # pyright: ignore[reportArgumentType]
         random_state=seed,
     ).fit(observations, target)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import sympy
 from sympy.printing.str import StrPrinter
@@ -224,6 +225,6 @@ def _gate_symbols(names: tuple[str, ...]) -> dict[sympy.Expr, sympy.Symbol]:
 
 
 def _rounded(formula: Expression, names: tuple[str, ...]) -> sympy.Expr:
-    expression = formula.to_sympy(tuple(sympy.Symbol(name) for name in names))
+    expression: Any = formula.to_sympy(tuple(sympy.Symbol(name) for name in names))
     floats = {number: sympy.Float(number, DIGITS) for number in expression.atoms(sympy.Float)}
     return expression.xreplace(floats)

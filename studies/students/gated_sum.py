@@ -88,7 +88,7 @@ def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
 def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
     total = constant(float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
-        terms = [scaled(variable(i), float(row[i])) for i in np.flatnonzero(row)]
+        terms = [scaled(variable(int(i)), float(row[i])) for i in np.flatnonzero(row)]
         if not terms:
             continue
         part = terms[0]

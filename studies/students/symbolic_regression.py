@@ -141,6 +141,6 @@ def _fit_pysr(
             "or use the engine 'operon'"
         ) from error
     names = variable_names(observations.shape[1])
-    model = PySRRegressor(**pysr_arguments(seed, settings))
+    model: Any = PySRRegressor(**pysr_arguments(seed, settings))
     model.fit(observations, target, variable_names=list(names))
     return parse_expression(str(model.get_best()["equation"]), names)
