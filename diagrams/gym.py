@@ -9,11 +9,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, push
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
+from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
@@ -68,9 +71,8 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self.observation_space = observation_space(gait)
         self._randomization = randomization or Randomization()
         self._gait = gait
-        self._config = LocomotionConfig(
+        self._config = Scenario(
             station=station or StationConfig(),
-            command=DrawnCommands(),
             sensor_noise=self._randomization.observation_noise,
         )
         self._steps = 0

@@ -11,6 +11,7 @@ import pandas as pd
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record
 from glassgait.models.policies.additive import AdditivePolicy
@@ -64,7 +65,7 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
         episodes=np.arange(1, 5),
         speeds=np.array(config.speeds),
         n_steps=n_steps,
-        station=config.station,
+        scenario=Scenario(),
         generator=np.random.default_rng(0),
     )
 

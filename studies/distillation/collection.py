@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, refuse_another, save_arrays
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.task import COMMAND_STEPS
-from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import machine_state_entries
-from glassgait.models.task.randomization import NOMINAL
 
 START_STEPS = 5
 """Control steps that an episode's start takes: the robot stands and has hardly acted before."""
@@ -108,7 +108,7 @@ def collect(
     episodes: NDArray[np.int64],
     speeds: Array,
     n_steps: int,
-    station: StationConfig,
+    scenario: Scenario,
     generator: np.random.Generator,
 ) -> Dataset:
     """Rolls out the episodes of one level at once (paper, Algorithm 1, lines 8 to 18).
@@ -124,26 +124,30 @@ def collect(
         episodes: Numbers of the episodes (k,).
         speeds: Their forward speeds (k,; m/s).
         n_steps: Control steps of an episode.
-        station: Physics.
+        scenario: The world, but for its commands.
         generator: Source of randomness.
 
     Raises:
         InputError: if a sample is not finite.
     """
-    task = TaskConfig(gait, NOMINAL, episode_steps=n_steps)
+    task = TaskConfig.of_scenario(gait, scenario, episode_steps=n_steps)
+    policy = AlternatingPolicy(expert, student, period)
+    estimator = None if scenario.true_body_state else policy.estimator
     n = len(episodes)
-    simulator = BatchSimulator(task, BatchPhysics(station), n_robots=n, generator=generator)
+    simulator = BatchSimulator(
+        task, BatchPhysics(scenario.station), n_robots=n, generator=generator
+    )
     observations, labels = [], []
     for step in range(n_steps):
         if step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, n, generator)
         simulator.set_command(
-            Command(np.stack([speeds, turns.velocity[:, 1]], axis=1), turns.dwell.copy())
+            Command(np.stack([speeds, turns.velocity[:, 1]], axis=1), turns.dwell)
         )
-        observation = simulator.observe(expert.estimator)
+        observation = simulator.observe(estimator)
         label = expert(observation)
         _refuse_not_finite(expert, step, observation, label)
-        action = label if expert_acts(step, period) else student(observation)
+        action = label if policy.expert_acts(step) else student(observation)
         observations.append(observation)
         labels.append(label)
         outcome = simulator.step(action)

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Le, Lt, MinLen
 from pydantic import AfterValidator
 
-from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings, Share
 from glassgait.models.task.gait import Gait
@@ -240,7 +239,8 @@ class DistillationConfig(Settings):
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's.
-        station: Physics.
+        scenario: Name of a scenario that ships, or path of a scenario file: the world in which
+            samples are collected, but for its commands.
         gbm: Settings of gradient boosting.
         histogram_gbm: Settings of histogram gradient boosting.
         ebm: Settings of explainable boosting.
@@ -263,7 +263,7 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
-    station: StationConfig = field(default_factory=StationConfig)
+    scenario: str = "training"
     gbm: GbmConfig = field(default_factory=GbmConfig)
     histogram_gbm: HistogramGbmConfig = field(default_factory=HistogramGbmConfig)
     ebm: EbmConfig = field(default_factory=EbmConfig)

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import train_test_split
 
+from glassgait.diagrams.scenario import load_scenario
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
@@ -70,7 +71,8 @@ def distill(
             that is damaged.
     """
     config = config.for_gait(gait)
-    inputs = {"gait": gait.digest(), "expert": expert.digest()}
+    scenario = load_scenario(config.scenario)
+    inputs = {"gait": gait.digest(), "expert": expert.digest(), "scenario": scenario.digest()}
     with open_run(
         folder,
         study="distill",
@@ -158,7 +160,7 @@ def _collect_levels(
                 episodes=mine,
                 speeds=speeds[(mine - 1) % len(speeds)],
                 n_steps=config.level_steps(level, kind),
-                station=config.station,
+                scenario=load_scenario(config.scenario),
                 generator=np.random.default_rng([config.seed, level]),
             )
             samples = replace(samples, minutes=(time.monotonic() - started) / 60)

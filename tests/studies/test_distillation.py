@@ -14,7 +14,7 @@ import pytest
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression, parse_expression, variable_names
 from glassgait.models.policies.gates import foot_gates, lateness_gate
@@ -400,7 +400,7 @@ def test_labels_are_the_experts_whoever_acts(expert):
         episodes=np.array([1, 2]),
         speeds=np.array([0.0, 0.5]),
         n_steps=20,
-        station=StationConfig(),
+        scenario=Scenario(),
         generator=np.random.default_rng(0),
     )
     np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
@@ -433,7 +433,7 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
             episodes=np.array([1, 2]),
             speeds=np.array([0.0, 0.5]),
             n_steps=3,
-            station=StationConfig(),
+            scenario=Scenario(),
             generator=np.random.default_rng(0),
         )
 

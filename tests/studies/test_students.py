@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
@@ -22,7 +23,7 @@ from glassgait.studies.distillation.config import STUDENT_TITLES
 from glassgait.studies.distillation.formulas import write_formulas
 from glassgait.studies.distillation.library import default_student, find_student
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
@@ -39,9 +40,7 @@ def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7).at_distilled_speeds(load_gait(gait))
-    log = roll_out(
-        load_gait(gait), AlternatingPolicy(expert, student, 0), WORLDS["training"], config
-    )
+    log = roll_out(load_gait(gait), AlternatingPolicy(expert, student, 0), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
 
@@ -115,7 +114,7 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
 
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--worlds", "training"]
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", "--gait", "all", "--policy", "symbolic", *small])
     table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
