@@ -108,7 +108,7 @@ class Settings:
             # As JSON, so that lists are tuples and nothing else is taken for what it is not: a
             # date, which YAML knows and JSON does not, is text.
             text = json.dumps(values, default=str)
-            return TypeAdapter(cls).validate_json(text, strict=True)
+            return _adapter(cls).validate_json(text, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             raise InputError(f"{where}: {_told_of_key(first, cls)}") from error
@@ -116,6 +116,11 @@ class Settings:
             raise InputError(f"{where}: {error}") from error
         except (TypeError, ValueError, RecursionError) as error:
             raise InputError(f"{where}: is not a mapping of settings; mend it") from error
+
+
+@cache
+def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 @cache
