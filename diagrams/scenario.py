@@ -82,23 +82,30 @@ class Scenario(Settings):
             self.station.plant_steps()
         self._check_integrator()
 
+    def refused_as(self) -> str:
+        """Returns what a refusal calls the scenario: its title is its own, not of all."""
+        return f"scenario {shown(self.title)}"
+
     def _check_integrator(self) -> None:
-        step = self.station.time_step
+        step, pushed = self.station.time_step, self.pushes.speed
+        told = None
         if step == 0 and self.accuracy is None:
-            raise InputError(
-                f"{self.title}: station.time_step is 0, which makes the plant continuous; give the "
-                "accuracy of its integrator, such as 1.0e-5, or a time_step"
+            told = (
+                "station.time_step is 0, which makes the plant continuous; give the accuracy of "
+                "its integrator, such as 1.0e-5, or a time_step"
             )
-        if step > 0 and self.accuracy is not None:
-            raise InputError(
-                f"{self.title}: accuracy is {self.accuracy:g}, which is of continuous plants, but "
+        elif step > 0 and self.accuracy is not None:
+            told = (
+                f"accuracy is {self.accuracy:g}, which is of continuous plants, but "
                 f"station.time_step is {step:g}; make it 0, or leave accuracy out"
             )
-        if step == 0 and self.pushes.speed > 0:
-            raise InputError(
-                f"{self.title}: pushes.speed is {self.pushes.speed:g}, but robots are pushed in "
-                "discrete worlds alone; give station.time_step and leave accuracy out"
+        elif step == 0 and pushed > 0:
+            told = (
+                f"pushes.speed is {pushed:g}, but robots are pushed in discrete worlds alone; give "
+                "station.time_step and leave accuracy out"
             )
+        if told:
+            raise InputError(f"{self.refused_as()}: {told}")
 
     @property
     def names_a_command(self) -> bool:

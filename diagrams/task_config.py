@@ -54,7 +54,7 @@ class TaskConfig(Settings):
         """
         command = scenario.command
         if isinstance(command, SliderCommand):
-            raise InputError(f"{scenario.title}: {NO_SLIDERS}")
+            raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
         command.check(gait)
         return cls(
             gait,

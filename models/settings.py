@@ -89,9 +89,14 @@ class Settings:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = str(first["loc"][0])
-            raise InputError(f"{self.title}: {name} {_told(values[name], first)}") from error
+            told = _told(values[name], first)
+            raise InputError(f"{self.refused_as()}: {name} {told}") from error
         for name in values:
             object.__setattr__(self, name, getattr(checked, name))
+
+    def refused_as(self) -> str:
+        """Returns what a refusal calls the settings."""
+        return self.title
 
     @classmethod
     def from_plain(cls, values: Any, where: str) -> Self:

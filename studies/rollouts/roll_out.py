@@ -75,7 +75,7 @@ def _roll_out_diagrams(
     gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
-        raise InputError(f"{scenario.title}: {NO_SLIDERS}")
+        raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     n = _n_robots(scenario, config)

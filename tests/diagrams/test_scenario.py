@@ -1,5 +1,6 @@
 """Scenarios: what files say, and how they are refused."""
 
+import re
 from dataclasses import asdict, replace
 
 import pytest
@@ -208,4 +209,13 @@ def test_scenarios_are_told_apart_by_their_names(written, tmp_path):
 def test_settings_out_of_range_are_refused_in_python(settings, told):
     with pytest.raises(InputError) as refused:
         Scenario(**settings)
+    assert str(refused.value).startswith("scenario")
     assert told in str(refused.value)
+
+
+def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
+    page = (SCENARIO_DIRECTORY / "README.md").read_text()
+    table = page.partition("## What ships")[2].partition("##")[0]
+    assert set(re.findall(r"`(\w[^`]*)`", table)) >= set(scenario_names())
+    own = written(page.partition("```yaml\n")[2].partition("```")[0])
+    assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))

@@ -75,7 +75,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         (["evaluate", "--scenario", "ice"], "unknown scenario 'ice'; the scenarios are training,"),
         (["evaluate", "--scenario", "gone.yaml"], "gone.yaml: cannot be read, no such file"),
         (["evaluate", "--scenario", "bad.yaml"], "bad.yaml: unknown key 'frictoin'; write"),
-        (["evaluate", "--scenario", "watched.yaml"], "watched: command is of sliders"),
+        (["evaluate", "--scenario", "watched.yaml"], "scenario 'watched': command is of sliders"),
         (["evaluate", "--scenario", "fast.yaml"], "command: speed is 9.0; give -1 to 1"),
         (
             ["evaluate", "--policy", "students", "--scenario", "training", "sap_2ms"],

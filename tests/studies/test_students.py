@@ -126,5 +126,5 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
 def test_students_are_scored_at_slower_speeds_than_experts():
     expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
     policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
-    jobs = scorecard_jobs(policies, ["training"], RolloutConfig(n_seeds=1))
+    jobs = scorecard_jobs(policies, {"training": Scenario()}, RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]
