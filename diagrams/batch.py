@@ -5,105 +5,25 @@ Physics runs in C++ threads; the task is the same batch-first functions of
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.settings import Interval, Settings
-from glassgait.models.task import COMMAND_STEPS, EPISODE_STEPS
+from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import sense_feet
-from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
-from glassgait.models.task.randomization import Randomization
-from glassgait.models.task.reward import RewardWeights, step_reward
-from glassgait.models.task.reward_machine import MachineState, RewardMachine
-from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
-
-BoolArray = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class TaskConfig(Settings):
-    """The task that the batch simulator plays.
-
-    Attributes:
-        gait: The gait.
-        randomization: What differs between robots and episodes.
-        weights: Weights of the reward.
-        limits: Bounds of the termination.
-        episode_steps: Control steps of an episode.
-        speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
-    """
-
-    title: ClassVar[str] = "task"
-
-    gait: Gait
-    randomization: Randomization = field(default_factory=Randomization)
-    weights: RewardWeights = field(default_factory=RewardWeights)
-    limits: TerminationLimits = field(default_factory=TerminationLimits)
-    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
-    speed_range: Interval | None = None
-
-
-@dataclass
-class TaskState:
-    """All that the task remembers of each robot between two control steps."""
-
-    plant: Array
-    command: Command
-    machine: MachineState
-    touching: BoolArray
-    air_time: Array
-    action: Array
-    joint_noise: Array
-    steps: NDArray[np.int64]
-
-    def as_arrays(self) -> dict[str, NDArray]:
-        """Returns every array by name, robots along the first axis."""
-        return {
-            "plant": self.plant,
-            "command_velocity": self.command.velocity,
-            "command_dwell": self.command.dwell,
-            "machine_state": self.machine.state,
-            "machine_iterations": self.machine.iterations,
-            "machine_age": self.machine.age,
-            "touching": self.touching,
-            "air_time": self.air_time,
-            "action": self.action,
-            "joint_noise": self.joint_noise,
-            "steps": self.steps,
-        }
-
-    @staticmethod
-    def from_arrays(arrays: dict[str, NDArray]) -> "TaskState":
-        """Rebuilds the state that `as_arrays` took apart."""
-        return TaskState(
-            plant=arrays["plant"],
-            command=Command(arrays["command_velocity"], arrays["command_dwell"]),
-            machine=MachineState(
-                state=arrays["machine_state"],
-                iterations=arrays["machine_iterations"],
-                age=arrays["machine_age"],
-            ),
-            touching=arrays["touching"],
-            air_time=arrays["air_time"],
-            action=arrays["action"],
-            joint_noise=arrays["joint_noise"],
-            steps=arrays["steps"],
-        )
-
-    def replace(self, index: NDArray[np.int64], other: "TaskState") -> None:
-        """Overwrites the robots at `index` with those of `other`."""
-        mine = self.as_arrays()
-        for name, values in other.as_arrays().items():
-            mine[name][index] = values
+from glassgait.models.task.reward import step_reward
+from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.termination import FAILURES, failures
 
 
 class BatchStep(NamedTuple):
@@ -197,7 +117,7 @@ class BatchSimulator:
         if index is None:
             index = self._everyone
         if len(index):
-            self._state.replace(index, self._fresh(len(index)))
+            self._state = self._state.with_robots(index, self._fresh(len(index)))
 
     def start_at(self, plant: Array, command: Command) -> None:
         """Starts a new episode for all robots in given states and with given commands.
@@ -210,7 +130,7 @@ class BatchSimulator:
 
     def set_command(self, command: Command) -> None:
         """Gives every robot a command, until it is drawn anew or its episode ends."""
-        self._state.command = command
+        self._state = replace(self._state, command=command)
 
     def proprioception(self) -> Array:
         """Observes the part that needs no estimator (n, 40 + n_states)."""
@@ -273,7 +193,7 @@ class BatchSimulator:
         )
         plain = np.where(lost, 0.0, reward.plain)
         steps = s.steps + 1
-        self._state = TaskState(
+        after = TaskState(
             plant=plant,
             command=s.command,
             machine=machine.machine,
@@ -283,7 +203,7 @@ class BatchSimulator:
             joint_noise=task.randomization.joint_noise(self.n_robots, self.generator),
             steps=steps,
         )
-        self._disturb()
+        self._state = self._disturbed(after)
         return BatchStep(
             reward=plain * machine.multiplier,
             plain_reward=plain,
@@ -295,20 +215,22 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
-    def _disturb(self) -> None:
+    def _disturbed(self, state: TaskState) -> TaskState:
         # Pushes and new commands come between two steps: the next observation shows both.
-        s, randomization = self._state, self.task.randomization
+        randomization = self.task.randomization
         if randomization.push_speed > 0:
-            push = randomization.pushes(self.n_robots, self.generator)
-            s.plant[:, robot.LINEAR_VELOCITY] += push
-        due = np.flatnonzero(s.steps % COMMAND_STEPS == 0)
+            state = state.pushed(randomization.pushes(self.n_robots, self.generator))
+        due = np.flatnonzero(state.steps % COMMAND_STEPS == 0)
         if len(due):
-            fresh = self._draw_commands(len(due))
-            s.command.velocity[due] = fresh.velocity
-            s.command.dwell[due] = fresh.dwell
+            state = state.with_commands(due, self._draw_commands(len(due)))
+        return state
 
     def _draw_commands(self, count: int) -> Command:
-        return sample_commands(self.task.gait, count, self.generator, self.task.speed_range)
+        match self.task.command:
+            case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
+                return Command(np.tile([speed, yaw_rate], (count, 1)), np.full(count, float(dwell)))
+            case DrawnCommands(speed_range=speed_range):
+                return sample_commands(self.task.gait, count, self.generator, speed_range)
 
     def _fresh(self, count: int) -> TaskState:
         plant = self.task.randomization.initial_states(count, self.generator)

@@ -5,7 +5,7 @@ from pathlib import Path
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.locomotion import set_plant_state
+from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.files import write_atomically
 from glassgait.models.task import CONTROL_PERIOD

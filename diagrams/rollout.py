@@ -10,7 +10,7 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from glassgait.diagrams.locomotion import find_locomotion, set_plant_state
+from glassgait.diagrams.plant_state import find_locomotion, set_plant_state
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import CONTROL_PERIOD

@@ -49,6 +49,10 @@ RANDOM_LIFT = 0.025
 foot is in the ground."""
 
 
+MOST_STEPS = 2000
+"""Greatest number of a discrete plant's steps in a control period; of 10 µs each."""
+
+
 @dataclass(frozen=True)
 class StationConfig(Settings):
     """Physics of the station.
@@ -77,11 +81,13 @@ class StationConfig(Settings):
         Raises:
             InputError: if the plant is continuous, or its step does not divide the control period.
         """
-        n_steps = round(CONTROL_PERIOD / self.time_step) if self.time_step else 0
-        if n_steps < 1 or abs(n_steps * self.time_step - CONTROL_PERIOD) > 1e-12:
+        ratio = CONTROL_PERIOD / self.time_step if self.time_step else 0.0
+        n_steps = round(min(ratio, MOST_STEPS + 1))
+        whole = abs(n_steps * self.time_step - CONTROL_PERIOD) <= 1e-12
+        if not (whole and 1 <= n_steps <= MOST_STEPS):
             raise InputError(
                 f"{self.title}: time_step is {self.time_step}; it must divide the control period, "
-                f"{CONTROL_PERIOD} s"
+                f"{CONTROL_PERIOD} s, into {MOST_STEPS} steps at most"
             )
         return n_steps
 

@@ -5,7 +5,9 @@ and nowhere else: whether settings come from the command line, from a file or fr
 """
 
 import json
-from dataclasses import fields
+import re
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_type_hints
 
@@ -87,9 +89,14 @@ class Settings:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = str(first["loc"][0])
-            raise InputError(f"{self.title}: {name} {_told(values[name], first)}") from error
+            told = _told(values[name], first)
+            raise InputError(f"{self.refused_as()}: {name} {told}") from error
         for name in values:
             object.__setattr__(self, name, getattr(checked, name))
+
+    def refused_as(self) -> str:
+        """Returns what a refusal calls the settings."""
+        return self.title
 
     @classmethod
     def from_plain(cls, values: Any, where: str) -> Self:
@@ -106,14 +113,19 @@ class Settings:
             # As JSON, so that lists are tuples and nothing else is taken for what it is not: a
             # date, which YAML knows and JSON does not, is text.
             text = json.dumps(values, default=str)
-            return TypeAdapter(cls).validate_json(text, strict=True)
+            return _adapter(cls).validate_json(text, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            raise InputError(f"{where}: {_told_of_key(first)}") from error
+            raise InputError(f"{where}: {_told_of_key(first, cls)}") from error
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
         except (TypeError, ValueError, RecursionError) as error:
             raise InputError(f"{where}: is not a mapping of settings; mend it") from error
+
+
+@cache
+def _adapter(kind: type[Settings]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 @cache
@@ -124,6 +136,9 @@ def _model(kind: type[Settings]) -> type[BaseModel]:
     own = {field.name: (hints[field.name], ...) for field in fields(kind)}  # type: ignore[arg-type]
     return create_model(kind.__name__, __config__=config, **own)  # type: ignore[call-overload]
 
+
+_NUMBER = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+"""Numbers that YAML 1.1 takes for text: those with an exponent, but without a point or its sign."""
 
 _WANTED = {
     "greater_than": "more than {gt}",
@@ -153,6 +168,8 @@ def _told(value: Any, error: Any) -> str:
     """Tells what is wrong with a value."""
     if error["type"] == "too_short":
         return "is empty; name one or more"
+    if error["type"] == "float_type" and isinstance(value, str) and _NUMBER.fullmatch(value):
+        return f"is {shown(value)}, which YAML takes for text; write it as 1.0e-5 is written"
     bounds = {
         name: int(bound) if isinstance(bound, float) and bound.is_integer() else bound
         for name, bound in error.get("ctx", {}).items()
@@ -161,13 +178,41 @@ def _told(value: Any, error: Any) -> str:
     return f"is {shown(value)}; it must be {wanted}"
 
 
-def _told_of_key(error: Any) -> str:
+def _told_of_key(error: Any, kind: type[Settings]) -> str:
     """Tells what is wrong with a key, or with the value that it has."""
-    key = ".".join(part for part in error["loc"] if isinstance(part, str))
+    path = [part for part in error["loc"] if isinstance(part, str)]
+    key = ".".join(path)
     match error["type"]:
         case "unexpected_keyword_argument":
-            return f"unknown key {key!r}; remove it"
+            near = _nearest(path[-1], _settings_at(kind, path[:-1]))
+            remedy = f"write {near!r}, or remove it" if near else "remove it"
+            return f"unknown key {shown(key)}; {remedy}"
         case _ if not key:
             return _told(error["input"], error)
         case _:
-            return f"key {key!r} {_told(error['input'], error)}"
+            return f"key {shown(key)} {_told(error['input'], error)}"
+
+
+def _settings_at(kind: Any, path: list[str]) -> Any:
+    """Finds the class of the settings that stand at a path inside of others."""
+    for part in path:
+        kind = get_type_hints(kind).get(part)
+    return kind
+
+
+def _nearest(key: str, kind: Any) -> str | None:
+    """Finds the key that was meant, among those of settings or of the settings inside of them."""
+    if not is_dataclass(kind):
+        return None
+    hints = get_type_hints(kind)
+    names = [field.name for field in fields(kind)]
+    inner = {
+        own.name: f"{name}: {{{own.name}: …}}"
+        for name in names
+        if is_dataclass(hints[name])
+        for own in fields(hints[name])
+    }
+    if near := get_close_matches(key, names, n=1):
+        return near[0]
+    near = get_close_matches(key, inner, n=1)
+    return inner[near[0]] if near else None

@@ -12,8 +12,10 @@ from pydrake.systems.analysis import Simulator
 from glassgait.diagrams.gym.arguments import check_actions, find_gait
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
-from glassgait.diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion, push
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
@@ -67,14 +69,13 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self.action_space = action_space()
         self.observation_space = observation_space(gait)
         self._randomization = randomization or Randomization()
-        config = LocomotionConfig(
+        scenario = Scenario(
             station=station or StationConfig(),
-            command=DrawnCommands(),
             sensor_noise=self._randomization.observation_noise,
         )
         self._steps = 0
         # A diagram that is built again for every episode would leak; this one is used for all.
-        self._diagram = MakeLocomotion(gait, config)
+        self._diagram = MakeLocomotion(gait, scenario)
         self._simulator: Simulator | None = None
         self._ports = {
             name: self._diagram.GetOutputPort(name)

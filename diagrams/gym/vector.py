@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator, BatchStep, BoolArray, TaskConfig
+from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.gym.arguments import (
     check_actions,
@@ -22,6 +22,8 @@ from glassgait.diagrams.gym.arguments import (
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
 from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import BoolArray
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.task import EPISODE_STEPS

@@ -1,10 +1,10 @@
 """Expert and student acting by turns (paper, Algorithm 1)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import expert_acts
 
@@ -14,28 +14,47 @@ class AlternatingPolicy:
     """An expert alone, a student alone, or both by turns.
 
     Attributes:
-        expert: The expert; its estimator observes for both.
+        expert: The expert; its estimator, if it has one, observes for both.
         student: The student, or None.
         period: Control steps from one action of the expert to the next; 1 is the expert alone, 0
             the student alone.
     """
 
-    expert: NeuralPolicy
+    expert: Policy
     student: Policy | None = None
     period: int = 1
 
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            ValueError: if the period is negative, or asks for a student that is not given.
+        """
+        if self.period < 0:
+            raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
+        if self.student is None and self.period != 1:
+            raise ValueError(f"alternation: period {self.period} needs a student; give one")
+
+    def expert_acts(self, step: int) -> bool:
+        """Tells whether the expert acts at a control step, counted from the episode's start."""
+        return bool(expert_acts(step, self.period))
+
     def act(self, step: int, observation: Array) -> Array:
         """Returns the actions (n, 12) at a control step."""
-        if self.student is None or expert_acts(step, self.period):
+        if self.student is None or self.expert_acts(step):
             return self.expert(observation)
         return self.student(observation)
+
+    @property
+    def estimator(self) -> Callable[[Array], Array] | None:
+        """Maps proprioception to the body state; None where the expert observes the true one."""
+        return getattr(self.expert, "estimator", None)
 
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {"period": self.period}
 
     @property
-    def acting_expert(self) -> NeuralPolicy | None:
+    def acting_expert(self) -> Policy | None:
         """The expert, unless it never acts."""
         return None if self.period == 0 else self.expert
 

@@ -11,6 +11,7 @@ import pandas as pd
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record
 from glassgait.models.policies.neural import NeuralPolicy
@@ -71,7 +72,7 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
         untrained_student(expert.gait, expert.observation_names),
         plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
         speeds=np.array(config.speeds),
-        station=config.station,
+        scenario=Scenario(),
         generator=np.random.default_rng(0),
     )
 

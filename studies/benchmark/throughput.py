@@ -14,12 +14,9 @@ from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simu
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.gym import action_space, observation_space
-from glassgait.diagrams.locomotion import (
-    DrawnCommands,
-    LocomotionConfig,
-    MakeLocomotion,
-    set_plant_state,
-)
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, StationConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
@@ -120,7 +117,7 @@ def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
 
 def _drake_gym_env() -> gym.Env:
     gait = load_gait("trot")
-    diagram = MakeLocomotion(gait, LocomotionConfig(command=DrawnCommands()))
+    diagram = MakeLocomotion(gait, Scenario(sensor_noise=0.0))
     return DrakeGymEnv(
         simulator=Simulator(diagram),
         time_step=CONTROL_PERIOD,

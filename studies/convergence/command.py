@@ -1,6 +1,6 @@
 """`glassgait convergence`: which contact solvers and time steps agree."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -55,10 +55,10 @@ class Convergence(Settings):
             for variant in reversed(VARIANTS)
             for job in for_each_seed(
                 RolloutJob(
-                    {"variant": variant.world.title},
+                    {"variant": variant.scenario.title},
                     gait,
                     policy,
-                    replace(variant.world, max_robots=1 if variant.world.accuracy else None),
+                    variant.scenario,
                     self.rollouts,
                 )
             )
@@ -79,10 +79,10 @@ def _measure(jobs: list[RolloutJob], folder: Path) -> pd.DataFrame:
     drops = pd.DataFrame(
         [
             {
-                "variant": variant.world.title,
+                "variant": variant.scenario.title,
                 "family": variant.family,
                 "resolution": variant.resolution,
-                **asdict(drop_robot(variant.world)),
+                **asdict(drop_robot(variant.scenario)),
             }
             for variant in VARIANTS
         ]

@@ -1,16 +1,17 @@
 """The drop test: the standing robot falls 3 cm onto its feet. Do they stay where they land?"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 
 from glassgait.diagrams.rollout import use_error_control
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeA1Station, actuated_joints
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.studies.rollouts.config import World
 
 DROP_HEIGHT = 0.03
 """Height of the feet above the ground at the start (m)."""
@@ -37,9 +38,9 @@ class Drop:
     penetration: float
 
 
-def drop_robot(world: World) -> Drop:
+def drop_robot(scenario: Scenario) -> Drop:
     """Drops the robot in its default stance, its joints held there."""
-    station = MakeA1Station(world.station)
+    station = MakeA1Station(scenario.station)
     plant = station.GetSubsystemByName("plant")
     assert isinstance(plant, MultibodyPlant)
     simulator = Simulator(station)
@@ -47,11 +48,12 @@ def drop_robot(world: World) -> Drop:
     targets = [robot.DEFAULT_STANCE[robot.JOINTS.index(name)] for name in actuated_joints(plant)]
     desired = np.concatenate([targets, np.zeros(robot.N_JOINTS)])
     station.GetInputPort("desired_state").FixValue(context, desired)
-    state = kinematics.standing_state(robot.DEFAULT_STANCE)
+    # Drake names arrays by scalar, which NumPy's own types do not match.
+    state: Any = kinematics.standing_state(robot.DEFAULT_STANCE)
     state[robot.POSITION][2] += DROP_HEIGHT
     plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-    if world.accuracy is not None:
-        use_error_control(simulator, world.accuracy)
+    if scenario.accuracy is not None:
+        use_error_control(simulator, scenario.accuracy)
     simulator.Initialize()
     port = station.GetOutputPort("state")
     states = []

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import ContactSolver, StationConfig
-from glassgait.studies.rollouts.config import World
 
 DRAKES_RELAXATION_TIME = 0.2
 """What two bodies without a relaxation time of their own add up to in SAP (s)."""
@@ -16,12 +16,12 @@ class Variant:
     Attributes:
         family: The solver, as figures call it.
         resolution: Time step (s), or accuracy of the error-controlled integrator.
-        world: The physics.
+        scenario: The world.
     """
 
     family: str
     resolution: float
-    world: World
+    scenario: Scenario
 
 
 def _discrete(family: str, solver: ContactSolver, *steps: float, **station: float) -> list[Variant]:
@@ -29,7 +29,7 @@ def _discrete(family: str, solver: ContactSolver, *steps: float, **station: floa
         Variant(
             family,
             step,
-            World(f"{family} {1000 * step:g} ms", StationConfig(step, solver, **station)),
+            Scenario(f"{family} {1000 * step:g} ms", StationConfig(step, solver, **station)),
         )
         for step in steps
     ]
@@ -51,7 +51,9 @@ VARIANTS = (
     *_discrete("lagged", "lagged", 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005),
     *(
         Variant(
-            CENIC, accuracy, World(f"CENIC {accuracy:g}", StationConfig(time_step=0.0), accuracy)
+            CENIC,
+            accuracy,
+            Scenario(f"CENIC {accuracy:g}", StationConfig(time_step=0.0), accuracy, max_robots=1),
         )
         for accuracy in (1e-2, 1e-3, 1e-4, 1e-5)
     ),

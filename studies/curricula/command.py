@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
@@ -19,7 +20,7 @@ from glassgait.studies.curricula.figures import curricula_figure
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.figures import save_figure
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
 from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import open_run
@@ -152,7 +153,7 @@ def standalone_jobs(
     jobs = []
     for (curriculum, student), policy in policies.items():
         labels = {"curriculum": curriculum, "student": student}
-        jobs += for_each_seed(RolloutJob(labels, gait, policy, WORLDS["training"], config))
+        jobs += for_each_seed(RolloutJob(labels, gait, policy, Scenario(), config))
     return jobs
 
 

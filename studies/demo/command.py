@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
@@ -106,11 +107,7 @@ class Demo(Settings):
             rollout = play(
                 gait,
                 policy,
-                LocomotionConfig(
-                    command=FixedCommand(speed=0.5),
-                    alternation_period=policy.period,
-                    sensor_noise=1.0,
-                ),
+                Scenario(command=FixedCommand(speed=0.5)),
                 open_meshcat(),
                 folder / f"{name}_replay.html",
                 seconds=REPLAY_SECONDS,

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.task import COMMAND_STEPS
-from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.distillation.rounds import Round
 from glassgait.studies.students.dataset import Dataset
 
@@ -26,7 +26,7 @@ def collect(
     *,
     plan: Round,
     speeds: Array,
-    station: StationConfig,
+    scenario: Scenario,
     generator: np.random.Generator,
 ) -> Dataset:
     """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
@@ -40,28 +40,32 @@ def collect(
         student: The student.
         plan: The round.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
-        station: Physics.
+        scenario: The world, but for its commands.
         generator: Source of randomness.
 
     Raises:
         InputError: if a sample is not finite.
     """
-    task = TaskConfig(gait, NOMINAL, episode_steps=plan.steps)
+    task = TaskConfig.of_scenario(gait, scenario, episode_steps=plan.steps)
+    policy = AlternatingPolicy(expert, student, plan.period)
+    estimator = None if scenario.true_body_state else policy.estimator
     episodes = np.array(plan.episodes)
     own_speeds = speeds[(episodes - 1) % len(speeds)]
     n = len(episodes)
-    simulator = BatchSimulator(task, BatchPhysics(station), n_robots=n, generator=generator)
+    simulator = BatchSimulator(
+        task, BatchPhysics(scenario.station), n_robots=n, generator=generator
+    )
     observations, labels = [], []
     for step in range(plan.steps):
         if step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, n, generator)
         simulator.set_command(
-            Command(np.stack([own_speeds, turns.velocity[:, 1]], axis=1), turns.dwell.copy())
+            Command(np.stack([own_speeds, turns.velocity[:, 1]], axis=1), turns.dwell)
         )
-        observation = simulator.observe(expert.estimator)
+        observation = simulator.observe(estimator)
         label = expert(observation)
         _refuse_not_finite(expert, step, observation, label)
-        action = label if expert_acts(step, plan.period) else student(observation)
+        action = label if policy.expert_acts(step) else student(observation)
         observations.append(observation)
         labels.append(label)
         outcome = simulator.step(action)

@@ -7,7 +7,6 @@ import tyro
 from annotated_types import Ge, Lt, MinLen
 from pydantic import AfterValidator
 
-from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
@@ -52,7 +51,8 @@ class DistillationConfig(Settings):
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's.
-        station: Physics.
+        scenario: Name of a scenario that ships, or path of a scenario file: the world in which
+            samples are collected, but for its commands.
         settings: Settings of the students' fits.
         compact: Round the leaves and tables of trees and additive models to single precision, as
             those that ship are.
@@ -72,7 +72,7 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
-    station: StationConfig = field(default_factory=StationConfig)
+    scenario: str = "training"
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )

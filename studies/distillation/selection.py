@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 from joblib import delayed
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -14,7 +15,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.parallel import run_parallel
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts, summarize
 
@@ -53,7 +54,7 @@ def rank_alone(
         delayed(roll_out)(
             gait,
             AlternatingPolicy(expert, candidates[label], 0),
-            WORLDS["training"],
+            Scenario(),
             replace(config, seed=seed),
         )
         for label, seed in runs

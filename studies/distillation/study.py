@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from sklearn.model_selection import train_test_split
 
+from glassgait.diagrams.scenario import load_scenario
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
@@ -65,7 +66,8 @@ def distill(
             that is damaged.
     """
     config = config.for_gait(gait)
-    inputs = {"gait": gait.digest(), "expert": expert.digest()}
+    scenario = load_scenario(config.scenario)
+    inputs = {"gait": gait.digest(), "expert": expert.digest(), "scenario": scenario.digest()}
     with open_run(
         folder,
         study="distill",
@@ -142,7 +144,7 @@ class _Distillation:
             student,
             plan=plan,
             speeds=np.minimum(config.speeds, self.gait.max_speed),
-            station=config.station,
+            scenario=load_scenario(config.scenario),
             generator=np.random.default_rng([config.seed, plan.number]),
         )
         return replace(samples, minutes=(time.monotonic() - started) / 60)

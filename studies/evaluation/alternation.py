@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
 
 PERIODS = (1, 2, 4, 6, 8, 0)
@@ -20,13 +21,15 @@ def alternation_jobs(
     students: Mapping[str, Policy],
     config: RolloutConfig,
     periods: tuple[int, ...] = PERIODS,
+    scenario: Scenario | None = None,
 ) -> list[RolloutJob]:
-    """Lists the rollouts of every student at every ratio, in the training physics.
+    """Lists the rollouts of every student at every ratio, in the training world by default.
 
     All meet the same initial states, commands and noise. At ratio 1 the expert acts alone, so it
     is rolled out once.
     """
-    config = config.at_distilled_speeds(gait)
+    scenario = scenario or Scenario()
+    config = config.at_distilled_speeds(gait, scenario)
     policies = {("expert", 1): AlternatingPolicy(expert)}
     for kind, student in students.items():
         for period in periods:
@@ -40,7 +43,7 @@ def alternation_jobs(
                 {"policy": kind, "ratio": ratio_title(period)},
                 gait,
                 policy,
-                WORLDS["training"],
+                scenario,
                 config,
             )
         )

@@ -1,13 +1,15 @@
 """`glassgait evaluate`: rolls policies out and scores them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
 from annotated_types import MinLen
 
+from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
@@ -17,13 +19,14 @@ from glassgait.studies.console import console
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, WorldName
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import distillation_folder, find_student, load_students
 from glassgait.studies.tables import print_table
 
 ALL_GAITS = "all"
+ALL_SCENARIOS = ("all",)
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Evaluate(Settings):
         policy: `expert`; `students`, for those of a distillation at every alternation ratio; or a
             kind of student or the path of its policy file, to be rolled out alone, at the speeds
             of distillation.
-        worlds: Where to roll out, or `all`; `students` are rolled out in the training physics.
+        scenario: Where to roll out: names of scenarios that ship, or `all` of them, and paths of
+            scenario files; `students` are rolled out in one, the training world by default.
         rollouts: How robots are rolled out.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
@@ -48,7 +52,7 @@ class Evaluate(Settings):
 
     gait: str = "trot"
     policy: str = "expert"
-    worlds: Annotated[tuple[WorldName | Literal["all"], ...], MinLen(1), FEW, DISTINCT] = ("all",)
+    scenario: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = ALL_SCENARIOS
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
@@ -59,32 +63,49 @@ class Evaluate(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        jobs = self._alternation() if self.policy == "students" else self._scorecard()
+        alone = self.policy != "students"
+        scenarios = self._scenarios() if alone else self._one_scenario()
+        jobs = self._scorecard(scenarios) if alone else self._alternation(*scenarios.values())
         name = Path(self.policy).stem
         folder = self.output or Path("runs/evaluation") / Path(self.gait).stem / name
         with open_run(
             folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
         ):
             scores = run_jobs(jobs, folder / "rollouts")
-            table = self._write(scores, folder)
+            table = self._write(scores, scenarios, folder)
         print_table(f"{self.gait}: {name}", table)
         console.print(f"written to {folder}")
 
-    def _write(self, scores: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    def _write(
+        self, scores: pd.DataFrame, scenarios: Mapping[str, Scenario], folder: Path
+    ) -> pd.DataFrame:
         if self.policy == "students":
             return write_alternation(scores, load_gait(self.gait).name, folder)
-        return write_scorecard(scores, folder)
+        titles = {name: scenario.title for name, scenario in scenarios.items()}
+        return write_scorecard(scores, titles, folder)
 
-    def _alternation(self) -> list[RolloutJob]:
+    def _scenarios(self) -> dict[str, Scenario]:
+        return load_scenarios(self.scenario)
+
+    def _one_scenario(self) -> dict[str, Scenario]:
+        named = ("training",) if self.scenario == ALL_SCENARIOS else self.scenario
+        scenarios = load_scenarios(named)
+        if len(scenarios) > 1:
+            raise InputError(
+                f"--policy students is rolled out in one scenario, not in {len(scenarios)}; name "
+                "one with --scenario"
+            )
+        return scenarios
+
+    def _alternation(self, scenario: Scenario) -> list[RolloutJob]:
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         students = load_students(self.distillation or distillation_folder(gait.name), expert)
-        return alternation_jobs(gait, expert, students, self.rollouts)
+        return alternation_jobs(gait, expert, students, self.rollouts, scenario=scenario)
 
-    def _scorecard(self) -> list[RolloutJob]:
-        worlds = tuple(WORLDS) if "all" in self.worlds else self.worlds
+    def _scorecard(self, scenarios: Mapping[str, Scenario]) -> list[RolloutJob]:
         policies = [self._policy(load_gait(name)) for name in self._gaits()]
-        return scorecard_jobs(policies, worlds, self.rollouts)
+        return scorecard_jobs(policies, scenarios, self.rollouts)
 
     def _gaits(self) -> tuple[str, ...]:
         if self.gait != ALL_GAITS:

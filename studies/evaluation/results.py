@@ -1,5 +1,6 @@
 """What an evaluation leaves behind: tables, metrics and figures, from the scores alone."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -16,13 +17,19 @@ from glassgait.studies.rollouts.scores import summarize
 from glassgait.studies.tables import write_metrics, write_table
 
 
-def write_scorecard(scores: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Writes the scores of every gait in every world, and returns the table."""
+def write_scorecard(scores: pd.DataFrame, titles: Mapping[str, str], folder: Path) -> pd.DataFrame:
+    """Writes the scores of every gait in every scenario, and returns the table.
+
+    Args:
+        scores: What `run_jobs` returned.
+        titles: What tables call each scenario, in their order.
+        folder: Where they go.
+    """
     write_table(scores, folder / "robots")
-    table = scorecard_table(scores)
+    table = scorecard_table(scores, titles)
     write_table(table, folder / "scorecard")
-    write_table(falls_table(scores), folder / "falls")
-    means = summarize(scores, ["gait", "world"])
+    write_table(falls_table(scores, titles), folder / "falls")
+    means = summarize(scores, ["gait", "scenario"])
     write_metrics(means.to_dict(orient="records"), folder / "metrics.json")
     return table
 

@@ -1,29 +1,31 @@
-"""The scorecard: each gait's expert, or a student, in every world."""
+"""The scorecard: each gait's expert, or a student, in every scenario."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, WorldName
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
 
 
 def scorecard_jobs(
     policies: Sequence[tuple[Gait, AlternatingPolicy]],
-    worlds: Sequence[WorldName],
+    scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> list[RolloutJob]:
-    """Lists the rollouts of every gait's policy in every world, the slow worlds first.
+    """Lists the rollouts of every gait's policy in every scenario, the slow ones first.
 
-    A student is asked for the speeds of distillation unless the settings name others.
+    A student is asked for the speeds of distillation unless the settings or the scenario name
+    others.
     """
     # Where physics is slow, few robots are rolled out.
-    ordered = sorted(worlds, key=lambda world: WORLDS[world].max_robots or math.inf)
+    ordered = sorted(scenarios.items(), key=lambda item: item[1].max_robots or math.inf)
     jobs = []
-    for name in ordered:
+    for name, scenario in ordered:
         for gait, policy in policies:
-            own = config.at_distilled_speeds(gait) if policy.student else config
-            labels = {"gait": gait.name, "world": name}
-            jobs += for_each_seed(RolloutJob(labels, gait, policy, WORLDS[name], own))
+            own = config.at_distilled_speeds(gait, scenario) if policy.student else config
+            labels = {"gait": gait.name, "scenario": name}
+            jobs += for_each_seed(RolloutJob(labels, gait, policy, scenario, own))
     return jobs

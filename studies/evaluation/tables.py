@@ -1,8 +1,9 @@
 """Tables of closed-loop scores."""
 
+from collections.abc import Mapping
+
 import pandas as pd
 
-from glassgait.studies.rollouts.config import WORLDS
 from glassgait.studies.rollouts.scores import summarize, summarize_against
 from glassgait.studies.students.registry import student_title
 
@@ -36,16 +37,16 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def scorecard_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """Every gait in every world, in the order of `WORLDS`."""
-    means = summarize(scores, ["gait", "world"])
+def scorecard_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
+    """Every gait in every scenario, in the order of the scenarios' titles."""
+    means = summarize(scores, ["gait", "scenario"])
     gaits = pd.Categorical(means["gait"], means["gait"].unique())
-    worlds = pd.Categorical(means["world"], list(WORLDS))
-    means = means.assign(gait=gaits, world=worlds).sort_values(["gait", "world"])
+    scenarios = pd.Categorical(means["scenario"], list(titles))
+    means = means.assign(gait=gaits, scenario=scenarios).sort_values(["gait", "scenario"])
     return pd.DataFrame(
         {
             "gait": means["gait"].astype(str),
-            "world": [WORLDS[world].title for world in means["world"]],
+            "scenario": [titles[name] for name in means["scenario"]],
             "falls": _falls(means),
             "speed error (m/s)": _with_interval(means, "speed_error", 3),
             "yaw-rate error (rad/s)": _with_interval(means, "yaw_rate_error", 3),
@@ -57,15 +58,15 @@ def scorecard_table(scores: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def falls_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """Falls of robots, a row a world and a column a gait."""
-    means = summarize(scores, ["gait", "world"])
+def falls_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
+    """Falls of robots, a row a scenario and a column a gait."""
+    means = summarize(scores, ["gait", "scenario"])
     means["falls"] = _falls(means)
     table = means.pivot_table(
-        "falls", index="world", columns="gait", aggfunc="first", sort=False
+        "falls", index="scenario", columns="gait", aggfunc="first", sort=False
     ).fillna("–")
-    table = table.loc[[world for world in WORLDS if world in table.index]]
-    table.index = pd.Index([WORLDS[world].title for world in table.index], name="world")
+    table = table.loc[[name for name in titles if name in table.index]]
+    table.index = pd.Index([titles[name] for name in table.index], name="scenario")
     return table.rename_axis(columns=None).reset_index()
 
 

@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, stop_at_falls
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import kinematics
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task import CONTROL_PERIOD
@@ -22,9 +24,8 @@ from glassgait.models.task.gait import load_gait
 
 def main(figure: Path | None = None) -> None:
     """Prints mean speed and falls, and draws the speeds where a path is given."""
-    expert = load_expert("trot")
-    config = LocomotionConfig(command=FixedCommand(speed=0.5), sensor_noise=1.0)
-    loop = MakeLocomotion(load_gait("trot"), config, expert=expert, estimator=expert.estimator)
+    scenario = Scenario(command=FixedCommand(speed=0.5))
+    loop = MakeLocomotion(load_gait("trot"), scenario, policy=load_expert("trot"))
     builder = DiagramBuilder()
     builder.AddSystem(loop)
     sink = LogVectorOutput(loop.GetOutputPort("state"), builder, CONTROL_PERIOD)

@@ -8,8 +8,10 @@ It prints for three gaits the joints' power and the cost of transport: work by w
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, State
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task import CONTROL_PERIOD
@@ -44,11 +46,11 @@ class PowerMeter(LeafSystem):
 
 def main() -> None:
     """Walks, trots and paces for 5 s."""
+    scenario = Scenario(command=FixedCommand(speed=0.5), sensor_noise=0.0)
     for gait in ("walk", "trot", "pace"):
-        expert, config = load_expert(gait), LocomotionConfig(command=FixedCommand(speed=0.5))
         builder = DiagramBuilder()
         loop = builder.AddSystem(
-            MakeLocomotion(load_gait(gait), config, expert=expert, estimator=expert.estimator)
+            MakeLocomotion(load_gait(gait), scenario, policy=load_expert(gait))
         )
         meter = builder.AddSystem(PowerMeter())
         for name in ("state", "actions"):

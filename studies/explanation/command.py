@@ -8,7 +8,8 @@ import numpy as np
 import yaml
 from annotated_types import Ge
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
@@ -96,7 +97,7 @@ class Explain(Settings):
         rollout = play(
             gait,
             AlternatingPolicy(expert, student, period=0),
-            LocomotionConfig(command=self.command, alternation_period=0, sensor_noise=1.0),
+            Scenario(command=self.command),
             open_meshcat(),
             replay,
             seconds=self.seconds,

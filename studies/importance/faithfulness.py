@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
@@ -15,7 +16,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.importance.observations import observation_groups
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
 from glassgait.studies.rollouts.scores import summarize_against
 
@@ -124,7 +125,7 @@ def ablation_jobs(
                 )
         for (group, mode), policy in policies.items():
             labels = {"policy": kind, "without": group, "mode": mode}
-            jobs += for_each_seed(RolloutJob(labels, gait, policy, WORLDS["training"], config))
+            jobs += for_each_seed(RolloutJob(labels, gait, policy, Scenario(), config))
     return jobs
 
 

@@ -15,9 +15,12 @@ import pandas as pd
 from PIL import Image
 
 from glassgait.diagrams.camera import Camera
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import say
@@ -58,23 +61,17 @@ def draw_all() -> None:
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
     """Rolls the expert out under one command."""
-    expert = load_expert(gait.name)
-    diagram = MakeLocomotion(
-        gait, LocomotionConfig(command=command), expert=expert, estimator=expert.estimator
-    )
+    scenario = Scenario(command=command, sensor_noise=0.0)
+    diagram = MakeLocomotion(gait, scenario, policy=load_expert(gait.name))
     return record(make_simulator(diagram), n_steps)
 
 
 def loop_svg(gait: Gait) -> str:
     """Draws the locomotion diagram, with expert and student, as SVG."""
     expert = load_expert(gait.name)
-    diagram = MakeLocomotion(
-        gait,
-        LocomotionConfig(alternation_period=4),
-        expert=expert,
-        student=untrained_student(gait.name, expert.observation_names),
-        estimator=expert.estimator,
-    )
+    student = untrained_student(gait.name, expert.observation_names)
+    scenario = Scenario(command=COMMAND, sensor_noise=0.0)
+    diagram = MakeLocomotion(gait, scenario, policy=AlternatingPolicy(expert, student, period=4))
     dot = _without_exports(diagram.GetGraphvizString(max_depth=1))
     arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
     drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -108,6 +111,6 @@ def _draw_sequences(
 
 def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
     command = FixedCommand(speed=min(SPEED, gait.max_speed))
-    config = LocomotionConfig(command=command, alternation_period=0, sensor_noise=1.0)
-    diagram = MakeLocomotion(gait, config, student=student, estimator=expert.estimator)
+    policy = AlternatingPolicy(expert, student, period=0)
+    diagram = MakeLocomotion(gait, Scenario(command=command), policy=policy)
     return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))

@@ -1,13 +1,14 @@
 """`glassgait rollout`: watches one robot."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import yaml
+from annotated_types import Ge
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, SliderCommand
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -32,6 +33,32 @@ SECONDS = 10.0
 
 
 @dataclass(frozen=True)
+class OwnCommand(Settings):
+    """A command in place of the scenario's.
+
+    Attributes:
+        speed: Forward speed (m/s).
+        yaw_rate: Yaw rate (rad/s).
+        dwell: Iterations to stay in a state of the reward machine (control steps).
+    """
+
+    title: ClassVar[str] = "command"
+
+    speed: float | None = None
+    yaw_rate: float | None = None
+    dwell: Annotated[int, Ge(1)] | None = None
+
+    def over(self, scenario: Scenario) -> Scenario:
+        """Returns a scenario with this command."""
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        if scenario.names_a_command and not given:
+            return scenario
+        own = scenario.command
+        fixed = own if isinstance(own, FixedCommand) else FixedCommand()
+        return replace(scenario, command=replace(fixed, **given))
+
+
+@dataclass(frozen=True)
 class ShowRollout(Settings):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
@@ -43,11 +70,12 @@ class ShowRollout(Settings):
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
-        command: The command where there are no sliders.
+        scenario: Name of a scenario that ships, or path of a scenario file.
+        command: The command, in place of the scenario's, where there are no sliders; what is left
+            out is the scenario's. A scenario that names no command asks for 0.5 m/s.
         seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
             Not with --live.
-        seed: Seed of the sensors' noise.
-        station: Physics.
+        seed: Seed of the sensors' noise, of pushes and of drawn commands.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
@@ -61,10 +89,10 @@ class ShowRollout(Settings):
     ratio: str | None = None
     stills: bool = False
     live: bool = False
-    command: FixedCommand = field(default_factory=FixedCommand)
+    scenario: str = "training"
+    command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds | None = None
     seed: Seed = 0
-    station: StationConfig = field(default_factory=StationConfig)
     distillation: Path | None = None
     expert: Path | None = None
     output: Path | None = None
@@ -87,12 +115,11 @@ class ShowRollout(Settings):
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
         policy = AlternatingPolicy(expert, student, period)
-        config = LocomotionConfig(
-            station=self.station,
-            command=SliderCommand() if self.live else self.command,
-            alternation_period=period,
-            sensor_noise=1.0,
-        )
+        scenario = load_scenario(self.scenario)
+        if self.live:
+            scenario = replace(scenario, command=SliderCommand())
+        else:
+            scenario = self.command.over(scenario)
         # As the paper writes it, so that 0.25 and 1/4 are one.
         ratio = None if self.ratio is None else ratio_title(period)
         name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
@@ -100,15 +127,17 @@ class ShowRollout(Settings):
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
-            rollout = play_live(gait, policy, config, meshcat, replay, seed=self.seed)
+            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
             console.print(f"stopped after {rollout.time[-1]:.2f} s")
         else:
             seconds = SECONDS if self.seconds is None else self.seconds
-            rollout = play(gait, policy, config, meshcat, replay, seconds=seconds, seed=self.seed)
+            rollout = play(gait, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed)
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
             console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")
-        record = yaml.safe_dump(to_plain(self), sort_keys=False)
+        record = yaml.safe_dump(
+            {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
+        )
         write_atomically(stem.with_name(f"{name}.yaml"), record)
         title = f"{gait.name}, {self.policy}" + (f", ratio {ratio}" if ratio else "")
         save_figure(gait_figure(rollout, gait, title), stem)

@@ -12,14 +12,16 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.locomotion import LocomotionConfig, normalize_attitude
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import normalize_attitude
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.console import console, say
-from glassgait.studies.rollouts.play import make_shown
+from glassgait.studies.rollouts.play import pusher
 
 STOP_BUTTON = "stop and save"
 
@@ -30,7 +32,7 @@ FALLEN_SECONDS = 1.0
 def play_live(
     gait: Gait,
     policy: AlternatingPolicy,
-    config: LocomotionConfig,
+    scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,
     *,
@@ -42,11 +44,11 @@ def play_live(
 
     Args:
         gait: The gait.
-        policy: Who acts; its period is the alternation's.
-        config: How the loop is closed.
+        policy: Who acts.
+        scenario: The world.
         meshcat: Where the robot shows.
         replay: HTML file of the replay.
-        seed: Seed of noise and drawn commands; each fall adds 1.
+        seed: Seed of noise, pushes and drawn commands; each fall adds 1.
 
     Returns:
         The last minute, falls included, on a clock that starts with the first step.
@@ -54,7 +56,7 @@ def play_live(
     Raises:
         InputError: if a policy does not fit the gait.
     """
-    diagram = make_shown(gait, policy, config, meshcat)
+    diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     meshcat.AddButton(STOP_BUTTON, "Escape")
     console.print(
         f"open {meshcat.web_url()} and move the sliders under 'Open Controls'; '{STOP_BUTTON}' "
@@ -65,29 +67,39 @@ def play_live(
         def stopped() -> bool:
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
 
-        rollout = _until(stopped, lambda n: make_simulator(diagram, seed=seed + n, realtime_rate=1))
+        def live(n_falls: int) -> Rollout:
+            own = seed + n_falls
+            simulator = make_simulator(
+                diagram, seed=own, accuracy=scenario.accuracy, realtime_rate=1.0
+            )
+            return _until_fallen(simulator, pusher(simulator, scenario, own), stopped)
+
+        rollout = _until(stopped, live)
         say("saving")
         save_replay(diagram, meshcat, rollout, replay)
     return rollout
 
 
-def _until(stopped: Callable[[], bool], start: Callable[[int], Simulator]) -> Rollout:
+def _until(stopped: Callable[[], bool], live: Callable[[int], Rollout]) -> Rollout:
     n_falls = 0
-    rollout = _until_fallen(start(n_falls), stopped)
+    rollout = live(n_falls)
     while not stopped():
         n_falls += 1
         say(f"fell after {rollout.time[-1]:.2f} s; back on its feet")
         time.sleep(FALLEN_SECONDS)
-        rollout = _joined(rollout, _until_fallen(start(n_falls), stopped))
+        rollout = _joined(rollout, live(n_falls))
     return rollout
 
 
-def _until_fallen(simulator: Simulator, stopped: Callable[[], bool]) -> Rollout:
+def _until_fallen(
+    simulator: Simulator, pushed: Callable[[], None], stopped: Callable[[], bool]
+) -> Rollout:
     def ended() -> bool:
         # Without this a bound would fall after 50 s, for no reason of its own.
         diagram = simulator.get_system()
         assert isinstance(diagram, Diagram)
         normalize_attitude(diagram, simulator.get_mutable_context())
+        pushed()
         return stopped()
 
     return record(simulator, None, stopped=ended)

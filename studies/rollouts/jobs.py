@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 from joblib import delayed
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.alternating import AlternatingPolicy
@@ -17,7 +18,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.console import progress_bar, say
 from glassgait.studies.parallel import run_parallel
 from glassgait.studies.records import to_plain
-from glassgait.studies.rollouts.config import RolloutConfig, World
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts
 
@@ -30,18 +31,19 @@ class RolloutJob:
         labels: Columns that tell the job's rows from the others'.
         gait: The gait.
         policy: Who acts.
-        world: Where.
+        scenario: The world.
         config: How; its first seed alone counts.
     """
 
     labels: dict[str, str]
     gait: Gait
     policy: AlternatingPolicy
-    world: World
+    scenario: Scenario
     config: RolloutConfig
 
     def __post_init__(self) -> None:
         self.config.refuse_speeds_beyond(self.gait)
+        self.config.commanding(self.scenario).command.check(self.gait)
 
     @property
     def name(self) -> str:
@@ -50,7 +52,7 @@ class RolloutJob:
 
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
-        settings = [self.gait.digest(), to_plain(self.world), to_plain(self.config)]
+        settings = [self.gait.digest(), self.scenario.digest(), to_plain(self.config)]
         settings.append(self.policy.settings())
         policies = (self.policy.expert, self.policy.student)
         settings += [policy.digest() for policy in policies if policy is not None]
@@ -70,6 +72,7 @@ def inputs_of(jobs: Sequence[RolloutJob]) -> dict[str, str]:
     digests = {
         "gait": {job.gait.digest() for job in jobs},
         "expert": {policy.expert.digest() for policy in policies},
+        "scenario": {job.scenario.digest() for job in jobs},
         "students": {policy.student.digest() for policy in policies if policy.student is not None},
     }
     return {name: " ".join(sorted(own)) for name, own in digests.items()}
@@ -125,8 +128,8 @@ def _finished(
 
 
 def _score(index: int, job: RolloutJob) -> tuple[int, pd.DataFrame]:
-    log = roll_out(job.gait, job.policy, job.world, job.config)
-    scores = score_rollouts(log, robot.MASS + job.world.station.payload)
+    log = roll_out(job.gait, job.policy, job.scenario, job.config)
+    scores = score_rollouts(log, robot.MASS + job.scenario.station.payload)
     for position, (label, value) in enumerate({**job.labels, "seed": job.config.seed}.items()):
         scores.insert(position, label, value)
     return index, scores

@@ -1,15 +1,20 @@
 """Playing one robot as fast as it goes, and keeping the replay."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge, Le
 from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -21,7 +26,7 @@ Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
 def play(
     gait: Gait,
     policy: AlternatingPolicy,
-    config: LocomotionConfig,
+    scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,
     *,
@@ -32,35 +37,44 @@ def play(
 
     Args:
         gait: The gait.
-        policy: Who acts; its period is the alternation's.
-        config: How the loop is closed.
+        policy: Who acts.
+        scenario: The world.
         meshcat: Where the replay is drawn.
         replay: HTML file of the replay.
         seconds: Length of the rollout (s); a fall ends it before.
-        seed: Seed of noise and drawn commands.
+        seed: Seed of noise, pushes and drawn commands.
 
     Raises:
         InputError: if a policy or the command does not fit the gait.
     """
-    diagram = make_shown(gait, policy, config, meshcat)
-    rollout = record(make_simulator(diagram, seed=seed), round(seconds / CONTROL_PERIOD))
+    diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
+    simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
+    pushed = pusher(simulator, scenario, seed)
+
+    def stopped() -> bool:
+        pushed()
+        return False
+
+    rollout = record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
     save_replay(diagram, meshcat, rollout, replay)
     return rollout
 
 
-def make_shown(
-    gait: Gait, policy: AlternatingPolicy, config: LocomotionConfig, meshcat: Meshcat
-) -> Diagram:
-    """Closes the loop around a policy, in view of Meshcat.
+def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
+    """Returns what is to be called between two control steps, so that the scenario's pushes come.
 
-    Raises:
-        InputError: if a policy or the command does not fit the gait.
+    Args:
+        simulator: A simulator of what `MakeLocomotion` built.
+        scenario: The world.
+        seed: Seed of the pushes.
     """
-    return MakeLocomotion(
-        gait,
-        config,
-        expert=policy.acting_expert,
-        student=policy.acting_student,
-        estimator=policy.expert.estimator,
-        meshcat=meshcat,
-    )
+    randomization, generator = scenario.randomization(), np.random.default_rng(seed)
+    shown = simulator.get_system()
+    assert isinstance(shown, Diagram)
+
+    def pushed() -> None:
+        if scenario.pushes.speed > 0:
+            velocity = randomization.pushes(1, generator)[0]
+            push(shown, simulator.get_mutable_context(), velocity)
+
+    return pushed

@@ -1,53 +1,55 @@
 """Rolling out policies: many robots in batch, or few in the systems diagram."""
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from glassgait.diagrams.batch import BatchSimulator, TaskConfig
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.locomotion import DrawnCommands, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import SliderCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import NO_SLIDERS, TaskConfig
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
-from glassgait.studies.rollouts.config import RolloutConfig, World
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.scores import RolloutLog
 
 
 def roll_out(
-    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
-    """Rolls out the robots of the first seed, from near the default stance, with sensor noise.
+    """Rolls out the robots of the first seed, from near the default stance.
 
     Raises:
-        InputError: if a continuous world has pushes, or a policy whose observations are ablated.
+        InputError: if the scenario's commands are of sliders or beyond the gait's range, or a
+            continuous one meets a policy whose observations are ablated.
     """
-    if world.accuracy is None:
-        return _roll_out_batch(gait, policy, world, config)
-    return _roll_out_diagrams(gait, policy, world, config)
+    scenario = config.commanding(scenario)
+    if scenario.accuracy is None:
+        return _roll_out_batch(gait, policy, scenario, config)
+    return _roll_out_diagrams(gait, policy, scenario, config)
 
 
 def _roll_out_batch(
-    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
-    n = _n_robots(world, config)
-    # A station has one friction, and its robots the same.
-    ground = (world.station.friction, world.station.friction)
-    randomization = replace(NOMINAL, friction=ground, push_speed=world.push_speed)
-    task = TaskConfig(
-        gait, randomization, episode_steps=config.n_steps, speed_range=config.speed_range
-    )
-    estimator = None if world.true_body_state else policy.expert.estimator
+    n = _n_robots(scenario, config)
+    task = TaskConfig.of_scenario(gait, scenario, episode_steps=config.n_steps)
+    estimator = None if scenario.true_body_state else policy.estimator
     generator = np.random.default_rng(config.seed)
-    simulator = BatchSimulator(task, BatchPhysics(world.station), n_robots=n, generator=generator)
-    log: dict[str, list[Array]] = {name: [] for name in RolloutLog.__annotations__}
+    simulator = BatchSimulator(
+        task, BatchPhysics(scenario.station), n_robots=n, generator=generator
+    )
+    log: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
     failed = np.zeros((n, 1), dtype=bool)
     for step in range(config.n_steps):
-        command = simulator.state.command.velocity.copy()
+        command = simulator.state.command.velocity
         observation = simulator.observe(estimator)
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
         action = np.where(failed, 0.0, policy.act(step, observation))
@@ -63,41 +65,28 @@ def _roll_out_batch(
         log["failures"].append(outcome.failures)
         if failed.all():
             break
-    whole = RolloutLog(**{name: np.array(values) for name, values in log.items()})
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
+    whole = RolloutLog(**arrays)
     return _padded(whole, config.n_steps)
 
 
-def _n_robots(world: World, config: RolloutConfig) -> int:
-    return min(config.n_robots, world.max_robots or config.n_robots)
+def _n_robots(scenario: Scenario, config: RolloutConfig) -> int:
+    return min(config.n_robots, scenario.max_robots or config.n_robots)
 
 
 def _roll_out_diagrams(
-    gait: Gait, policy: AlternatingPolicy, world: World, config: RolloutConfig
+    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
-    if world.push_speed > 0:
-        raise InputError(
-            f"world {shown(world.title)}: push_speed is {world.push_speed:g}, but robots are "
-            "pushed in discrete worlds alone; give the station a time_step and leave accuracy out"
-        )
+    if isinstance(scenario.command, SliderCommand):
+        raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
-    diagram = MakeLocomotion(
-        gait,
-        LocomotionConfig(
-            station=world.station,
-            command=DrawnCommands(speed_range=config.speed_range),
-            alternation_period=policy.period,
-            sensor_noise=1.0,
-        ),
-        expert=policy.acting_expert,
-        student=policy.acting_student,
-        estimator=None if world.true_body_state else policy.expert.estimator,
-    )
-    n = _n_robots(world, config)
+    diagram = MakeLocomotion(gait, scenario, policy=policy)
+    n = _n_robots(scenario, config)
     states = NOMINAL.initial_states(n, np.random.default_rng(config.seed))
     logs = []
     for index, state in enumerate(states):
         simulator = make_simulator(
-            diagram, state=state, seed=config.seed * n + index, accuracy=world.accuracy
+            diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
         logs.append(_to_log(record(simulator, config.n_steps), config.n_steps))
     return RolloutLog(

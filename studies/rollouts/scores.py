@@ -1,6 +1,7 @@
 """Scores of rollouts, and their means with intervals."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -132,7 +133,7 @@ def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Averages scores over robots: means, 95 % intervals (`_ci`), falls and fall rate."""
     rows = []
     for keys, group in scores.groupby(by, sort=False):
-        row = dict(zip(by, keys, strict=True))
+        row: dict[str, Any] = dict(zip(by, keys, strict=True))
         row |= {"robots": len(group), "falls": int(group["fell"].sum())}
         row["fall_rate"] = row["falls"] / row["robots"]
         for name in SCORES:

@@ -1,5 +1,6 @@
 """The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,8 +8,10 @@ import torch
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.diagrams.batch import BatchSimulator, BatchStep, TaskConfig, TaskState
+from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.task import EPISODE_STEPS
@@ -64,8 +67,8 @@ class TrainingEnvironment:
             difficulty=config.curriculum.initial_difficulty,
         )
         # Spread the ends of the first episodes, so that updates see all ages at once.
-        steps = self.simulator.state.steps
-        steps[:] = generator.integers(EPISODE_STEPS, size=steps.shape)
+        ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
+        self.simulator.restore(replace(self.simulator.state, steps=ages))
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""

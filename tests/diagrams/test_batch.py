@@ -5,15 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.diagrams.batch import BatchSimulator, TaskConfig, TaskState
+from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
 from glassgait.models.task.randomization import NOMINAL, Randomization
-from glassgait.models.task.termination import FAILURES
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import FAILURES, TerminationLimits
 
 
 def make_simulator(gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, **task):
@@ -98,7 +103,7 @@ def test_reset_starts_the_given_robots_alone(trot, generator):
     simulator = make_simulator(trot)
     for _ in range(5):
         simulator.step(0.3 * generator.normal(size=(6, 12)))
-    before = {name: values.copy() for name, values in simulator.state.as_arrays().items()}
+    before = simulator.state.as_arrays()
     simulator.reset(np.array([1, 4]))
     for name, values in simulator.state.as_arrays().items():
         np.testing.assert_array_equal(values[[0, 2, 3, 5]], before[name][[0, 2, 3, 5]])
@@ -114,8 +119,9 @@ def test_episodes_are_truncated_at_their_length(trot):
 
 def test_commands_are_drawn_anew_every_ten_seconds(trot):
     simulator = make_simulator(trot)
-    simulator.state.steps[:] = [COMMAND_STEPS - 1, 1, 2, 3, 4, 5]
-    before = simulator.state.command.velocity.copy()
+    ages = np.array([COMMAND_STEPS - 1, 1, 2, 3, 4, 5])
+    simulator.restore(replace(simulator.state, steps=ages))
+    before = simulator.state.command.velocity
     simulator.step(np.zeros((6, 12)))
     changed = np.any(simulator.state.command.velocity != before, axis=1)
     assert changed.tolist() == [True, False, False, False, False, False]
@@ -125,12 +131,66 @@ def test_commands_are_drawn_anew_every_ten_seconds(trot):
     ("setting", "told"),
     [
         ({"episode_steps": 0}, "episode_steps is 0"),
-        ({"speed_range": (0.5, 0.1)}, "the least, then"),
+        ({"command": SliderCommand()}, "command is SliderCommand"),
     ],
 )
 def test_tasks_that_cannot_be_played_are_refused(trot, setting, told):
     with pytest.raises(InputError, match=f"task: .*{told}"):
         TaskConfig(trot, **setting)
+
+
+def test_a_state_once_taken_stays_as_it_is(trot, generator):
+    simulator = make_simulator(trot, randomization=Randomization(push_interval=0.02))
+    ages = np.full(6, COMMAND_STEPS - 2)
+    simulator.restore(replace(simulator.state, steps=ages))
+    taken = []
+    for _ in range(4):
+        taken.append(simulator.state)
+        kept = {name: values.copy() for name, values in simulator.state.as_arrays().items()}
+        simulator.step(0.3 * generator.normal(size=(6, 12)))
+        simulator.reset(np.array([1, 4]))
+        simulator.set_command(Command(np.ones((6, 2)), np.full(6, 7.0)))
+        for name, values in taken[-1].as_arrays().items():
+            np.testing.assert_array_equal(values, kept[name], err_msg=name)
+    with pytest.raises(AttributeError):
+        simulator.state.steps = ages
+
+
+def test_a_scenario_is_played_as_it_says(trot):
+    scenario = Scenario(
+        station=StationConfig(friction=0.3),
+        command=FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7),
+        sensor_noise=2.0,
+        pushes=Pushes(speed=0.7, interval=3.0),
+        weights=RewardWeights(torque=-1.0),
+        limits=TerminationLimits(trunk_height=0.1),
+    )
+    task = TaskConfig.of_scenario(trot, scenario, episode_steps=9)
+    assert task.randomization == replace(
+        NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, observation_noise=2.0
+    )
+    assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
+    physics = BatchPhysics(scenario.station)
+    simulator = BatchSimulator(task, physics, n_robots=3, generator=np.random.default_rng(0))
+    for _ in range(2):
+        np.testing.assert_array_equal(simulator.state.command.velocity, [[0.4, 0.2]] * 3)
+        np.testing.assert_array_equal(simulator.state.command.dwell, [7.0] * 3)
+        simulator.restore(replace(simulator.state, steps=np.full(3, COMMAND_STEPS - 1)))
+        simulator.step(np.zeros((3, 12)))
+    np.testing.assert_array_equal(simulator.friction_of_robots(), [0.3] * 3)
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (SliderCommand(), "command is of sliders"),
+        (FixedCommand(speed=3.0), "speed is 3.0; give -1 to 1"),
+        (DrawnCommands((0.0, 3.0)), "speed_range is"),
+    ],
+)
+def test_commands_that_a_batch_cannot_be_given_are_refused(trot, command, told):
+    with pytest.raises(InputError, match=told):
+        TaskConfig.of_scenario(trot, Scenario(command=command))
 
 
 def test_pushes_add_to_the_base_velocity(trot):

@@ -2,12 +2,8 @@
 
 import pytest
 
-from glassgait.diagrams.locomotion import (
-    DrawnCommands,
-    LocomotionConfig,
-    MakeLocomotion,
-    set_plant_state,
-)
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.systems import command, foot_sensor, reward
@@ -41,8 +37,7 @@ def calls(monkeypatch):
 
 @pytest.fixture
 def simulator(trot, make_policy):
-    config = LocomotionConfig(command=DrawnCommands(), sensor_noise=1.0)
-    return make_simulator(MakeLocomotion(trot, config, expert=make_policy(trot)))
+    return make_simulator(MakeLocomotion(trot, policy=make_policy(trot)))
 
 
 def test_once_a_control_step_even_where_every_port_is_recorded(calls, simulator):

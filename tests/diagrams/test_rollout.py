@@ -1,27 +1,33 @@
 """Rollouts of the diagram."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator, SimulatorStatus
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 
 import glassgait.diagrams.rollout
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record, stop_at_falls
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+
 
 def test_records_every_control_step_without_drift(trot, make_policy):
-    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot))
+    diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
     rollout = record(make_simulator(diagram), 30, stop_on_failure=False)
     np.testing.assert_array_equal(rollout.time, 0.02 * np.arange(31))
     assert rollout["state"].shape == (31, 37)
 
 
 def test_stops_at_the_first_failure(trot):
-    diagram = MakeLocomotion(trot, LocomotionConfig())
+    diagram = MakeLocomotion(trot, CALM)
     simulator = make_simulator(diagram)
     diagram.GetInputPort("actions").FixValue(simulator.get_mutable_context(), np.full(12, 10.0))
     rollout = record(simulator, 100)
@@ -30,7 +36,7 @@ def test_stops_at_the_first_failure(trot):
 
 
 def test_stops_when_told(trot, make_policy):
-    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot))
+    diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
     answers = iter([False, False, True])
     rollout = record(make_simulator(diagram), 100, stopped=lambda: next(answers))
     assert len(rollout.time) == 3
@@ -39,7 +45,7 @@ def test_stops_when_told(trot, make_policy):
 @pytest.fixture
 def trotting(trot, make_policy):
     """The diagram of a robot that moves its legs, with noise."""
-    return MakeLocomotion(trot, LocomotionConfig(sensor_noise=1.0), expert=make_policy(trot))
+    return MakeLocomotion(trot, replace(CALM, sensor_noise=1.0), policy=make_policy(trot))
 
 
 @pytest.fixture
@@ -47,7 +53,7 @@ def falling(trot, make_policy):
     """The diagram of a robot that falls at once."""
     small = make_policy(trot)
     wild = LinearPolicy("trot", small.observation_names, 30.0 * small.weights, np.full(12, 9.0))
-    return MakeLocomotion(trot, LocomotionConfig(), expert=wild)
+    return MakeLocomotion(trot, CALM, policy=wild)
 
 
 def nested(diagram):
@@ -115,8 +121,8 @@ def test_a_part_of_a_larger_diagram_is_not_simulated_alone(trotting):
 
 
 def test_the_error_controlled_integrator_refuses_a_larger_diagram(trot, make_policy):
-    config = LocomotionConfig(station=StationConfig(time_step=0.0))
-    whole = nested(MakeLocomotion(trot, config, expert=make_policy(trot)))
+    continuous = replace(CALM, station=StationConfig(time_step=0.0), accuracy=1e-3)
+    whole = nested(MakeLocomotion(trot, continuous, policy=make_policy(trot)))
     with pytest.raises(InputError, match="needs the plant in the outermost diagram"):
         make_simulator(whole, accuracy=1e-3)
 
@@ -134,7 +140,7 @@ def test_falls_stop_the_simulator_where_a_recording_would_end(falling, larger):
 
 
 def test_a_robot_that_does_not_fall_goes_on(trot):
-    diagram = MakeLocomotion(trot, LocomotionConfig())
+    diagram = MakeLocomotion(trot, CALM)
     simulator = make_simulator(diagram)
     diagram.GetInputPort("actions").FixValue(simulator.get_mutable_context(), np.zeros(12))
     stop_at_falls(simulator)
@@ -155,7 +161,7 @@ def test_a_monitor_between_two_control_instants_ends_the_recording(trotting):
 
 @pytest.mark.slow
 def test_the_error_controlled_integrator_runs_the_continuous_plant(trot, make_policy):
-    config = LocomotionConfig(station=StationConfig(time_step=0.0))
-    diagram = MakeLocomotion(trot, config, expert=make_policy(trot))
+    continuous = replace(CALM, station=StationConfig(time_step=0.0), accuracy=1e-3)
+    diagram = MakeLocomotion(trot, continuous, policy=make_policy(trot))
     rollout = record(make_simulator(diagram, accuracy=1e-3), 5, stop_on_failure=False)
     assert rollout["state"][-1][6] > 0.2

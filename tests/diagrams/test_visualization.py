@@ -5,16 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion, SliderCommand
+from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.systems.meshcat_command import SPEED_SLIDER
+
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
 
 
 def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_policy, tmp_path):
     meshcat = open_meshcat()
-    diagram = MakeLocomotion(trot, LocomotionConfig(), expert=make_policy(trot), meshcat=meshcat)
+    diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot), meshcat=meshcat)
     rollout = record(make_simulator(diagram), 10, stop_on_failure=False)
     path = tmp_path / "replay.html"
     save_replay(diagram, meshcat, rollout, path)
@@ -35,7 +39,7 @@ def test_names_of_states_are_no_paths(trot, make_policy):
     ]
     gait = replace(trot, states=states, initial="a", transitions=tuple(edges))
     meshcat = open_meshcat()
-    MakeLocomotion(gait, LocomotionConfig(), expert=make_policy(trot), meshcat=meshcat)
+    MakeLocomotion(gait, CALM, policy=make_policy(trot), meshcat=meshcat)
     assert [meshcat.HasPath(f"/drake/gait/state/{k}") for k in range(3)] == [True, True, False]
     assert not meshcat.HasPath("/drake/gait/state/a")
 
@@ -51,7 +55,7 @@ def test_opening_meshcat_says_nothing_and_leaves_drakes_log_as_it_is(caplog):
 def test_sliders_command_the_robot(trot, make_policy):
     meshcat = open_meshcat()
     diagram = MakeLocomotion(
-        trot, LocomotionConfig(command=SliderCommand()), expert=make_policy(trot), meshcat=meshcat
+        trot, Scenario(command=SliderCommand()), policy=make_policy(trot), meshcat=meshcat
     )
     simulator = make_simulator(diagram)
     meshcat.SetSliderValue(SPEED_SLIDER, -0.3)

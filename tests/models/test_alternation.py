@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert
 from glassgait.models.task.alternation import expert_acts, ratio_title
 
 
@@ -16,3 +18,28 @@ def test_expert_acts_every_nth_step(period, acts):
 
 def test_ratios_are_named_as_in_the_paper():
     assert [ratio_title(period) for period in (1, 2, 8, 0)] == ["1", "1/2", "1/8", "0"]
+
+
+@pytest.mark.parametrize("period", [1, 2, 4, 0])
+def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, period):
+    expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
+    policy = AlternatingPolicy(expert, student, period)
+    observation = np.ones((3, len(expert.observation_names)))
+    for step in range(9):
+        assert policy.expert_acts(step) == expert_acts(step, period)
+        acting = expert if expert_acts(step, period) else student
+        np.testing.assert_array_equal(policy.act(step, observation), acting(observation))
+
+
+@pytest.mark.parametrize(
+    ("period", "told"), [(2, "needs a student"), (0, "needs a"), (-1, "is -1")]
+)
+def test_an_alternation_without_its_student_is_refused(trot, make_policy, period, told):
+    with pytest.raises(ValueError, match=told):
+        AlternatingPolicy(make_policy(trot), None, period)
+
+
+def test_the_experts_estimator_observes_for_both(trot, make_policy):
+    expert = load_expert("trot")
+    assert AlternatingPolicy(expert, make_policy(trot), 0).estimator is expert.estimator
+    assert AlternatingPolicy(make_policy(trot)).estimator is None

@@ -17,7 +17,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"])
     assert "is not an alternation ratio" in refused(["rollout", "--ratio", "2/3"])
     assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"])
-    assert "time_step is -0.1" in refused(["rollout", "--station.time-step", "-0.1"])
+    assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
     assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"])
     assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"])
     assert "must divide the control period" in refused(
@@ -29,7 +29,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
-    assert "worlds is empty" in refused(["evaluate", "--worlds"])
+    assert "scenario is empty" in refused(["evaluate", "--scenario"])
     assert "lengths is empty" in refused(["pareto", "--lengths"])
     assert "lengths is (8, 0)" in refused(["pareto", "--lengths", "8", "0"])
     assert "students is empty" in refused(["importance", "--students"])
@@ -101,7 +101,7 @@ REFUSED = {
     "evaluate --speed-range 1 0": "it must be the least, then the greatest",
     "evaluate --speed-range 0 inf": "it must be a finite number",
     "evaluate --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
-    "evaluate --worlds training training": "it must be a list that names nothing twice",
+    "evaluate --scenario training training": "it must be a list that names nothing twice",
     "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
     "report --gaits trot trot": "it must be a list that names nothing twice",
     "report --gaits": "gaits is empty; name one or more",
@@ -153,7 +153,7 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
 
 
 def test_evaluate_writes_its_tables(tmp_path):
-    small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--worlds", "training"]
+    small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", *small, "--output", str(tmp_path)])
     tables = {
         f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")

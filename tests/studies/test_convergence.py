@@ -3,17 +3,17 @@
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.studies.convergence.drop import drop_robot
 from glassgait.studies.convergence.figures import convergence_figure
 from glassgait.studies.convergence.variants import CENIC, DRAKES_RELAXATION_TIME, VARIANTS
 from glassgait.studies.figures import save_figure
-from glassgait.studies.rollouts.config import World
 
 
 def drop(**station):
     accuracy = station.pop("accuracy", None)
-    return drop_robot(World("", StationConfig(**station), accuracy))
+    return drop_robot(Scenario("dropped", StationConfig(**station), accuracy))
 
 
 @pytest.fixture(scope="module")

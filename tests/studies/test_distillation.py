@@ -14,7 +14,7 @@ import pytest
 from sklearn.linear_model import LinearRegression
 from sklearn.metrics import r2_score
 
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.expression_text import parse_expression, variable_names
@@ -420,7 +420,7 @@ def test_labels_are_the_experts_whoever_acts(expert):
         student,
         plan=Round(number=2, period=3, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
-        station=StationConfig(),
+        scenario=Scenario(),
         generator=np.random.default_rng(0),
     )
     np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
@@ -451,7 +451,7 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
             untrained_student("trot", expert.observation_names),
             plan=Round(number=1, period=1, episodes=range(1, 3), steps=3),
             speeds=np.array([0.0, 0.5]),
-            station=StationConfig(),
+            scenario=Scenario(),
             generator=np.random.default_rng(0),
         )
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.library import load_student
 from glassgait.studies.examples import build_and_log
 from glassgait.studies.examples.own_leaf_system import PowerMeter
@@ -58,8 +60,8 @@ def test_the_robot_of_ones_own_diagram_comes_forward_on_its_feet(printed):
 
 
 def test_ones_own_diagram_moves_as_the_loop_does(trot):
-    config = LocomotionConfig(command=FixedCommand(speed=0.5, dwell=8), alternation_period=0)
-    loop = MakeLocomotion(trot, config, student=load_student("trot", "statewise_linear"))
+    scenario = Scenario(command=FixedCommand(speed=0.5, dwell=8), sensor_noise=0.0)
+    loop = MakeLocomotion(trot, scenario, policy=load_student("trot", "statewise_linear"))
     own = make_diagram()
     ours, theirs = Simulator(own), make_simulator(loop)
     for simulator in (ours, theirs):

@@ -1,4 +1,4 @@
-"""Scores, worlds and ratios."""
+"""Scores, scenarios and ratios."""
 
 from dataclasses import replace
 
@@ -8,8 +8,10 @@ import pytest
 from scipy import stats
 
 import glassgait.studies.rollouts.jobs
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario, load_scenario, load_scenarios
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
@@ -27,7 +29,7 @@ from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import AblatedPolicy
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, World
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.jobs import RolloutJob, run_jobs
 from glassgait.studies.rollouts.roll_out import roll_out
@@ -39,6 +41,8 @@ from glassgait.studies.rollouts.scores import (
     summarize,
 )
 from glassgait.studies.students.linear import untrained_student
+
+TRAINING = {"training": Scenario()}
 
 
 def log(n_steps=200, n_robots=2):
@@ -85,9 +89,9 @@ def test_intervals_are_students():
 
 def test_summary_counts_falls():
     scores = score_rollouts(log(n_robots=4))
-    scores["world"] = ["a", "a", "b", "b"]
+    scores["scenario"] = ["a", "a", "b", "b"]
     scores.loc[0, "fell"] = True
-    summary = summarize(scores, ["world"])
+    summary = summarize(scores, ["scenario"])
     assert summary["falls"].tolist() == [1, 0]
     assert summary["fall_rate"].tolist() == [0.5, 0.0]
 
@@ -122,9 +126,7 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     weights[:, previous : previous + robot.N_JOINTS] = 3.0 * np.eye(robot.N_JOINTS)
     student = LinearPolicy("trot", expert.observation_names, weights, np.ones(robot.N_JOINTS))
     config = RolloutConfig(n_robots=3, n_steps=800)
-    values = roll_out(
-        load_gait("trot"), AlternatingPolicy(expert, student, 0), WORLDS["training"], config
-    )
+    values = roll_out(load_gait("trot"), AlternatingPolicy(expert, student, 0), Scenario(), config)
     scores = score_rollouts(values)
     assert scores["fell"].all()
     assert values.reward.shape == (800, 3)
@@ -141,7 +143,7 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)
     policy = AlternatingPolicy(expert, student, 0)
-    job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, WORLDS["training"], config)
+    job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config)
     scores = run_jobs([job], tmp_path, processes=1)
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
@@ -166,14 +168,16 @@ def test_shares_compare_robot_with_robot(generator):
     assert row["share_ci"] < 0.1 * unpaired
 
 
-def test_worlds_are_named_in_the_tables(expert, tmp_path):
+def test_scenarios_are_named_in_the_tables(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=60, n_seeds=1)
-    jobs = scorecard_jobs(
-        [(load_gait("trot"), AlternatingPolicy(expert))], ("training", "sap_2ms"), config
-    )
+    scenarios = load_scenarios(("training", "sap_2ms"))
+    titles = {name: scenario.title for name, scenario in scenarios.items()}
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], scenarios, config)
     scores = run_jobs(jobs, tmp_path, processes=1)
-    assert scorecard_table(scores)["world"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
-    assert falls_table(scores)["trot"].tolist() == ["0 of 2", "0 of 2"]
+    table, falls = scorecard_table(scores, titles), falls_table(scores, titles)
+    assert table["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
+    assert falls["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
+    assert falls["trot"].tolist() == ["0 of 2", "0 of 2"]
 
 
 def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, monkeypatch):
@@ -181,7 +185,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
     def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
-        jobs = scorecard_jobs([(gait, AlternatingPolicy(expert))], ("training",), config)
+        jobs = scorecard_jobs([(gait, AlternatingPolicy(expert))], TRAINING, config)
         return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
@@ -203,7 +207,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
 def test_damaged_scores_are_told(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
     run_jobs(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
     path.write_text(path.read_text().replace("reward", "rewart", 1))
@@ -213,7 +217,7 @@ def test_damaged_scores_are_told(expert, tmp_path):
 
 def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
     run_jobs(jobs, tmp_path, processes=1)
     first, second = sorted(tmp_path.glob("*.json"))
     second.write_bytes(first.read_bytes())
@@ -223,23 +227,22 @@ def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], ("training",), config)
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
     one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
     pd.testing.assert_frame_equal(one, two)
 
 
-def test_worlds_disturb(expert):
+def test_scenarios_disturb(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
     logs = {
-        name: roll_out(gait, AlternatingPolicy(expert), world, config)
-        for name, world in WORLDS.items()
-        if name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_velocities")
+        name: roll_out(gait, AlternatingPolicy(expert), load_scenario(name), config)
+        for name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_body_state")
     }
     plain = logs.pop("training").velocity
     assert all(not np.array_equal(log.velocity, plain) for log in logs.values())
 
 
-CONTINUOUS = World("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
+CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
 
 
 def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
@@ -255,18 +258,7 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     assert second - first == served.max() == served[first]
 
 
-def test_a_continuous_world_refuses_pushes(expert):
-    pushing = replace(CONTINUOUS, push_speed=0.5)
-    with pytest.raises(InputError, match=r"push_speed is 0\.5, but robots are pushed in discrete"):
-        roll_out(
-            load_gait("trot"),
-            AlternatingPolicy(expert),
-            pushing,
-            RolloutConfig(n_robots=1, n_steps=1),
-        )
-
-
-def test_a_continuous_world_refuses_ablations(expert):
+def test_a_continuous_scenario_refuses_ablations(expert):
     policy = AblatedPolicy(expert, expert, 0, columns=(0,), means=(0.0,))
     with pytest.raises(InputError, match="ablation: a diagram's policies see every observation"):
         roll_out(load_gait("trot"), policy, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
@@ -285,7 +277,7 @@ def test_cost_of_transport_is_work_per_weight_and_distance():
 @pytest.mark.slow
 def test_diagram_rollouts_score_like_batch_rollouts(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
-    cenic = WORLDS["cenic_1e-5"]
+    cenic = load_scenario("cenic_1e-5")
     scores = score_rollouts(roll_out(gait, AlternatingPolicy(expert), cenic, config))
     assert len(scores) == 1
     assert not scores["fell"].any()
@@ -294,7 +286,7 @@ def test_diagram_rollouts_score_like_batch_rollouts(expert):
 
 def test_gait_figure_is_drawn(expert, tmp_path):
     gait = load_gait("trot")
-    diagram = MakeLocomotion(gait, LocomotionConfig(), expert=expert, estimator=expert.estimator)
+    diagram = MakeLocomotion(gait, Scenario(command=FixedCommand()), policy=expert)
     rollout = record(make_simulator(diagram), 100)
     assert not rollout.failed
     save_figure(gait_figure(rollout, gait, "trot"), tmp_path / "gait")
@@ -302,7 +294,7 @@ def test_gait_figure_is_drawn(expert, tmp_path):
 
 
 def test_a_single_robot_has_no_interval():
-    scores = score_rollouts(log(n_robots=1)).assign(gait="trot", world="training")
-    row = scorecard_table(scores).iloc[0]
+    scores = score_rollouts(log(n_robots=1)).assign(gait="trot", scenario="training")
+    row = scorecard_table(scores, {"training": "training"}).iloc[0]
     assert row["reward"] == "200"
     assert row["cost of transport"] == "–"

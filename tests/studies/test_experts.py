@@ -3,11 +3,12 @@
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import read_yaml
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts
 from glassgait.studies.tables import to_markdown
@@ -38,7 +39,7 @@ def test_page_shows_the_records():
 def test_experts_stay_up_and_keep_their_gait(gait):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
     policy = AlternatingPolicy(load_expert(gait))
-    scores = score_rollouts(roll_out(load_gait(gait), policy, WORLDS["training"], config))
+    scores = score_rollouts(roll_out(load_gait(gait), policy, Scenario(), config))
     assert not scores["fell"].any()
     # The half-bound keeps 0.86 of its rhythm over five seeds, every other gait more than 0.95.
     assert scores["rhythm"].mean() > (0.7 if gait == "half_bound" else 0.85)

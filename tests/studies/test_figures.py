@@ -11,8 +11,10 @@ from matplotlib.text import Text
 
 import glassgait.studies.rollout.stills
 from glassgait.diagrams.camera import Camera
-from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
@@ -33,13 +35,8 @@ HAS_EGL = ctypes.util.find_library("EGL") is not None
 
 @pytest.fixture(scope="module")
 def rollout():
-    expert = load_expert("trot")
-    diagram = MakeLocomotion(
-        load_gait("trot"),
-        LocomotionConfig(command=FixedCommand(dwell=8)),
-        expert=expert,
-        estimator=expert.estimator,
-    )
+    scenario = Scenario(command=FixedCommand(dwell=8), sensor_noise=0.0)
+    diagram = MakeLocomotion(load_gait("trot"), scenario, policy=load_expert("trot"))
     return record(make_simulator(diagram), 100)
 
 

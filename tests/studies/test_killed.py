@@ -54,7 +54,7 @@ def distilled(tmp_path_factory):
 COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
-    "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--worlds", "training", "push_1.0"],
+    "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
     "pareto": [*ROLL_OUT, "--lengths", "2", "6", "--samples", "{distilled}/statewise_symbolic"],
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
@@ -34,7 +35,7 @@ TRAINING = TrainingConfig(
 )
 JOBS = scorecard_jobs(
     [(GAIT, AlternatingPolicy(EXPERT))],
-    ("training",),
+    {"training": Scenario()},
     RolloutConfig(n_robots=2, n_steps=5, n_seeds=1),
 )
 

@@ -26,7 +26,7 @@ ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--payloads", "--fine-steps"],
     "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
-    "evaluate": [*SMALL, "--policy", "statewise_linear", "--worlds", "training"],
+    "evaluate": [*SMALL, "--policy", "statewise_linear", "--scenario", "training"],
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
     "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],

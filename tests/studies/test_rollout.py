@@ -15,7 +15,8 @@ import yaml
 
 import glassgait.studies.rollout.command
 import glassgait.studies.rollout.live
-from glassgait.diagrams.locomotion import LocomotionConfig, SliderCommand
+from glassgait.diagrams.commands import SliderCommand
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
@@ -139,7 +140,7 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     rollout = play_live(
         trot,
         AlternatingPolicy(load_expert("trot"), flinging(), period=0),
-        LocomotionConfig(command=SliderCommand(), alternation_period=0),
+        Scenario(command=SliderCommand(), sensor_noise=0.0),
         open_meshcat(),
         tmp_path / "replay.html",
     )

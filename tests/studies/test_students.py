@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
@@ -19,7 +20,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollouts.config import WORLDS, RolloutConfig
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.students.formula_pages import write_formulas
 from glassgait.studies.students.library import default_student, find_student
@@ -37,9 +38,7 @@ def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7).at_distilled_speeds(load_gait(gait))
-    log = roll_out(
-        load_gait(gait), AlternatingPolicy(expert, student, 0), WORLDS["training"], config
-    )
+    log = roll_out(load_gait(gait), AlternatingPolicy(expert, student, 0), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
 
@@ -113,7 +112,7 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
 
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--worlds", "training"]
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", "--gait", "all", "--policy", "symbolic", *small])
     table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
@@ -125,5 +124,5 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
 def test_students_are_scored_at_slower_speeds_than_experts():
     expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
     policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
-    jobs = scorecard_jobs(policies, ["training"], RolloutConfig(n_seeds=1))
+    jobs = scorecard_jobs(policies, {"training": Scenario()}, RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]

@@ -6,7 +6,9 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeA1Station
 from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_student
@@ -116,7 +118,7 @@ def test_targets_differentiate_by_the_plants_state(random_states):
 
 
 def test_the_loop_does_not_convert_since_the_plant_would_lose_its_control(trot):
-    loop = MakeLocomotion(trot, LocomotionConfig())
+    loop = MakeLocomotion(trot, Scenario(command=FixedCommand(), sensor_noise=0.0))
     with pytest.raises(RuntimeError, match="ActionHold does not support scalar conversion"):
         loop.ToAutoDiffXd()
     station = MakeA1Station()

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 
-from glassgait.diagrams.locomotion import LocomotionConfig, MakeLocomotion
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.expression_text import parse_expression, variable_names
@@ -117,9 +119,8 @@ def test_shipped_policies_act_the_same_on_random_observations(gait, kind):
 @pytest.mark.parametrize(("gait", "kind"), READABLE)
 def test_shipped_policies_act_the_same_on_what_the_robot_observes(gait, kind):
     policy = student(gait, kind)
-    diagram = MakeLocomotion(
-        load_gait(gait), LocomotionConfig(alternation_period=0), student=policy
-    )
+    scenario = Scenario(command=FixedCommand(), sensor_noise=0.0)
+    diagram = MakeLocomotion(load_gait(gait), scenario, policy=policy)
     seen = record(make_simulator(diagram), 150, stop_on_failure=False)["observations"]
     states = seen[:, machine_state_entries(policy.observation_names)]
     assert len(np.unique(states, axis=0)) > 1

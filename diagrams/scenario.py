@@ -1,0 +1,242 @@
+"""Scenarios: the world that a robot is in and how the loop around it is closed."""
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import yaml
+from annotated_types import Ge, Le
+
+from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.settings import Count, NotNegative, Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.randomization import NOMINAL, Randomization
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import TerminationLimits
+
+SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
+
+LONGEST_NAME = 80
+"""Greatest length of a scenario's name (bytes), which stands in the names of files."""
+
+LONGEST_TITLE = 80
+"""Greatest number of characters of a title, which stands in tables."""
+
+
+@dataclass(frozen=True)
+class Pushes(Settings):
+    """Pushes of a robot's trunk, between two control steps.
+
+    Attributes:
+        speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for none.
+        interval: Mean time between two pushes of a robot (s).
+    """
+
+    title: ClassVar[str] = "pushes"
+
+    speed: NotNegative = 0.0
+    interval: Annotated[float, Ge(CONTROL_PERIOD)] = NOMINAL.push_interval
+
+
+@dataclass(frozen=True)
+class Scenario(Settings):
+    """The world, and how the loop is closed; by default those of training, without disturbances.
+
+    Attributes:
+        title: What tables and refusals call it.
+        station: Physics.
+        accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
+        command: Where commands come from.
+        sensor_noise: Factor on the noise of the joints' sensors; 0 for none, 1 for the task's.
+        pushes: Pushes of the trunk; of discrete plants alone.
+        true_body_state: Whether policies observe the true body state, not the estimator's.
+        max_robots: Robots to roll out at most for a seed, where the physics is slow.
+        weights: Weights of the reward.
+        limits: Bounds that the fall monitor watches.
+    """
+
+    title: str = "SAP 10 ms (training)"
+    station: StationConfig = field(default_factory=StationConfig)
+    accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
+    command: CommandConfig = field(default_factory=DrawnCommands)
+    sensor_noise: NotNegative = 1.0
+    pushes: Pushes = field(default_factory=Pushes)
+    true_body_state: bool = False
+    max_robots: Count | None = None
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.title, str):
+            _check_title(self.title)
+        super().__post_init__()
+        if self.station.time_step > 0:
+            # Otherwise the plant and the controller would drift apart.
+            self.station.plant_steps()
+        self._check_integrator()
+
+    def refused_as(self) -> str:
+        """Returns what a refusal calls the scenario: its title is its own, not of all."""
+        return f"scenario {shown(self.title)}"
+
+    def _check_integrator(self) -> None:
+        step, pushed = self.station.time_step, self.pushes.speed
+        told = None
+        if step == 0 and self.accuracy is None:
+            told = (
+                "station.time_step is 0, which makes the plant continuous; give the accuracy of "
+                "its integrator, such as 1.0e-5, or a time_step"
+            )
+        elif step > 0 and self.accuracy is not None:
+            told = (
+                f"accuracy is {self.accuracy:g}, which is of continuous plants, but "
+                f"station.time_step is {step:g}; make it 0, or leave accuracy out"
+            )
+        elif step == 0 and pushed > 0:
+            told = (
+                f"pushes.speed is {pushed:g}, but robots are pushed in discrete worlds alone; give "
+                "station.time_step and leave accuracy out"
+            )
+        if told:
+            raise InputError(f"{self.refused_as()}: {told}")
+
+    @property
+    def names_a_command(self) -> bool:
+        """Whether it asks for anything but commands drawn over a gait's whole range."""
+        return self.command != DrawnCommands()
+
+    def randomization(self) -> Randomization:
+        """Returns what differs between the robots of an evaluation here."""
+        # A station has one friction, and its robots the same.
+        ground = (self.station.friction, self.station.friction)
+        return replace(
+            NOMINAL,
+            friction=ground,
+            push_speed=self.pushes.speed,
+            push_interval=self.pushes.interval,
+            observation_noise=self.sensor_noise,
+        )
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns every setting as values that YAML and JSON can hold."""
+        return json.loads(json.dumps(asdict(self)))
+
+    def digest(self) -> str:
+        """Tells scenarios apart that differ in anything."""
+        return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Lists the scenarios that ship with the project, the training world first."""
+    names = (path.stem for path in SCENARIO_DIRECTORY.glob("*.yaml"))
+    return tuple(sorted(names, key=lambda name: (name != "training", name)))
+
+
+def load_scenario(scenario: str | Path) -> Scenario:
+    """Loads a scenario by its name, or from a YAML file of one's own.
+
+    A file names only what differs from the training world.
+
+    Args:
+        scenario: Name of a scenario that ships, or path of a file that ends in .yaml.
+
+    Raises:
+        InputError: if there is no such scenario, or its file breaks a rule; the message names the
+            file, the key and the remedy.
+    """
+    # As Drake's hardware_sim loads one: a dataclass of defaults, and a file that overrides some.
+    # `pydrake.common.yaml.yaml_load_typed` would serve, were it not that it sets the fields of a
+    # frozen dataclass, and reads no `Annotated`, by which the ranges are told, and no `Literal`.
+    path = _path(scenario)
+    loaded = _parse(read_yaml(path), path)
+    shipped = SCENARIO_DIRECTORY / path.name
+    if shipped.exists() and path.resolve() != shipped and loaded != load_scenario(path.stem):
+        raise InputError(
+            f"{path}: is called like the scenario {path.stem!r} that ships, and differs from it; "
+            "give the file another name"
+        )
+    return loaded
+
+
+def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
+    """Loads scenarios by their names.
+
+    Args:
+        scenarios: Names or paths, as `load_scenario` takes them, or `all` for those that ship.
+
+    Raises:
+        InputError: as `load_scenario` does, or if two that differ have one name.
+    """
+    found: dict[str, Scenario] = {}
+    for one in scenarios:
+        for each in scenario_names() if one == "all" else (one,):
+            name, scenario = _path(each).stem, load_scenario(each)
+            if found.setdefault(name, scenario) != scenario:
+                raise InputError(
+                    f"{each}: is another scenario than the one before that is called {name!r}; "
+                    "give the file another name"
+                )
+    return found
+
+
+def save_scenario(scenario: Scenario, path: Path) -> None:
+    """Writes a scenario with every setting to a file that `load_scenario` reads, atomically.
+
+    Raises:
+        InputError: if it cannot be written there.
+    """
+    write_atomically(path, yaml.safe_dump(scenario.to_plain(), sort_keys=False))
+
+
+def _parse(values: Any, path: Path) -> Scenario:
+    if not isinstance(values, dict):
+        raise InputError(
+            f"{path}: is not a mapping of settings; write what differs from the training world, "
+            "such as station: {friction: 0.3}"
+        )
+    values = {"title": path.stem} | values
+    if "command" not in values:
+        return Scenario.from_plain(values, str(path))
+    # Three kinds of settings stand under one key, and their own keys tell which.
+    given = values.pop("command")
+    command = _command_kind(given).from_plain(given, f"{path}: key 'command'")
+    return replace(Scenario.from_plain(values, str(path)), command=command)
+
+
+def _command_kind(values: Any) -> type[FixedCommand | DrawnCommands | SliderCommand]:
+    for kind in (DrawnCommands, SliderCommand):
+        if isinstance(values, dict) and any(own.name in values for own in fields(kind)):
+            return kind
+    return FixedCommand
+
+
+def _path(scenario: str | Path) -> Path:
+    path = Path(scenario)
+    if path.suffix in (".yaml", ".yml"):
+        if len(os.fsencode(path.stem)) > LONGEST_NAME or not path.stem.isprintable():
+            raise InputError(
+                f"scenario file {shown(str(path))}: the scenario takes its name from the file; "
+                f"rename it to printable characters, {LONGEST_NAME} bytes at most"
+            )
+        return path
+    if str(scenario) not in scenario_names():
+        raise InputError(
+            f"unknown scenario {shown(str(scenario))}; the scenarios are "
+            f"{', '.join(scenario_names())}, or give the path of a scenario file ending in .yaml"
+        )
+    return SCENARIO_DIRECTORY / f"{scenario}.yaml"
+
+
+def _check_title(title: str) -> None:
+    if not title.isprintable() or not 0 < len(title.strip()) <= LONGEST_TITLE:
+        raise InputError(
+            f"scenario: title is {shown(title)}; write printable characters, {LONGEST_TITLE} at "
+            "most"
+        )

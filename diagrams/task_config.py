@@ -1,0 +1,66 @@
+"""The task that the batch simulator plays."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge
+
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Settings
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import TerminationLimits
+
+NO_SLIDERS = (
+    "command is of sliders, which one robot has that a person watches; give a speed or a "
+    "speed_range"
+)
+
+
+@dataclass(frozen=True)
+class TaskConfig(Settings):
+    """The task that the batch simulator plays.
+
+    Attributes:
+        gait: The gait.
+        randomization: What differs between robots and episodes.
+        weights: Weights of the reward.
+        limits: Bounds of the termination.
+        episode_steps: Control steps of an episode.
+        command: Where commands come from.
+    """
+
+    title: ClassVar[str] = "task"
+
+    gait: Gait
+    randomization: Randomization = field(default_factory=Randomization)
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    limits: TerminationLimits = field(default_factory=TerminationLimits)
+    episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
+    command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
+
+    @classmethod
+    def of_scenario(
+        cls, gait: Gait, scenario: Scenario, *, episode_steps: int = EPISODE_STEPS
+    ) -> "TaskConfig":
+        """Returns the task of a gait in a scenario.
+
+        Raises:
+            InputError: if commands come from sliders, or the gait is not made for them.
+        """
+        command = scenario.command
+        if isinstance(command, SliderCommand):
+            raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
+        command.check(gait)
+        return cls(
+            gait,
+            scenario.randomization(),
+            weights=scenario.weights,
+            limits=scenario.limits,
+            episode_steps=episode_steps,
+            command=command,
+        )

@@ -1,0 +1,96 @@
+"""What the batch simulator's task remembers of every robot."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task.command import Command
+from glassgait.models.task.reward_machine import MachineState
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TaskState:
+    """All that the task remembers of each robot between two control steps.
+
+    It is a value: its arrays are never written to, and whatever changes gives another state.
+
+    Attributes:
+        plant: Plant states x (n, 37).
+        command: Velocities (n, 2; m/s, rad/s) and dwells (n,; control steps).
+        machine: The reward machines' states.
+        touching: Whether each foot touches (n, 4).
+        air_time: Time each foot has been in the air (n, 4; s).
+        action: Actions of the last step (n, 12).
+        joint_noise: Noise on joint positions, then velocities (n, 24; rad, rad/s).
+        steps: Control steps since the episode's start (n,).
+    """
+
+    plant: Array
+    command: Command
+    machine: MachineState
+    touching: BoolArray
+    air_time: Array
+    action: Array
+    joint_noise: Array
+    steps: NDArray[np.int64]
+
+    def as_arrays(self) -> dict[str, NDArray]:
+        """Returns every array by name, robots along the first axis."""
+        return {
+            "plant": self.plant,
+            "command_velocity": self.command.velocity,
+            "command_dwell": self.command.dwell,
+            "machine_state": self.machine.state,
+            "machine_iterations": self.machine.iterations,
+            "machine_age": self.machine.age,
+            "touching": self.touching,
+            "air_time": self.air_time,
+            "action": self.action,
+            "joint_noise": self.joint_noise,
+            "steps": self.steps,
+        }
+
+    @staticmethod
+    def from_arrays(arrays: dict[str, NDArray]) -> "TaskState":
+        """Rebuilds the state that `as_arrays` took apart."""
+        return TaskState(
+            plant=arrays["plant"],
+            command=Command(arrays["command_velocity"], arrays["command_dwell"]),
+            machine=MachineState(
+                arrays["machine_state"], arrays["machine_iterations"], arrays["machine_age"]
+            ),
+            touching=arrays["touching"],
+            air_time=arrays["air_time"],
+            action=arrays["action"],
+            joint_noise=arrays["joint_noise"],
+            steps=arrays["steps"],
+        )
+
+    def with_robots(self, index: NDArray[np.int64], others: "TaskState") -> "TaskState":
+        """Returns a state whose robots at `index` are those of `others`, in their order."""
+        theirs = others.as_arrays()
+        return TaskState.from_arrays(
+            {name: _put(mine, index, theirs[name]) for name, mine in self.as_arrays().items()}
+        )
+
+    def pushed(self, velocity: Array) -> "TaskState":
+        """Returns a state with a velocity (n, 3; m/s, world frame) added to each trunk's."""
+        plant = self.plant.copy()
+        plant[:, robot.LINEAR_VELOCITY] += velocity
+        return replace(self, plant=plant)
+
+    def with_commands(self, index: NDArray[np.int64], command: Command) -> "TaskState":
+        """Returns a state whose robots at `index` have other commands."""
+        fresh = [_put(mine, index, new) for mine, new in zip(self.command, command, strict=True)]
+        return replace(self, command=Command(*fresh))
+
+
+def _put(values: NDArray, index: NDArray[np.int64], new: NDArray) -> NDArray:
+    changed = values.copy()
+    changed[index] = new
+    return changed

@@ -1,0 +1,122 @@
+"""Commands: fixed, drawn, or from sliders, and which are refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.common import RandomGenerator
+from pydrake.gym import DrakeGymEnv
+from pydrake.systems.analysis import MonteCarloSimulation, Simulator
+
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.gym import action_space, observation_space
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+DRAWN = replace(CALM, command=DrawnCommands())
+
+
+def test_drawn_commands_reach_the_observation(trot, make_policy):
+    diagram = MakeLocomotion(trot, DRAWN, policy=make_policy(trot))
+    rollout, other = (record(make_simulator(diagram, seed=seed), 5) for seed in (4, 5))
+    np.testing.assert_array_equal(rollout["observations"][:, :2], rollout["command"])
+    assert not np.array_equal(rollout["command"], other["command"])
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"speed": 1.5}, "speed is 1.5; give -1 to 1, the range of gait 'trot'"),
+        ({"yaw_rate": -2.0}, "yaw_rate is -2.0; give -1 to 1"),
+        ({"dwell": 5}, "dwell is 5; give 6 to 11"),
+        ({"dwell": 0}, "dwell is 0; it must be 1 or more"),
+        ({"speed": float("nan")}, "speed is nan; it must be a finite number"),
+        ({"dwell": 8.5}, "dwell is 8.5; it must be a whole number"),
+    ],
+)
+def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, told):
+    with pytest.raises(InputError, match=f"command: {told}"):
+        MakeLocomotion(trot, replace(CALM, command=FixedCommand(**values)))
+
+
+def test_drawn_speeds_that_the_gait_is_not_made_for_are_refused(trot):
+    scenario = replace(CALM, command=DrawnCommands((0.0, 1.5)))
+    with pytest.raises(
+        InputError, match=r"speed_range is \(0\.0, 1\.5\); name speeds from -1 to 1"
+    ):
+        MakeLocomotion(trot, scenario)
+
+
+def test_sliders_need_a_meshcat(trot):
+    with pytest.raises(ValueError, match="need a Meshcat"):
+        MakeLocomotion(trot, replace(CALM, command=SliderCommand()))
+
+
+def test_a_reversed_range_of_speeds_is_refused():
+    with pytest.raises(InputError, match="the least, then the greatest"):
+        DrawnCommands(speed_range=(0.5, 0.1))
+
+
+def start_of(diagram, context):
+    ports = ("command", "commanded_dwell", "state")
+    return np.concatenate([diagram.GetOutputPort(port).Eval(context) for port in ports])
+
+
+def test_monte_carlo_draws_command_and_pose_for_every_simulation(trot, make_policy):
+    diagram = MakeLocomotion(trot, DRAWN, policy=make_policy(trot))
+
+    def drawn(seed):
+        starts = []
+
+        def output(system, context):
+            starts.append(start_of(system, context))
+            return 0.0
+
+        MonteCarloSimulation(
+            make_simulator=lambda generator: Simulator(diagram),
+            output=output,
+            final_time=0.0,
+            num_samples=6,
+            generator=RandomGenerator(seed),
+        )
+        return np.array(starts)
+
+    first = drawn(1)
+    np.testing.assert_array_equal(first, drawn(1))
+    assert not np.array_equal(first, drawn(2))
+    yaw_rate, first_joint, last_joint = 1, 3 + 7, 3 + 18
+    for column in (yaw_rate, first_joint, last_joint):
+        assert len(set(first[:, column])) == 6
+    assert len(set(first[:, 2])) > 1
+
+
+def test_drakes_gym_environment_draws_command_and_pose_for_every_seed(trot):
+    diagram = MakeLocomotion(trot, DRAWN)
+    env = DrakeGymEnv(
+        simulator=Simulator(diagram),
+        time_step=0.02,
+        action_space=action_space(),
+        observation_space=observation_space(trot),
+        reward="reward",
+        action_port_id="actions",
+        observation_port_id="observations",
+    )
+    first, again, other = (env.reset(seed=seed)[0] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    commands, joints = slice(0, 2), slice(2, 14)
+    for part in (commands, joints):
+        assert not np.any(first[part] == other[part])
+    observation, *_ = env.step(np.zeros(12))
+    np.testing.assert_array_equal(observation[commands], other[commands])
+
+
+def test_commands_change_with_time_but_not_with_the_updates(trot, make_policy):
+    diagram = MakeLocomotion(trot, DRAWN, policy=make_policy(trot))
+    simulator = make_simulator(diagram, seed=3)
+    commands = record(simulator, 510, stop_on_failure=False)["command"]
+    assert len(np.unique(commands[:500], axis=0)) == 1
+    assert len(np.unique(commands[500:], axis=0)) == 1
+    assert np.all(commands[499] != commands[500])

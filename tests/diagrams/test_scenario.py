@@ -1,0 +1,221 @@
+"""Scenarios: what files say, and how they are refused."""
+
+import re
+from dataclasses import asdict, replace
+
+import pytest
+import yaml
+
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.scenario import (
+    SCENARIO_DIRECTORY,
+    Pushes,
+    Scenario,
+    load_scenario,
+    load_scenarios,
+    save_scenario,
+    scenario_names,
+)
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.task.randomization import NOMINAL
+from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.termination import TerminationLimits
+
+SHIPPED = {
+    "training": Scenario(),
+    "sap_2ms": Scenario("SAP 2 ms", StationConfig(time_step=0.002), max_robots=10),
+    "similar_1ms": Scenario("similar 1 ms", StationConfig(0.001, "similar"), max_robots=6),
+    "lagged_0.5ms": Scenario("lagged 0.5 ms", StationConfig(0.0005, "lagged"), max_robots=4),
+    "cenic_1e-5": Scenario("CENIC 1e-5", StationConfig(0.0), accuracy=1e-5, max_robots=1),
+    "friction_0.5": Scenario("friction 0.5", StationConfig(friction=0.5)),
+    "friction_1.25": Scenario("friction 1.25", StationConfig(friction=1.25)),
+    "push_0.5": Scenario("pushes of 0.5 m/s", pushes=Pushes(0.5)),
+    "push_1.0": Scenario("pushes of 1 m/s", pushes=Pushes(1.0)),
+    "payload_2kg": Scenario("trunk + 2 kg", StationConfig(payload=2.0)),
+    "true_body_state": Scenario("true body state", true_body_state=True),
+}
+
+
+def test_shipped_scenarios_are_what_their_names_say():
+    assert {name: load_scenario(name) for name in scenario_names()} == SHIPPED
+    assert scenario_names()[0] == "training"
+
+
+def test_the_training_file_shows_every_setting_at_its_default():
+    shown = yaml.safe_load((SCENARIO_DIRECTORY / "training.yaml").read_text())
+    assert shown == Scenario().to_plain()
+
+
+def test_the_default_is_the_world_that_evaluations_had():
+    assert Scenario().randomization() == NOMINAL
+    assert not Scenario().names_a_command
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a person's own file."""
+
+    def write(text, name="icy.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_a_file_says_only_what_differs_from_training(written):
+    path = written("station: {friction: 0.3}\n")
+    assert load_scenario(path) == Scenario("icy", StationConfig(friction=0.3))
+    assert load_scenario(str(path)) == load_scenario(path)
+
+
+EVERYTHING = Scenario(
+    title="everything, at once",
+    station=StationConfig(0.005, "lagged", 0.7, 1.5, 0.02),
+    sensor_noise=0.5,
+    pushes=Pushes(0.3, 7.5),
+    true_body_state=True,
+    max_robots=3,
+    weights=RewardWeights(torque=-1e-5, air_time=2.0),
+    limits=TerminationLimits(trunk_height=0.15, shank_share=0.8),
+)
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        *SHIPPED.values(),
+        EVERYTHING,
+        Scenario(command=FixedCommand(0.25, -0.1, 7)),
+        Scenario(command=DrawnCommands((0.0, 0.75))),
+        Scenario(command=SliderCommand()),
+    ],
+    ids=lambda scenario: scenario.title,
+)
+def test_a_saved_scenario_is_loaded_as_the_same(scenario, tmp_path):
+    path = tmp_path / "saved.yaml"
+    save_scenario(scenario, path)
+    assert load_scenario(path) == scenario
+    assert load_scenario(path).digest() == scenario.digest()
+
+
+def test_every_setting_is_in_the_digest():
+    digests = {SHIPPED["training"].digest()}
+    for name, value in asdict(EVERYTHING).items():
+        if value != asdict(Scenario())[name]:
+            digests.add(replace(Scenario(), **{name: getattr(EVERYTHING, name)}).digest())
+    digests.add(Scenario(command=FixedCommand()).digest())
+    digests.add(SHIPPED["cenic_1e-5"].digest())
+    assert len(digests) == 11
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("frictoin: 0.3", "unknown key 'frictoin'; write 'station: {friction: …}', or remove it"),
+        ("gravity: 3", "unknown key 'gravity'; remove it"),
+        ("stations: {}", "unknown key 'stations'; write 'station', or remove it"),
+        ("station: {frictoin: 0.3}", "unknown key 'station.frictoin'; write 'friction', or remove"),
+        ("station: {friction: ice}", "key 'station.friction' is 'ice'; it must be a number"),
+        ("station: {friction: -1}", "key 'station.friction' is -1; it must be 0 or more"),
+        ("station: {contact_solver: tamsi}", "key 'station.contact_solver' is 'tamsi'; it must be"),
+        ("station: 3", "key 'station' is 3; it must be a mapping of settings"),
+        ("station: {time_step: 0.015}", "station: time_step is 0.015; it must divide the control"),
+        ("station: {time_step: 1.0e-7}", "station: time_step is 1e-07; it must divide"),
+        ("station: {time_step: 5.0e-324}", "into 2000 steps at most"),
+        (
+            "station: {time_step: 0}",
+            "station.time_step is 0, which makes the plant continuous; give",
+        ),
+        ("accuracy: 1.0e-3", "accuracy is 0.001, which is of continuous plants, but"),
+        (
+            "accuracy: 1e-3",
+            "key 'accuracy' is '1e-3', which YAML takes for text; write it as 1.0e-5",
+        ),
+        (
+            "{station: {time_step: 0}, accuracy: 1.0e-3, pushes: {speed: 1}}",
+            "pushes.speed is 1, but robots are pushed in discrete worlds alone",
+        ),
+        ("pushes: {speed: .inf}", "it must be a finite number"),
+        ("true_body_state: 1", "key 'true_body_state' is 1; it must be true or false"),
+        ("max_robots: 0", "key 'max_robots' is 0; it must be 1 or more"),
+        ("title: 5", "key 'title' is 5; it must be text"),
+        ("title: ''", "title is ''; write printable characters"),
+        ("command: {speed: fast}", "key 'command': key 'speed' is 'fast'; it must be a number"),
+        ("command: {sped: 1}", "key 'command': unknown key 'sped'; write 'speed', or remove it"),
+        ("command: {speed_range: [1, 0]}", "it must be the least, then the greatest"),
+        ("command: {speed_range: [0, 1], speed: 1}", "unknown key 'speed'"),
+        ("command: {sliders: false}", "key 'sliders' is False; it must be True"),
+        ("command: sliders", "key 'command': is 'sliders'; it must be a mapping of settings"),
+        ("station: &a {friction: 1}", "anchors and aliases are not allowed"),
+        ("pushes: !Pushes {speed: 1}", "tags are not allowed"),
+        ("max_robots: 1\nmax_robots: 2", "key 'max_robots' is given twice"),
+        ("- 1", "is not a mapping of settings; write what differs"),
+        ("", "is not a mapping of settings; write what differs"),
+        ("x: " + "a" * 200_000, "is larger than 100,000 bytes"),
+    ],
+)
+def test_a_bad_file_is_refused_by_its_name_and_key(written, text, told):
+    path = written(text)
+    with pytest.raises(InputError) as refused:
+        load_scenario(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    assert told in message
+    assert message.isprintable()
+
+
+def test_unknown_names_are_told_the_known_ones(tmp_path):
+    with pytest.raises(
+        InputError, match=r"unknown scenario 'ice'; the scenarios are training, cen"
+    ):
+        load_scenario("ice")
+    with pytest.raises(InputError, match=r"icy\.yaml: cannot be read, no such file"):
+        load_scenario(tmp_path / "icy.yaml")
+    with pytest.raises(InputError, match="rename it to printable characters, 80 bytes at most"):
+        load_scenario(tmp_path / f"{'a' * 81}.yaml")
+
+
+def test_a_file_named_like_a_shipped_scenario_must_be_it(written):
+    whole = (SCENARIO_DIRECTORY / "training.yaml").read_text()
+    assert load_scenario(written(whole, "training.yaml")) == Scenario()
+    with pytest.raises(InputError, match="is called like the scenario 'training' that ships"):
+        load_scenario(written("station: {friction: 0.3}", "training.yaml"))
+
+
+def test_scenarios_are_told_apart_by_their_names(written, tmp_path):
+    icy = written("station: {friction: 0.3}")
+    (tmp_path / "other").mkdir()
+    other = written("station: {friction: 0.2}", "other/icy.yaml")
+    assert list(load_scenarios(["all"])) == list(scenario_names())
+    assert list(load_scenarios([str(icy), "training"])) == ["icy", "training"]
+    assert list(load_scenarios(["training", "all", str(icy)])) == [*scenario_names(), "icy"]
+    with pytest.raises(
+        InputError, match=r"other/icy\.yaml: is another scenario than the one befor"
+    ):
+        load_scenarios([str(icy), str(other)])
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"sensor_noise": -1.0}, "sensor_noise is -1.0"),
+        ({"command": 0.5}, "command is 0.5"),
+        ({"accuracy": 1e-20}, "accuracy is 1e-20; it must be 1e-10 or more"),
+        ({"title": "a\nb"}, "title is 'a\\nb'; write printable characters"),
+    ],
+)
+def test_settings_out_of_range_are_refused_in_python(settings, told):
+    with pytest.raises(InputError) as refused:
+        Scenario(**settings)
+    assert str(refused.value).startswith("scenario")
+    assert told in str(refused.value)
+
+
+def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
+    page = (SCENARIO_DIRECTORY / "README.md").read_text()
+    table = page.partition("## What ships")[2].partition("##")[0]
+    assert set(re.findall(r"`(\w[^`]*)`", table)) >= set(scenario_names())
+    own = written(page.partition("```yaml\n")[2].partition("```")[0])
+    assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))

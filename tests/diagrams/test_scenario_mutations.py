@@ -1,0 +1,124 @@
+"""Scenario files hurt in every way that a person, an editor or a disk could think of."""
+
+import random
+import time
+
+import pytest
+import yaml
+
+from glassgait.diagrams.scenario import (
+    SCENARIO_DIRECTORY,
+    Scenario,
+    load_scenario,
+    save_scenario,
+    scenario_names,
+)
+from glassgait.models.errors import InputError
+
+LONGEST_MESSAGE = 500
+SECONDS = 2.0
+HOSTILE = (
+    None, True, False, 0, -1, 1, 0.5, 1e300, 5e-324, 10**400, float("nan"), float("inf"), -0.0, "",
+    "~", "sap", "1e-5", "x" * 5000, "\x1b[31m", "\u202e", "\ud7ff", "a\nb", [], {}, [[]], [None],
+    [0, 1], [1, 0], [0.0] * 500, {"speed": 1}, {"speed_range": [0, 1]}, {"sliders": True},
+    {"time_step": 0}, {"friction": {}},
+)  # fmt: skip
+SNIPPETS = (
+    b"\xff", b"\x00", b"\x1b", b"\t", b"!!python/object/apply:os.system ['true']", b"!Pushes ",
+    b"&a ", b"*a", b"<<: {a: 1}\n", b"? [a]\n: c\n", b"0b_", b"9" * 5000, b"[" * 3000,
+    b"{a: " * 3000, b"- " * 3000, b"'", b'"', b"---\n", b"...\n", b"# ", b".nan", b".inf", b"1e400",
+    b"1e-5", b": ", b"- ", b"2020-01-01",
+)  # fmt: skip
+RENAMED = ("", "station", "Station", "friction", "command", "title", "__class__", "a" * 5000, "\n")
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(0, 300), pytest.param(1, 5000, marks=pytest.mark.slow)]
+)
+def test_hurt_files_are_refused_in_one_line_or_are_sound(tmp_path, seed, count):
+    generator, refused = random.Random(seed), 0
+    path, again = tmp_path / "hurt.yaml", tmp_path / "again.yaml"
+    for case in range(count):
+        path.write_bytes(mutated(generator))
+        start = time.monotonic()
+        try:
+            scenario = load_scenario(path)
+        except InputError as error:
+            refused += 1
+            told = str(error)
+            assert told.isprintable(), (case, told)
+            assert told.startswith(str(path)), (case, told)
+            assert len(told.replace(str(path), "")) < LONGEST_MESSAGE, (case, told)
+        else:
+            check_sound(scenario)
+            save_scenario(scenario, again)
+            assert load_scenario(again) == scenario
+        assert time.monotonic() - start < SECONDS
+    # Both ends are met: neither is everything refused, nor is nothing.
+    assert count / 4 < refused < count
+
+
+def check_sound(scenario: Scenario) -> None:
+    """Asks a scenario for all that simulators take from it."""
+    scenario.randomization()
+    continuous = scenario.station.time_step == 0
+    assert continuous == (scenario.accuracy is not None)
+    assert continuous or 1 <= scenario.station.plant_steps() <= 2000
+    assert scenario.title.isprintable()
+
+
+def mutated(generator: random.Random) -> bytes:
+    """Hurts a scenario that ships, in one to three ways."""
+    path = SCENARIO_DIRECTORY / f"{generator.choice(scenario_names())}.yaml"
+    data = path.read_bytes()
+    for _ in range(generator.randint(1, 3)):
+        data = generator.choice((flip, cut, insert, change, change, rename))(data, generator)
+    return data
+
+
+def flip(data: bytes, generator: random.Random) -> bytes:
+    hurt = bytearray(data or b" ")
+    hurt[generator.randrange(len(hurt))] = generator.randrange(256)
+    return bytes(hurt)
+
+
+def cut(data: bytes, generator: random.Random) -> bytes:
+    start, stop = sorted(generator.choices(range(len(data) + 1), k=2))
+    return data[:start] + data[stop:]
+
+
+def insert(data: bytes, generator: random.Random) -> bytes:
+    place = generator.randrange(len(data) + 1)
+    return data[:place] + generator.choice(SNIPPETS) + data[place:]
+
+
+def change(data: bytes, generator: random.Random) -> bytes:
+    holder, key, whole = place_in(data, generator)
+    holder[key] = generator.choice(HOSTILE)
+    return dumped(whole)
+
+
+def rename(data: bytes, generator: random.Random) -> bytes:
+    holder, key, whole = place_in(data, generator)
+    if key in holder:
+        holder[generator.choice(RENAMED)] = holder.pop(key)
+    return dumped(whole)
+
+
+def place_in(data: bytes, generator: random.Random) -> tuple[dict, str, dict]:
+    """Chooses a key of the file's settings, or of those inside of them."""
+    try:
+        whole = yaml.safe_load(data)
+    except Exception:  # whatever it is, it cannot be changed any more by its values
+        whole = None
+    if not isinstance(whole, dict) or len(data) > 20_000:
+        whole = Scenario().to_plain()
+    holder = generator.choice([whole, *(each for each in whole.values() if isinstance(each, dict))])
+    return holder, generator.choice([*holder, "friction"]), whole
+
+
+def dumped(values: dict) -> bytes:
+    try:
+        return yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode(errors="replace")
+    except (ValueError, TypeError):  # a number of thousands of digits, or keys of two kinds
+        return b"{}"

@@ -1,0 +1,200 @@
+"""Scenarios of one's own, in every command that takes one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.termination import TerminationLimits
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.collection import collect
+from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.rollout.command import OwnCommand
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob
+from glassgait.studies.rollouts.play import pusher
+from glassgait.studies.rollouts.roll_out import roll_out
+from glassgait.studies.students.linear import untrained_student
+
+SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
+COMMANDED = FixedCommand(speed=0.3, yaw_rate=0.1, dwell=9)
+CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
+TROT = load_gait("trot")
+
+
+@pytest.fixture(scope="module")
+def expert():
+    return load_expert("trot")
+
+
+@pytest.fixture
+def icy(tmp_path):
+    path = tmp_path / "icy.yaml"
+    path.write_text("title: sheer ice\nstation: {friction: 0.3}\n")
+    return path
+
+
+def test_evaluate_takes_files_beside_names(icy, tmp_path):
+    run = tmp_path / "run"
+    main(["evaluate", *SMALL, "--scenario", str(icy), "training", "--output", str(run)])
+    assert pd.read_csv(run / "falls.csv")["scenario"].tolist() == [
+        "sheer ice",
+        "SAP 10 ms (training)",
+    ]
+    assert set(pd.read_csv(run / "robots.csv")["scenario"]) == {"icy", "training"}
+
+
+def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
+    run = tmp_path / "run"
+    command = ["evaluate", *SMALL, "--scenario", str(icy), "--output", str(run)]
+    main(command)
+    main([*command, "--resume"])
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    moved = icy.rename(elsewhere / "icy.yaml")
+    main(["evaluate", *SMALL, "--scenario", str(moved), "--output", str(run), "--resume"])
+    icy.write_text("title: sheer ice\nstation: {friction: 0.2}\n")
+    assert "made with another scenario" in refused([*command, "--resume"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["evaluate", "--scenario", "ice"], "unknown scenario 'ice'; the scenarios are training,"),
+        (["evaluate", "--scenario", "gone.yaml"], "gone.yaml: cannot be read, no such file"),
+        (["evaluate", "--scenario", "bad.yaml"], "bad.yaml: unknown key 'frictoin'; write"),
+        (["evaluate", "--scenario", "watched.yaml"], "scenario 'watched': command is of sliders"),
+        (["evaluate", "--scenario", "fast.yaml"], "command: speed is 9.0; give -1 to 1"),
+        (
+            ["evaluate", "--policy", "students", "--scenario", "training", "sap_2ms"],
+            "in one scenario, not in 2; name one with --scenario",
+        ),
+        (["rollout", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
+        (["distill", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
+        (["distill", "--scenario", "cenic_1e-5"], "time_step is 0.0; it must divide the control"),
+    ],
+)
+def test_bad_scenarios_are_told_before_anything_is_written(
+    arguments, told, refused, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.yaml").write_text("frictoin: 0.3\n")
+    (tmp_path / "watched.yaml").write_text("command: {sliders: true}\n")
+    (tmp_path / "fast.yaml").write_text("command: {speed: 9.0}\n")
+    assert told in refused([*arguments, "--output", "run"])
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("scenario", [Scenario(), CONTINUOUS], ids=["batch", "diagrams"])
+def test_a_scenarios_command_reaches_every_robot(scenario, expert):
+    scenario = replace(scenario, command=COMMANDED)
+    config = RolloutConfig(n_robots=2, n_steps=5)
+    command = roll_out(TROT, AlternatingPolicy(expert), scenario, config).command
+    np.testing.assert_array_equal(command, np.broadcast_to([0.3, 0.1], command.shape))
+
+
+def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
+    scenario = Scenario(command=COMMANDED)
+    config = RolloutConfig(n_robots=8, n_steps=2, speed_range=(0.5, 0.6))
+    speed = roll_out(TROT, AlternatingPolicy(expert), scenario, config).command[..., 0]
+    assert np.all((speed >= 0.5) & (speed <= 0.6))
+    assert config.commanding(scenario).command == DrawnCommands((0.5, 0.6))
+
+
+def test_students_are_asked_for_what_the_scenario_names_or_for_their_speeds(expert):
+    student = load_student("trot", "statewise_linear")
+    scenarios = {"plain": Scenario(), "commanded": Scenario(command=COMMANDED)}
+    policies = [(TROT, AlternatingPolicy(expert, student, 0))]
+    jobs = scorecard_jobs(policies, scenarios, RolloutConfig(n_seeds=1))
+    asked = {job.labels["scenario"]: job.config.speed_range for job in jobs}
+    assert asked == {"plain": (0.0, 0.75), "commanded": None}
+
+
+def test_jobs_in_other_scenarios_are_other_jobs(expert):
+    job = RolloutJob({"gait": "trot"}, TROT, AlternatingPolicy(expert), Scenario(), RolloutConfig())
+    limits = replace(job, scenario=Scenario(limits=TerminationLimits(trunk_height=0.15)))
+    command = replace(job, scenario=Scenario(command=COMMANDED))
+    assert len({job.digest(), limits.digest(), command.digest()}) == 3
+
+
+def test_a_command_is_laid_over_the_scenarios():
+    drawn = Scenario(command=DrawnCommands((0.0, 0.2)))
+    fixed = Scenario(command=COMMANDED)
+    assert OwnCommand().over(Scenario()).command == FixedCommand(speed=0.5)
+    assert OwnCommand().over(drawn) == drawn
+    assert OwnCommand().over(fixed) == fixed
+    assert OwnCommand(speed=0.1).over(fixed).command == replace(COMMANDED, speed=0.1)
+    assert OwnCommand(dwell=7).over(drawn).command == FixedCommand(dwell=7)
+
+
+def test_a_rollout_tells_in_which_world_it_was(icy, tmp_path):
+    shown = tmp_path / "shown"
+    command = ["rollout", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
+    main([*command, "--output", str(shown)])
+    kept = yaml.safe_load((shown / "expert_alone.yaml").read_text())["scenario"]
+    assert kept["station"]["friction"] == 0.3
+    assert kept["command"] == {"speed": 0.2, "yaw_rate": 0.0, "dwell": 8}
+
+
+def speeds_after_pushes(scenario, seed, expert):
+    simulator = make_simulator(MakeLocomotion(TROT, scenario, policy=expert))
+    pushed = pusher(simulator, scenario, seed)
+    for _ in range(3):
+        pushed()
+    diagram = simulator.get_system()
+    state = diagram.GetOutputPort("state").Eval(simulator.get_context())
+    return state[robot.LINEAR_VELOCITY]
+
+
+def test_a_robot_that_is_watched_is_pushed(expert):
+    always = Scenario(pushes=Pushes(speed=0.5, interval=0.02))
+    first = speeds_after_pushes(always, 1, expert)
+    assert np.all(first[:2] != 0) and first[2] == 0
+    np.testing.assert_array_equal(speeds_after_pushes(always, 1, expert), first)
+    assert np.any(speeds_after_pushes(always, 2, expert) != first)
+    assert not speeds_after_pushes(Scenario(), 1, expert).any()
+
+
+def samples_in(scenario, expert):
+    return collect(
+        TROT,
+        expert,
+        untrained_student("trot", expert.observation_names),
+        period=1,
+        episodes=np.array([1, 2]),
+        speeds=np.array([0.0, 0.5]),
+        n_steps=20,
+        scenario=scenario,
+        generator=np.random.default_rng(0),
+    )
+
+
+def test_samples_are_of_the_scenarios_ground_pushes_and_observations(expert):
+    scenarios = {
+        "plain": Scenario(),
+        "ice": Scenario(station=StationConfig(friction=0.2)),
+        "pushed": Scenario(pushes=Pushes(speed=1.0, interval=0.02)),
+        "truth": Scenario(true_body_state=True),
+    }
+    seen = {name: samples_in(one, expert).observations for name, one in scenarios.items()}
+    for name in ("ice", "pushed", "truth"):
+        assert not np.array_equal(seen[name], seen["plain"])
+
+
+def test_commands_of_sliders_are_for_one_robot(expert):
+    for scenario in (Scenario(), CONTINUOUS):
+        watched = replace(scenario, command=SliderCommand())
+        with pytest.raises(InputError, match="command is of sliders"):
+            roll_out(TROT, AlternatingPolicy(expert), watched, RolloutConfig(n_robots=1))
