@@ -131,7 +131,7 @@ def open_loop() -> OpenLoopPolicy:
 def small_trees() -> Callable[..., BoostedTreesPolicy]:
     """Makes a policy of two trees a joint, with some arrays changed."""
 
-    def make(**changes: Array) -> BoostedTreesPolicy:
+    def make(**changes: np.ndarray) -> BoostedTreesPolicy:
         arrays = {
             "features": np.zeros((12, 2, 3), dtype=np.int32),
             "thresholds": np.full((12, 2, 3), np.inf),
@@ -148,7 +148,7 @@ def small_trees() -> Callable[..., BoostedTreesPolicy]:
 def small_additive() -> Callable[..., AdditivePolicy]:
     """Makes an additive policy of four bins and one pair, with some arrays changed."""
 
-    def make(**changes: Array) -> AdditivePolicy:
+    def make(**changes: np.ndarray) -> AdditivePolicy:
         arrays = {
             "cuts": np.tile([0.0, 1.0, np.inf], (N, 1)),
             "pair_cuts": np.tile([0.0], (N, 1)),
