@@ -118,6 +118,23 @@ def test_thresholds_of_exact_trees_are_told_by_single_precision(thresholds):
     np.testing.assert_array_equal(single_precision_cuts(lower), cuts)
 
 
+@given(
+    st.floats(-1e6, 1e6),
+    st.integers(-3, 3),
+    st.sampled_from([-1, 0, 1]),
+)
+def test_cuts_part_doubles_as_rounding_to_single_precision_does(threshold, ulps, nudge):
+    cut = single_precision_cuts(np.array(threshold))
+    single = np.float32(threshold)
+    for _ in range(abs(ulps)):
+        single = np.nextafter(single, np.float32(np.copysign(np.inf, ulps)))
+    neighbour = np.nextafter(single, np.float32(np.inf))
+    halfway = 0.5 * (float(single) + float(neighbour))
+    for x in (float(single), halfway, threshold, float(cut)):
+        value = np.nextafter(x, np.copysign(np.inf, nudge)) if nudge else x
+        assert (value <= cut) == (float(np.float32(value)) <= threshold)
+
+
 @pytest.mark.parametrize("make", [exact_trees, histogram_trees, additive])
 def test_a_policy_that_is_not_compact_is_saved_to_the_last_bit(make, tmp_path):
     policy, path, rows = make(), tmp_path / "policy.safetensors", observations(50)

@@ -1,9 +1,23 @@
-"""A browser without a window, for the pages that the studies write and serve."""
+"""What tests of the studies share: an expert, pages that explain a rollout, and a browser."""
 
+import json
+import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import machine_state_entries
+from glassgait.studies.explanation.page import explain_rollout, render_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
@@ -36,3 +50,57 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield driver
     driver.quit()
+
+
+@pytest.fixture(scope="module")
+def expert() -> NeuralPolicy:
+    """The trot's expert that ships."""
+    return load_expert("trot")
+
+
+@pytest.fixture(scope="session")
+def embedded() -> Callable[[Path, str], Any]:
+    """Reads what a page holds under a name."""
+
+    def read(page: Path, name: str) -> Any:
+        found = re.search(rf'id="{name}" type="application/json">(.*?)</script>', page.read_text())
+        assert found is not None
+        return json.loads(found.group(1))
+
+    return read
+
+
+@pytest.fixture(scope="module")
+def few() -> tuple[StatewiseSymbolicPolicy, Rollout]:
+    """A student with 3 terms in one state of the machine and 16 in the other, a step in each."""
+    names = load_expert("trot").observation_names
+    variables = variable_names(len(names))
+    long = " + ".join(f"0.00{i + 1} * x{i}" for i in range(15))
+    texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
+    expressions = [[parse_expression(text, variables)] * 12 for text in texts]
+    policy = StatewiseSymbolicPolicy("trot", names, expressions)
+    observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
+    observations[:, machine_state_entries(names)] = np.eye(2)
+    values = {"observations": observations, "actions": policy(observations)}
+    values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
+    return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
+
+
+@pytest.fixture(scope="module")
+def few_page(few: tuple, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page that explains the two steps of the student with few terms."""
+    policy, rollout = few
+    path = tmp_path_factory.mktemp("few") / "index.html"
+    text = render_page(
+        gait=load_gait("trot"),
+        policy_name="few",
+        observation_names=policy.observation_names,
+        rollout=rollout,
+        explained=explain_rollout(policy, rollout),
+        replay="",
+        joint=0,
+        step=0,
+        figures=[],
+    )
+    path.write_text(text)
+    return path

@@ -1,8 +1,5 @@
-"""The page that explains a rollout: its numbers, what it refuses, and what a browser shows."""
+"""The page that explains a rollout: its numbers, its files, and what it refuses."""
 
-import json
-import re
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +7,10 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.policies.tape import Tape
-from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.page import explain_rollout, render_page
@@ -46,13 +40,7 @@ def page(students, tmp_path_factory):
     return output / "index.html"
 
 
-def embedded(page, name):
-    found = re.search(rf'id="{name}" type="application/json">(.*?)</script>', page.read_text())
-    assert found is not None
-    return json.loads(found.group(1))
-
-
-def test_shown_terms_and_the_rest_are_the_action(page):
+def test_shown_terms_and_the_rest_are_the_action(page, embedded):
     data = embedded(page, "data")
     assert data["step"] == 12
     assert len(data["explained"]) == 12
@@ -64,7 +52,7 @@ def test_shown_terms_and_the_rest_are_the_action(page):
         assert (np.diff(np.abs(joint["value"]), axis=1) <= 0).all()
 
 
-def test_page_needs_nothing_from_elsewhere(page):
+def test_page_needs_nothing_from_elsewhere(page, embedded):
     text = page.read_text()
     head = text[: text.index('id="replay-page"')]
     assert "http://" not in head.replace("http://www.w3.org/2000/svg", "")
@@ -97,7 +85,7 @@ def test_products_are_the_terms(kind, generator):
             np.testing.assert_allclose(value, expected, rtol=1e-9)
 
 
-def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path):
+def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
     states = ("<b>bold</b>", "</script><script>throw 1</script>")
     gait = replace(trot, states=states, description="<i>slanted</i>")
     names = load_expert("trot").observation_names
@@ -147,7 +135,7 @@ def test_a_page_of_something_else_is_kept(tmp_path, refused):
     assert list(tmp_path.iterdir()) == [page]
 
 
-def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path):
+def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded):
     where = ["--distillation", str(students), "--output", str(tmp_path)]
     main(["explain", "--policy", "linear", "--seconds", "0.2", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
@@ -161,42 +149,7 @@ def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
     assert "additive model is a function" in (tmp_path / "index.html").read_text()
 
 
-@pytest.fixture(scope="module")
-def few():
-    """A student with 3 terms in one state of the machine and 16 in the other, a step in each."""
-    names = load_expert("trot").observation_names
-    variables = variable_names(len(names))
-    long = " + ".join(f"0.00{i + 1} * x{i}" for i in range(15))
-    texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
-    expressions = [[parse_expression(text, variables)] * 12 for text in texts]
-    policy = StatewiseSymbolicPolicy("trot", names, expressions)
-    observations = 0.5 * np.random.default_rng(5).normal(size=(2, len(names)))
-    observations[:, machine_state_entries(names)] = np.eye(2)
-    values = {"observations": observations, "actions": policy(observations)}
-    values |= {"rm_state": np.eye(2), "rm_iterations": np.zeros((2, 1))}
-    return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
-
-
-@pytest.fixture(scope="module")
-def few_page(few, tmp_path_factory):
-    policy, rollout = few
-    path = tmp_path_factory.mktemp("few") / "index.html"
-    text = render_page(
-        gait=load_gait("trot"),
-        policy_name="few",
-        observation_names=policy.observation_names,
-        rollout=rollout,
-        explained=explain_rollout(policy, rollout),
-        replay="",
-        joint=0,
-        step=0,
-        figures=[],
-    )
-    path.write_text(text)
-    return path
-
-
-def test_terms_of_other_states_are_none_of_the_actions(few_page):
+def test_terms_of_other_states_are_none_of_the_actions(few_page, embedded):
     data = embedded(few_page, "data")
     assert data["state"] == [0, 1]
     for joint in data["explained"]:
@@ -209,22 +162,6 @@ def test_terms_of_other_states_are_none_of_the_actions(few_page):
         np.testing.assert_allclose(total, joint["action"], atol=2e-4)
 
 
-def test_browser_shows_the_terms_of_the_state_alone(few_page, browser):
-    shown = {}
-    for state in (0, 1):
-        browser.get("about:blank")
-        browser.get(f"file://{few_page}#joint=FL_hip&step={state}")
-        rows = browser.find_elements("css selector", "#local tbody td.term")
-        shown[state] = browser.find_element("id", "which").text, [row.text for row in rows]
-    which, terms = shown[0]
-    assert which == "All 3 terms"
-    assert (len(terms), terms.count("intercept"), terms[-1]) == (4, 1, "sum = action")
-    which, terms = shown[1]
-    assert which == "The 14 largest terms"
-    assert (len(terms), terms.count("intercept")) == (16, 1)
-    assert terms[-2:] == ["2 other terms", "sum = action"]
-
-
 def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
     policy, rollout = few
     own = explain_rollout(policy, rollout)[0]
@@ -232,100 +169,6 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
         parts = own.active_of(policy.explain(rollout["observations"][step], 0), step)
         assert len(parts.terms) == len(parts.values) == count
         assert parts.values.sum() == pytest.approx(rollout["actions"][step, 0])
-
-
-@pytest.fixture(scope="module")
-def formulas(tmp_path_factory):
-    """The page of formulas that ship, whose terms have long names."""
-    output = tmp_path_factory.mktemp("formulas")
-    short = ["--seconds", "0.8", "--step", "12", "--output", str(output)]
-    main(["explain", "--policy", "statewise_symbolic", *short])
-    return output / "index.html"
-
-
-@pytest.fixture
-def opened(browser, formulas):
-    browser.get("about:blank")
-    browser.get(f"file://{formulas}#joint=FR_thigh&step=30")
-    return browser
-
-
-def title(browser):
-    return browser.find_element("id", "local-title").text
-
-
-def eventually(found, wanted, seconds=30.0):
-    end = time.monotonic() + seconds
-    while found() != wanted and time.monotonic() < end:
-        time.sleep(0.1)
-    assert found() == wanted
-
-
-def test_browser_shows_the_moment_that_a_link_names(opened, formulas):
-    action = embedded(formulas, "data")["explained"][4]["action"][30]
-    sign = "−" if action < 0 else "+"
-    assert title(opened) == f"FR thigh at step 30: action {sign}{abs(action):.3f}"
-    assert "0.60 s" in opened.find_element("id", "moment").text
-    for link, shown in (("joint=2&step=7", "FL calf at step 7"), ("step=9", "FL calf at step 9")):
-        opened.execute_script("location.hash = arguments[0]", link)
-        eventually(lambda: title(opened).split(":")[0], shown)
-    opened.execute_script("location.hash = 'joint=FL_knee&step=9999'")
-    eventually(lambda: title(opened).split(":")[0], "FL calf at step 9")
-
-
-def test_the_address_names_what_is_shown(opened):
-    opened.find_element("tag name", "body").send_keys("\ue014")  # the right arrow
-    eventually(lambda: opened.current_url.split("#")[1], "joint=FR_thigh&step=31")
-
-
-def test_keys_work_after_the_replay_was_dragged(opened):
-    opened.switch_to.frame("replay")
-    eventually(lambda: opened.execute_script("return typeof viewer"), "object")
-    opened.find_element("tag name", "canvas").click()
-    focused = opened.switch_to.active_element
-    focused.send_keys("\ue014")
-    opened.switch_to.default_content()
-    assert opened.execute_script("return document.activeElement.tagName") == "IFRAME"
-    eventually(lambda: title(opened).split(":")[0], "FR thigh at step 31")
-
-
-@pytest.mark.parametrize("width", [1280, 500])
-def test_no_label_is_cut(opened, width):
-    opened.set_window_size(width, 900)
-    cut = opened.execute_script(
-        "return [...document.querySelectorAll('td, th')]"
-        ".filter(cell => cell.scrollWidth > cell.clientWidth).map(cell => cell.textContent)"
-    )
-    assert cut == []
-    assert opened.execute_script(
-        "const all = document.documentElement; return all.scrollWidth <= all.clientWidth"
-    )
-    terms = [cell.text for cell in opened.find_elements("css selector", "td.term")]
-    assert any(len(term) > 20 for term in terms)
-    assert not any("…" in term for term in terms)
-
-
-def test_a_reader_can_check_every_product_by_hand(opened):
-    opened.execute_script("document.getElementById('observations').open = true")
-    eventually(lambda: len(opened.find_elements("css selector", "#values tr")) > 49, True)
-    table = opened.find_elements("css selector", "#values tbody tr")
-    cells = [[cell.text for cell in row.find_elements("tag name", "td")] for row in table]
-    values = {name: value for name, value, _ in cells}
-    units = {name: unit for name, _, unit in cells}
-    assert units["Foot Height RL"] == "m"
-    assert units["DoF Vel FR Calf"] == "0.05 · rad/s"
-    checked = 0
-    for row in opened.find_elements("css selector", "#local tbody tr"):
-        term, product, adds = [cell.text for cell in row.find_elements("tag name", "td")][:3]
-        if not product:
-            continue
-        _, *factors = product.split(" × ")
-        names = [] if term == "intercept" else term.split(" · ")
-        assert factors == [values[name] for name in names]
-        numbers = [float(factor.replace("−", "-")) for factor in product.split(" × ")]
-        assert np.prod(numbers) == pytest.approx(float(adds.replace("−", "-")), rel=2e-3, abs=1e-3)
-        checked += 1
-    assert checked == 14
 
 
 @pytest.mark.parametrize(

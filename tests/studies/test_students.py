@@ -1,4 +1,4 @@
-"""The students that ship with the project: they load, fit their expert, and walk alone."""
+"""The students that ship, and where students are found: they load, and walk alone."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.students.formula_pages import write_formulas
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_student, load_students
 from glassgait.studies.students.registry import STUDENTS
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
@@ -65,6 +65,11 @@ def test_a_shipped_student_is_found_where_no_distillation_is(tmp_path, monkeypat
         InputError, match=f"no student 'symbolic' of the trot: {tmp_path} holds none;"
     ):
         find_student("symbolic", expert, tmp_path)
+
+
+def test_folders_without_students_are_refused(expert, tmp_path):
+    with pytest.raises(InputError, match="holds no students"):
+        load_students(tmp_path, expert)
 
 
 def test_what_there_is_is_told_where_a_student_is_missing(tmp_path, monkeypatch):

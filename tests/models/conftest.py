@@ -1,0 +1,165 @@
+"""What tests of policies share: policies of every kind, models that they are made from, samples."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from interpret.glassbox import ExplainableBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.symbolic import (
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
+from glassgait.models.task.observation import ObservationLayout
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+
+
+@pytest.fixture(scope="session")
+def samples() -> Callable[..., tuple[Array, Array]]:
+    """Draws observations of a gait with two states, and actions that are no simple law of them."""
+
+    def draw(count: int = 400, seed: int = 0) -> tuple[Array, Array]:
+        generator = np.random.default_rng(seed)
+        observations = generator.normal(size=(count, N))
+        one_hot = slice(NAMES.index("RM State 0"), NAMES.index("RM State 1") + 1)
+        observations[:, one_hot] = np.eye(2)[generator.integers(2, size=count)]
+        mixing = generator.normal(size=(N, robot.N_JOINTS))
+        actions = np.tanh(observations @ mixing) + observations[:, :1] * observations[:, 2:14]
+        return observations, actions
+
+    return draw
+
+
+@pytest.fixture(scope="session")
+def boosted_models(samples: Callable) -> list[GradientBoostingRegressor]:
+    observations, actions = samples()
+    return [
+        GradientBoostingRegressor(n_estimators=15, max_depth=3, random_state=j).fit(
+            observations, actions[:, j]
+        )
+        for j in range(robot.N_JOINTS)
+    ]
+
+
+@pytest.fixture(scope="session")
+def additive_models(samples: Callable) -> list[ExplainableBoostingRegressor]:
+    observations, actions = samples()
+    return [
+        ExplainableBoostingRegressor(
+            feature_types=["continuous"] * N,
+            outer_bags=1,
+            interactions=j % 3,
+            max_rounds=20,
+            n_jobs=1,
+            random_state=j,
+        ).fit(observations, actions[:, j])
+        for j in range(robot.N_JOINTS)
+    ]
+
+
+@pytest.fixture(scope="session")
+def random_network() -> Callable[..., Network]:
+    """Draws the weights of a network whose layers have the given sizes."""
+
+    def draw(generator: np.random.Generator, *sizes: int) -> Network:
+        shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
+        return Network(
+            # Single precision is what files hold.
+            tuple(
+                generator.normal(size=shape).astype(np.float32).astype(float) for shape in shapes
+            ),
+            tuple(np.zeros(n_out) for n_out, _ in shapes),
+        )
+
+    return draw
+
+
+@pytest.fixture
+def neural(random_network: Callable[..., Network]) -> NeuralPolicy:
+    generator = np.random.default_rng(1)
+    actor = random_network(generator, N, 8, robot.N_JOINTS)
+    return NeuralPolicy("trot", NAMES, actor, random_network(generator, N - 7, 8, 7))
+
+
+@pytest.fixture
+def linear() -> LinearPolicy:
+    weights = np.random.default_rng(2).normal(size=(robot.N_JOINTS, N))
+    return LinearPolicy("trot", NAMES, weights, np.ones(robot.N_JOINTS))
+
+
+@pytest.fixture
+def statewise() -> StatewiseLinearPolicy:
+    weights = np.random.default_rng(3).normal(size=(2, robot.N_JOINTS, N))
+    return StatewiseLinearPolicy("trot", NAMES, weights, np.ones((2, robot.N_JOINTS)))
+
+
+@pytest.fixture
+def symbolic() -> SymbolicPolicy:
+    names = variable_names(N)
+    texts = [
+        f"({0.1 * j} * x{j} + sin(x{j + 1} * -2.5)) / 3 - tanh(x3)^2 + x1**3" for j in range(12)
+    ]
+    return SymbolicPolicy("trot", NAMES, [parse_expression(text, names) for text in texts])
+
+
+@pytest.fixture
+def statewise_symbolic() -> StatewiseSymbolicPolicy:
+    names = variable_names(N)
+    texts = [[f"{s} + x{j} * x{j + s}" for j in range(12)] for s in (1, 2)]
+    formulas = [[parse_expression(text, names) for text in own] for own in texts]
+    return StatewiseSymbolicPolicy("trot", NAMES, formulas)
+
+
+@pytest.fixture
+def open_loop() -> OpenLoopPolicy:
+    table = np.random.default_rng(4).normal(size=(2, 6, robot.N_JOINTS))
+    return OpenLoopPolicy("trot", NAMES, table)
+
+
+@pytest.fixture
+def small_trees() -> Callable[..., BoostedTreesPolicy]:
+    """Makes a policy of two trees a joint, with some arrays changed."""
+
+    def make(**changes: np.ndarray) -> BoostedTreesPolicy:
+        arrays = {
+            "features": np.zeros((12, 2, 3), dtype=np.int32),
+            "thresholds": np.full((12, 2, 3), np.inf),
+            "leaves": np.ones((12, 2, 4)),
+            "intercepts": np.zeros(12),
+            "importances": np.zeros((12, N)),
+        }
+        return BoostedTreesPolicy("trot", NAMES, **(arrays | changes))
+
+    return make
+
+
+@pytest.fixture
+def small_additive() -> Callable[..., AdditivePolicy]:
+    """Makes an additive policy of four bins and one pair, with some arrays changed."""
+
+    def make(**changes: np.ndarray) -> AdditivePolicy:
+        arrays = {
+            "cuts": np.tile([0.0, 1.0, np.inf], (N, 1)),
+            "pair_cuts": np.tile([0.0], (N, 1)),
+            "tables": np.zeros((12, N, 4)),
+            "pairs": np.array([[0, 1]]),
+            "pair_joints": np.array([3]),
+            "pair_tables": np.zeros((1, 2, 2)),
+            "deviations": np.zeros((12, N, 4)),
+            "pair_deviations": np.zeros((1, 2, 2)),
+            "intercepts": np.zeros(12),
+        }
+        return AdditivePolicy("trot", NAMES, **(arrays | changes))
+
+    return make

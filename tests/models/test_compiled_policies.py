@@ -1,0 +1,61 @@
+"""Policies compiled from scikit-learn's and interpret's models equal them."""
+
+import numpy as np
+import pytest
+from sklearn.ensemble import HistGradientBoostingRegressor
+
+from glassgait.models.a1 import robot
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.task.observation import ObservationLayout
+
+NAMES = ObservationLayout(2).names
+
+
+@pytest.fixture(scope="module")
+def histogram_models(samples):
+    observations, actions = samples()
+    return [
+        HistGradientBoostingRegressor(
+            max_iter=10 + j % 2, max_leaf_nodes=9, random_state=j, early_stopping=False
+        ).fit(observations, actions[:, j])
+        for j in range(robot.N_JOINTS)
+    ]
+
+
+def test_boosted_trees_equal_scikit_learn(boosted_models, samples):
+    observations, _ = samples(3000, seed=8)
+    policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
+    importances = [model.feature_importances_ for model in boosted_models]
+    np.testing.assert_array_equal(policy.importances, importances)
+    expected = np.stack([model.predict(observations) for model in boosted_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+
+
+def test_boosted_trees_take_scikit_learns_branch_at_the_threshold(boosted_models, samples):
+    observations, _ = samples(1, seed=8)
+    tree = boosted_models[0].estimators_[0, 0].tree_
+    at = np.repeat(observations, 3, axis=0)
+    feature, threshold = tree.feature[0], tree.threshold[0]
+    at[:, feature] = [threshold, np.nextafter(threshold, 9), np.nextafter(threshold, -9)]
+    policy = BoostedTreesPolicy.compile("trot", NAMES, boosted_models)
+    expected = np.stack([model.predict(at) for model in boosted_models], axis=1)
+    np.testing.assert_allclose(policy(at), expected, rtol=0, atol=1e-12)
+
+
+def test_histogram_trees_equal_scikit_learn(histogram_models, samples):
+    observations, _ = samples(3000, seed=8)
+    policy = BoostedTreesPolicy.compile("trot", NAMES, histogram_models)
+    np.testing.assert_allclose(policy.importances.sum(axis=1), 1.0)
+    expected = np.stack([model.predict(observations) for model in histogram_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+
+
+def test_additive_equals_interpret_also_outside_the_training_range(additive_models, samples):
+    observations, _ = samples(3000, seed=9)
+    observations[:100] *= 10.0
+    policy = AdditivePolicy.compile("trot", NAMES, additive_models)
+    expected = np.stack([model.predict(observations) for model in additive_models], axis=1)
+    np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
+    single = np.array([policy(row) for row in observations[:50]])
+    np.testing.assert_allclose(single, expected[:50], rtol=0, atol=1e-12)

@@ -1,0 +1,106 @@
+"""Students drawn from within: interpret's own model of the additive ones, and trees."""
+
+import re
+from urllib.request import urlopen
+
+import interpret
+import numpy as np
+import pytest
+from interpret.glassbox import ExplainableBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor
+
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.importance.interpret_model import interpret_model
+from glassgait.studies.importance.study import draw_student
+from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+
+
+@pytest.fixture(scope="module")
+def additive():
+    """A bagged additive policy of four joints' models, twelve in all, and its samples."""
+    generator = np.random.default_rng(2)
+    observations = generator.normal(size=(400, N))
+    targets = np.sin(observations[:, 3]) + observations[:, 5] * observations[:, 8]
+    models = [
+        ExplainableBoostingRegressor(
+            feature_types=["continuous"] * N,
+            outer_bags=2,
+            interactions=3,
+            max_rounds=40,
+            random_state=seed,
+            n_jobs=1,
+        ).fit(observations, (1 + seed) * targets)
+        for seed in range(2)
+    ]
+    policy = AdditivePolicy.compile("trot", NAMES, [models[i % 2] for i in range(12)])
+    return policy, models, observations
+
+
+def test_interprets_dashboard_shows_the_model(additive, capsys):
+    for package in ("dash", "dash_cytoscape", "gevent", "IPython", "plotly"):
+        pytest.importorskip(package, reason="needs the extra 'show'")
+    policy, _, observations = additive
+    interpret.show(interpret_model(policy, 0, observations).explain_global())
+    found = re.search(r"http://127\.0\.0\.1:\d+/\d+/", capsys.readouterr().out)
+    assert found is not None
+    with urlopen(f"{found.group()}_dash-layout", timeout=60) as answer:
+        assert "DoF Pos FL Thigh" in answer.read().decode()
+
+
+def test_interprets_own_model_comes_back(additive):
+    policy, models, observations = additive
+    rebuilt = interpret_model(policy, 1, observations)
+    np.testing.assert_allclose(rebuilt.predict(observations), models[1].predict(observations))
+    np.testing.assert_allclose(rebuilt.term_importances(), models[1].term_importances())
+    ours, theirs = rebuilt.explain_global(), models[1].explain_global()
+    assert ours.data()["names"][:N] == list(NAMES)
+    for term in (3, N):
+        mine, other = ours.data(term), theirs.data(term)
+        np.testing.assert_array_equal(mine["scores"], other["scores"])
+        if term < N:
+            assert max(mine["upper_bounds"] - mine["scores"]) > 0
+            np.testing.assert_array_equal(mine["upper_bounds"], other["upper_bounds"])
+    local = rebuilt.explain_local(observations[:1]).data(0)
+    parts = policy.explain(observations[0], 1)
+    assert parts.values.sum() == pytest.approx(policy(observations[0])[1], abs=1e-9)
+    assert sum(local["scores"]) + rebuilt.intercept_ == pytest.approx(parts.values.sum(), abs=1e-9)
+
+
+def test_interprets_dashboard_draws_the_rebuilt_model(additive):
+    pytest.importorskip("plotly")
+    policy, _, observations = additive
+    explanation = interpret_model(policy, 0, observations).explain_global()
+    assert explanation.visualize(3) is not None
+
+
+def test_additive_students_are_drawn(additive, tmp_path):
+    policy, _, observations = additive
+    # A dollar sign in a name is one.
+    stems = draw_student(r"a$\frac$b", "ebm", policy, 0, observations, tmp_path)
+    assert [stem.name for stem in stems] == [
+        f"ebm_FL_hip_{what}" for what in ("terms", "shapes", "pair_1", "pair_2")
+    ]
+    for stem in stems:
+        assert stem.with_name(f"{stem.name}.png").stat().st_size > 5000
+        assert stem.with_name(f"{stem.name}.pdf").exists()
+
+
+def test_trees_are_drawn_with_their_questions(generator):
+    observations = generator.normal(size=(300, N))
+    model = GradientBoostingRegressor(n_estimators=4, max_depth=3, random_state=0)
+    model.fit(observations, np.where(observations[:, 7] > 0.2, 1.0, -1.0) + observations[:, 9])
+    policy = BoostedTreesPolicy.compile("trot", NAMES, [model] * 12)
+    added = sum(policy.tree_values(observations, 2, tree) for tree in range(4))
+    np.testing.assert_allclose(added + policy.intercepts[2], policy(observations)[:, 2])
+    figure = tree_figure(policy, 2, observations)
+    boxes = [text.get_text() for text in figure.axes[0].texts]
+    assert boxes[0].startswith(NAMES[7])
+    assert "300 samples" in boxes[0]
+    assert {"yes", "no"} < set(boxes)
+    drawn = dependence_figure(policy, 2, observations, (7, 9), generator, n_curves=5)
+    assert NAMES[7] in drawn.axes[0].get_xlabel()

@@ -1,0 +1,78 @@
+"""The plan of a distillation: its rounds, their episodes, and what is held out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.rounds import rounds
+from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
+
+GAIT = load_gait("trot")
+
+
+def test_whole_episodes_are_held_out():
+    episodes = np.repeat(np.arange(1, 31), 3)
+    dataset = Dataset(np.zeros((90, 2)), np.zeros((90, 12)), episodes)
+    held_out = set(episodes[dataset.held_out])
+    assert len(held_out) == 6
+    assert not held_out & set(episodes[~dataset.held_out])
+    assert {(episode - 1) % 4 for episode in held_out} == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    ("curriculum", "periods"),
+    [
+        ("alternation", [1, 2, 3, 4]),
+        ("student_only", [1, 0, 0, 0]),
+        ("expert_only", [1, 1, 1, 1]),
+        ("half", [1, 2, 2, 2]),
+    ],
+)
+def test_curricula_say_how_often_the_expert_acts(curriculum, periods):
+    config = DistillationConfig(curriculum=curriculum)
+    planned = rounds(config.for_gait(GAIT), "linear")
+    assert [own.period for own in planned[:4]] == periods
+    assert len(planned) == 16
+    assert [own.period for own in planned[8:]] == [0] * 8
+
+
+def test_rounds_hold_every_episode_once():
+    config = DistillationConfig(
+        episodes=10, episodes_per_round=4, alone_rounds=2, alone_episodes=4, alone_steps=90
+    )
+    planned = rounds(config, "linear")
+    assert [own.number for own in planned] == [1, 2, 3, 4, 5]
+    assert [own.steps for own in planned] == [1000, 1000, 1000, 90, 90]
+    assert {own.steps for own in rounds(config, "symbolic")} == {1000}
+    assert [list(own.episodes) for own in planned] == [
+        [1, 2, 3, 4],
+        [5, 6, 7, 8],
+        [9, 10],
+        [11, 12, 13, 14],
+        [15, 16, 17, 18],
+    ]
+    settings = StudentsSettings(symbolic=SymbolicSettings(alone_episodes=6))
+    planned = rounds(replace(config, settings=settings), "symbolic")
+    alone = [list(own.episodes) for own in planned[2:]]
+    assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
+
+
+def test_machines_of_more_states_ask_for_more_episodes_alone():
+    def alone(gait, config):
+        machine = load_gait(gait)
+        return len(rounds(config.for_gait(machine), "ebm")[-1].episodes)
+
+    sizes = {gait: alone(gait, DistillationConfig()) for gait in ("trot", "walk", "half_bound")}
+    assert sizes == {"trot": 16, "walk": 48, "half_bound": 48}
+    assert alone("walk", DistillationConfig(alone_episodes=5)) == 5
+
+
+def test_starts_are_the_first_steps_of_every_episode():
+    episodes = np.repeat([3, 4, 6], [7, 3, 9])
+    starts = Dataset(np.zeros((19, 2)), np.zeros((19, 12)), episodes).starts
+    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14]

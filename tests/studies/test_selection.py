@@ -1,0 +1,32 @@
+"""Which of a student's candidates is taken: falls, simplicity, and reward."""
+
+import pandas as pd
+import pytest
+
+from glassgait.studies.distillation.selection import simplest_of_the_best
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "chosen"),
+    [
+        ((995.0, 0), (1000.0, 0), "small"),
+        ((985.0, 0), (1000.0, 0), "large"),
+        ((999.0, 1), (1000.0, 0), "large"),
+        ((1001.0, 0), (1000.0, 0), "small"),
+        # Falls count before reward, unless a student falls less because it hardly walks.
+        ((1000.0, 2), (975.0, 0), "large"),
+        ((1000.0, 2), (100.0, 0), "small"),
+        ((-1000.0, 2), (-1001.0, 3), "small"),
+    ],
+)
+def test_falls_count_before_simplicity_and_reward(small, large, chosen):
+    rows = [("small", *small), ("large", *large)]
+    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
+    ranked = ranked.sort_values("reward", ascending=False)
+    assert simplest_of_the_best(ranked, {"small": 1, "large": 2}) == chosen
+
+
+def test_of_equally_simple_students_the_one_that_earns_most_is_taken():
+    rows = [("first", 1000.0, 0), ("second", 999.0, 0)]
+    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
+    assert simplest_of_the_best(ranked, {"first": 1, "second": 1}) == "first"

@@ -1,0 +1,142 @@
+"""Formulas fitted to samples: sums with gates, Operon, and PySR."""
+
+import ast
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sklearn.linear_model import LinearRegression
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.gates import named_gates
+from glassgait.models.policies.tape import Tape
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.students.gated_sum import fit_gated_sums
+from glassgait.studies.students.symbolic_regression import fit_formulas, pysr_arguments
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
+
+GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
+
+
+def sample_of_a_gated_law(generator, count=3000):
+    x = generator.normal(size=(count, 6))
+    x[:, 4] = generator.random(count) < 0.5
+    x[:, 5] = generator.random(count) < 0.3
+    return x, 1.0 + 2.0 * x[:, 0] + x[:, 4] * (3.0 * x[:, 1] - 1.0) + x[:, 5] * x[:, 2]
+
+
+def test_gated_sum_finds_a_gated_law(generator):
+    x, y = sample_of_a_gated_law(generator)
+    [formula] = fit_gated_sums(x, y[:, None], gates=GATES, max_length=60)
+    assert formula.length <= 60
+    error = Tape([formula], 6)(x)[:, 0] - y
+    assert error.var() < 1e-4 * y.var()
+
+
+def test_weights_of_what_moves_together_do_not_grow_against_one_another(generator):
+    x = generator.normal(size=(500, 2))
+    x[:, 1] = x[:, 0] + 1e-3 * x[:, 1]
+    y = x[:, 0] + 0.1 * generator.normal(size=500)
+    [formula] = fit_gated_sums(x, y[:, None], gates=(), max_length=10)
+    slopes = [formula.derivative(variable).value for variable in (0, 1)]
+    assert max(map(abs, slopes)) < 1.1
+
+
+def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
+    names = ObservationLayout(trot.n_states).names
+    gate = named_gates(names)["Late"]
+    iterations = np.zeros((4, len(names)))
+    iterations[:, names.index("RM Iters")] = (0.0, 0.4, 0.8, 50.0)
+    value = Tape([gate], len(names))(iterations)[:, 0]
+    assert value == pytest.approx([-0.964, 0.0, 0.964, 1.0], abs=1e-3)
+
+    x = generator.normal(size=(2000, len(names)))
+    x[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
+    y = (1.0 + 2.0 * Tape([gate], len(names))(x)[:, 0]) * x[:, 0]
+    [formula] = fit_gated_sums(x, y[:, None], gates=(gate,), max_length=20)
+    error = Tape([formula], len(names))(x)[:, 0] - y
+    assert error.var() < 1e-4 * y.var()
+
+
+def test_feet_are_on_the_ground_or_in_the_air(trot):
+    names = ObservationLayout(trot.n_states).names
+    heights = np.zeros((3, len(names)))
+    heights[:, names.index("Foot Height RL")] = (0.0, 0.02, 0.08)
+    _, *feet = named_gates(names).values()
+    gates = Tape(feet, len(names))(heights)
+    assert gates.shape == (3, 4)
+    assert gates[:, 2] == pytest.approx([-0.964, 0.0, 1.0], abs=1e-3)
+    assert gates[:, 0] == pytest.approx([-0.964] * 3, abs=1e-3)
+
+
+def test_gated_sum_keeps_its_bound(generator):
+    x, y = sample_of_a_gated_law(generator)
+    sizes = [fit_gated_sums(x, y[:, None], GATES, bound)[0].length for bound in (1, 10, 20)]
+    assert all(size <= bound for size, bound in zip(sizes, (1, 10, 20), strict=True))
+
+
+def test_operon_finds_what_is_not_linear(generator):
+    x = generator.normal(size=(1500, 5))
+    x[:, 3] = 0.0
+    y = 2.0 * x[:, 0] + np.tanh(3.0 * x[:, 1] * x[:, 2])
+    settings = SymbolicSettings(
+        population=200, generations=40, max_samples=1500, shapes=((10, 60),)
+    )
+    [formula] = fit_formulas(
+        x, y[:, None], 0, settings, gates=(Expression("variable", variable=3),)
+    )
+    linear = LinearRegression().fit(x, y).score(x, y)
+    error = Tape([formula], 5)(x)[:, 0] - y
+    assert formula.length <= 60
+    assert 1 - error.var() / y.var() > linear + 0.05
+
+
+def test_pysr_is_asked_as_the_paper_did():
+    pysr = importlib.util.find_spec("pysr")
+    assert pysr is not None, "the test extra installs pysr"
+    source = (Path(pysr.origin).parent / "sr.py").read_text()
+    # Importing PySR would start Julia; its constructor is read from the installed text instead.
+    regressor = next(
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.ClassDef) and node.name == "PySRRegressor"
+    )
+    constructor = next(
+        node
+        for node in regressor.body
+        if isinstance(node, ast.FunctionDef) and node.name == "__init__"
+    )
+    accepted = {argument.arg for argument in (*constructor.args.args, *constructor.args.kwonlyargs)}
+    arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
+    assert set(arguments) <= accepted
+    assert arguments["unary_operators"] == ["sin", "tanh", "square", "cube"]
+    assert arguments["binary_operators"] == ["+", "-", "*"]
+    assert arguments["maxsize"] == 90
+    assert arguments["niterations"] == 20
+    assert arguments["constraints"]["*"] == (4, 4)
+
+
+def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
+    monkeypatch.setitem(sys.modules, "pysr", None)
+    with pytest.raises(InputError, match="needs Julia") as raised:
+        fit_formulas(
+            generator.normal(size=(10, 3)),
+            np.zeros((10, 1)),
+            0,
+            SymbolicSettings(engine="pysr"),
+            (),
+        )
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.skipif(shutil.which("julia") is None, reason="Julia is not installed")
+@pytest.mark.slow
+def test_pysr_finds_a_law(generator):
+    x = generator.normal(size=(200, 3))
+    product = x[:, :1] * x[:, 1:2]
+    [formula] = fit_formulas(x, product, 0, SymbolicSettings(engine="pysr"), ())
+    np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], product[:, 0], atol=1e-3)
