@@ -1,13 +1,15 @@
-"""What the README and the other pages show must run as shown, on a fresh clone too."""
+"""What the pages show must run as shown, on a fresh clone too."""
 
 import doctest
 import re
 import shlex
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
 
 import interpret
 import pytest
+import yaml
 
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
@@ -15,19 +17,43 @@ from glassgait.studies.cli import COMMANDS, main
 from glassgait.studies.students.library import default_student, find_student
 
 ROOT = Path(__file__).parents[1]
-TEXT = (ROOT / "README.md").read_text()
+FOLDERS = ("models", "systems", "diagrams", "studies", "tests")
+GENERATED = ("*_formulas.md", "templates/*.md")
 PAGES = {
-    page: (ROOT / page).read_text()
-    for page in ("README.md", "models/students/README.md", "models/experts/README.md")
+    str(page.relative_to(ROOT)): page.read_text()
+    for page in sorted(
+        [*ROOT.glob("*.md"), *(p for f in FOLDERS for p in (ROOT / f).rglob("*.md"))]
+    )
+    if not any(page.match(pattern) for pattern in GENERATED)
 }
+LONGEST_README = 150
+"""Lines: a front page is read in one go."""
+
+WITHOUT_RESULTS = ("studies/examples/README.md", "studies/rollouts/README.md")
+"""Pages of studies that tell how, and measure nothing."""
+
 NEEDS_A_DISTILLATION = ("pareto", "importance")
 """Commands that read the samples of one."""
+
+
+def blocks(page, language):
+    """Code blocks of a language, in the page's order."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+
+
+def pages_with(language):
+    found = [page for page in PAGES if blocks(page, language)]
+    assert found
+    return found
 
 
 def spans(text):
     """Code spans, and the lines of shell blocks, each with the paragraph or table row around it."""
     shell = re.sub(
-        r"```bash\n(.*?)```", lambda block: f"`{block[1].strip()}`", text, flags=re.DOTALL
+        r"```bash\n(.*?)```",
+        lambda block: "\n".join(f"`{line}`" for line in block[1].splitlines() if line.strip()),
+        text.replace("\\\n", " "),
+        flags=re.DOTALL,
     )
     prose = re.sub(r"```.*?```", "", shell, flags=re.DOTALL)
     for paragraph in re.split(r"\n\s*\n|\n(?=\||- )", prose):
@@ -40,7 +66,7 @@ def commands():
     found = {}
     for page, text in PAGES.items():
         for span, paragraph in spans(text):
-            for command in re.findall(r"(?:^|bin/)glassgait\b([^&]*)", span):
+            for command in re.findall(r"(?:^|bin/|&& )glassgait\b(?!\.|/)([^&#]*)", span):
                 arguments = tuple(shlex.split(command.replace("<gait>", "trot")))
                 found.setdefault((page, arguments), []).append(paragraph)
     return [
@@ -50,10 +76,18 @@ def commands():
     ]
 
 
+def modules():
+    """Every `python -m …` of the pages, as a module."""
+    told = (span for text in PAGES.values() for span, _ in spans(text))
+    return sorted(
+        {name for span in told for name in re.findall(r"python -m (glassgait\.\S+)", span)}
+    )
+
+
 def options():
     """Every span of options alone."""
     found = {span for text in PAGES.values() for span, _ in spans(text) if span.startswith("--")}
-    return sorted(found - {"--help"})
+    return sorted(found - {"--help", "--version"})
 
 
 @pytest.fixture
@@ -75,6 +109,13 @@ def parsed(monkeypatch, tmp_path):
     return parse
 
 
+def gaits_of(command):
+    """Names of the gaits that ship and that a command asks for by name."""
+    asked = getattr(command, "gait", ())
+    names = (asked,) if isinstance(asked, str) else asked
+    return [name for name in names if name != "all" and not name.endswith(".yaml")]
+
+
 @pytest.mark.parametrize(("arguments", "around"), commands())
 def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
     parsed, arguments, around
@@ -84,7 +125,8 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
     if arguments[0] in NEEDS_A_DISTILLATION or policy == "students":
         assert any("distil" in paragraph for paragraph in around)
     elif arguments[0] == "explain" or policy not in (None, "expert"):
-        find_student(policy or default_student(command.gait), load_expert(command.gait))
+        for gait in gaits_of(command):
+            find_student(policy or default_student(gait), load_expert(gait))
     for argument in arguments:
         if argument.startswith("models/"):
             assert (ROOT / argument).exists()
@@ -99,50 +141,112 @@ def test_every_option_is_one_of_some_command(parsed, option):
             return None
 
     words = option.split()
-    values = ["x"] if len(words) == 1 else []
-    assert any(takes(name, *words) or takes(name, *words, *values) for name in COMMANDS)
+    # Of a kind that takes a value, one that it may take.
+    values = [["x"], ["100"], ["0.5"], ["64", "64"]] if len(words) == 1 else []
+    assert any(
+        takes(name, *words) or any(takes(name, *words, *value) for value in values)
+        for name in COMMANDS
+    )
 
 
-def block(language):
-    found = re.findall(rf"```{language}\n(.*?)```", TEXT, flags=re.DOTALL)
-    assert found
-    return found
+@pytest.mark.parametrize("module", modules())
+def test_every_module_that_is_run_is_there(module):
+    assert find_spec(module)
 
 
-def test_the_example_runs(capsys):
-    (example,) = block("python")
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_programs_run_one_after_the_other(page, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    for block in blocks(page, "python"):
+        exec(compile(block, page, "exec"), names)
+
+
+def test_the_example_trots_and_stays_up(capsys):
+    (example,) = blocks("README.md", "python")
     exec(compile(example, "README.md", "exec"), {})
     assert "(501, 2) False" in capsys.readouterr().out
 
 
-def test_the_students_pages_example_runs():
-    (example,) = re.findall(r"```python\n(.*?)```", PAGES["models/students/README.md"], re.DOTALL)
-    names = {}
-    exec(compile(example, "models/students/README.md", "exec"), names)
-    assert names["policy"].gait == "walk"
-
-
-def test_the_sessions_run_one_after_the_other_and_print_what_is_shown(monkeypatch):
+@pytest.mark.parametrize("page", pages_with("pycon"))
+def test_sessions_run_one_after_the_other_and_print_what_is_shown(page, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(interpret, "show", lambda explanation: None)
-    sessions = "\n".join(block("pycon"))
+    sessions = "\n".join(blocks(page, "pycon"))
     runner = doctest.DocTestRunner()
-    test = doctest.DocTestParser().get_doctest(sessions, {}, "README.md", "README.md", 0)
     told = []
-    runner.run(test, out=told.append)
+    runner.run(doctest.DocTestParser().get_doctest(sessions, {}, page, page, 0), out=told.append)
     assert not runner.failures, "".join(told)
 
 
-def test_the_gait_of_ones_own_is_accepted():
-    (text,) = block("yaml")
-    gait = parse_gait(text, name="hop")
-    assert gait.transitions[0].when.swing_feet == (True,) * 4
+@pytest.mark.parametrize("page", pages_with("yaml"))
+def test_files_that_are_shown_are_accepted(page, tmp_path):
+    for text in blocks(page, "yaml"):
+        if "transitions" in yaml.safe_load(text):
+            parse_gait(text, name="mine")
+        else:
+            path = tmp_path / "mine.yaml"
+            path.write_text(text)
+            resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 
 
-def test_every_picture_and_page_is_there():
-    root = Path(__file__).parents[1]
-    for found in re.findall(r'src="([^"]+)"|\]\(((?!http)[^)]+)\)', TEXT):
+def test_the_gait_of_ones_own_hops():
+    (text,) = blocks("README.md", "yaml")
+    assert parse_gait(text, name="hop").transitions[0].when.swing_feet == (True,) * 4
+
+
+def anchors(text):
+    """Names by which GitHub links to a page's headings."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    titles = re.findall(r"^#+ (.*)$", prose, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_picture_and_link_leads_somewhere(page):
+    prose = re.sub(r"^```.*?^```", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+    for found in re.findall(r'src="([^"]+)"|\]\(((?!http)[^)]+)\)', prose):
         path, _, heading = "".join(found).partition("#")
-        assert (root / path).exists()
+        target = (ROOT / page).parent / path if path else ROOT / page
+        assert target.exists(), path
         if heading:
-            titles = re.findall(r"^#+ (.*)$", (root / path).read_text(), flags=re.MULTILINE)
-            assert heading in {title.lower().replace(" ", "-") for title in titles}
+            assert heading in anchors(target.read_text()), found
+
+
+def test_every_page_can_be_reached_from_the_front_page():
+    reached, next_ones = set(), {"README.md"}
+    while next_ones:
+        page = next_ones.pop()
+        reached.add(page)
+        for link in re.findall(r"\]\(((?!http)[^)#]+)", PAGES[page]):
+            target = ((ROOT / page).parent / link).resolve()
+            if target.is_relative_to(ROOT.resolve()):
+                name = str(target.relative_to(ROOT.resolve()))
+                next_ones |= {name} & PAGES.keys() - reached
+    assert reached == PAGES.keys()
+
+
+def test_the_front_page_is_short():
+    lines = PAGES["README.md"].splitlines()
+    assert len(lines) <= LONGEST_README
+    # Not by long lines.
+    assert max(len(line) for line in lines if not line.startswith(("|", "<img"))) <= LONGEST_README
+
+
+def test_the_front_page_lists_every_command():
+    (table,) = re.findall(r"## The commands\n\n(.*?)\n\n", PAGES["README.md"], flags=re.DOTALL)
+    assert set(re.findall(r"^\| `glassgait (\w+)", table, flags=re.MULTILINE)) == COMMANDS.keys()
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        page
+        for page in PAGES
+        if re.fullmatch(r"studies/\w+/README.md", page) and page not in WITHOUT_RESULTS
+    ],
+)
+def test_studies_pages_give_the_verdict_before_the_tables(page):
+    verdict, table = PAGES[page].find("**Verdict.**"), PAGES[page].find("\n|---")
+    assert verdict > 0
+    assert table == -1 or verdict < table

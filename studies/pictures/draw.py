@@ -82,7 +82,7 @@ def _without_exports(dot: str) -> str:
     """Leaves out exported ports, the plant's unused ones, and module names: they hide the loop."""
     dot = re.sub(r"^.*\[color=(green|blue)\];\n", "", dot, flags=re.MULTILINE)
     dot = re.sub(r"subgraph clusters\d+out \{.*?^\}\n", "", dot, flags=re.DOTALL | re.MULTILINE)
-    dot = re.sub(r"systems\.\w+\.", "", dot)
+    dot = re.sub(r"glassgait\.systems\.\w+\.", "", dot)
     return _without_unused_ports(dot, "MultibodyPlant")
 
 
