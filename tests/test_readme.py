@@ -29,7 +29,7 @@ PAGES = {
 LONGEST_README = 150
 """Lines: a front page is read in one go."""
 
-WITHOUT_RESULTS = ("studies/examples/README.md", "studies/rollouts/README.md")
+WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
 NEEDS_A_DISTILLATION = ("pareto", "importance")
