@@ -1,19 +1,24 @@
-"""Loops in parallel processes, which end with the process that started them."""
+"""Loops in parallel processes: on this machine, where they end with the process that started
+them, or on a cluster.
+"""
 
 import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from multiprocessing import resource_tracker
-from typing import Any
+from typing import Any, Literal
 
 from joblib import Parallel
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+from threadpoolctl import threadpool_limits
 
 from glassgait.models.errors import InputError
+from glassgait.studies.cluster import Cluster, run_on_cluster
 
 WATCH_PERIOD = 1.0
 """Seconds between two looks of a worker for its parent."""
@@ -24,18 +29,62 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 NO_LEAKS = "ignore:resource_tracker:UserWarning"
 """Silences what trackers of shared memory say where they clean up behind a process that is gone."""
 
+Backend = Literal["loky", "ray", "dask"]
+"""Where calls run: in processes of this machine, or as tasks of a Ray or a Dask cluster."""
 
-def run_parallel(work: Iterable[Any], n_jobs: int, *, in_order: bool = True) -> Iterator[Any]:
-    """Runs calls in processes and yields what they return.
+WORKER_LOST = (
+    "a worker process was ended from outside, most likely for lack of memory; free some or ask for "
+    "fewer at once, then continue with --resume"
+)
+"""What a loop tells that lost a worker, or on a cluster too many of them."""
+
+_backend: ContextVar[Backend] = ContextVar("backend", default="loky")
+_in_worker = threading.Event()
+
+
+@contextmanager
+def parallel_backend(backend: Backend) -> Iterator[None]:
+    """Chooses where the parallel loops within run that are not told otherwise."""
+    token = _backend.set(backend)
+    try:
+        yield
+    finally:
+        _backend.reset(token)
+
+
+def run_parallel(
+    work: Iterable[Any], n_jobs: int, *, in_order: bool = True, backend: Backend | None = None
+) -> Iterator[Any]:
+    """Runs calls in other processes and yields what they return.
+
+    Within a worker calls run one after another: its cores are its siblings'.
 
     Args:
         work: The calls, each made by `joblib.delayed`.
         n_jobs: Calls that run at once, at most one a core; -1 for as many as there are cores.
         in_order: Whether results come in the order of the calls, or each as soon as it is there.
+        backend: Where they run; by default where `parallel_backend` says, or on this machine.
 
     Raises:
-        InputError: if a worker was killed.
+        InputError: if a worker was killed, on a cluster more than three times in the same call, or
+            there is no such cluster, or its extra is not installed.
     """
+    if _in_worker.is_set():
+        return (function(*values, **named) for function, values, named in work)
+    chosen = backend or _backend.get()
+    if chosen == "loky":
+        return _run_on_loky(work, n_jobs, in_order)
+    return run_on_cluster(_cluster(chosen), work, n_jobs, in_order)
+
+
+def run_in_worker(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
+    """Makes a call in a worker of a cluster, on one thread, as workers of this machine do."""
+    _in_worker.set()
+    with threadpool_limits(1):
+        return function(*values, **named)
+
+
+def _run_on_loky(work: Iterable[Any], n_jobs: int, in_order: bool) -> Iterator[Any]:
     # With more workers than cores, each still computes on one core, as it does with as many.
     n_jobs = min(n_jobs, os.cpu_count() or 1)
     results = "generator" if in_order else "generator_unordered"
@@ -45,10 +94,18 @@ def run_parallel(work: Iterable[Any], n_jobs: int, *, in_order: bool = True) -> 
             yields = loop(work)
         yield from yields
     except TerminatedWorkerError as error:
-        raise InputError(
-            "a worker process was ended from outside, most likely for lack of memory; free some or "
-            "ask for fewer at once, then continue with --resume"
-        ) from error
+        raise InputError(WORKER_LOST) from error
+
+
+def _cluster(backend: Backend) -> Cluster:
+    # Imported here: Ray and Dask are extras, and slow to import.
+    if backend == "ray":
+        from glassgait.studies.ray_backend import RayCluster  # noqa: PLC0415
+
+        return RayCluster()
+    from glassgait.studies.dask_backend import DaskCluster  # noqa: PLC0415
+
+    return DaskCluster()
 
 
 def _end_with(parent: int) -> None:
@@ -59,6 +116,7 @@ def _end_with(parent: int) -> None:
             time.sleep(WATCH_PERIOD)
         os._exit(1)
 
+    _in_worker.set()
     threading.Thread(target=watch, daemon=True).start()
 
 
