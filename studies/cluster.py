@@ -1,6 +1,6 @@
 """The parallel loop over a cluster, whichever it is: what is sent, when, and what comes back."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from itertools import islice
 from typing import Any, Protocol
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 AHEAD = 2
-"""Calls that are sent for each core, so that none waits for the next."""
+"""Calls that are taken for each that can run at once, so that no worker waits; joblib's number."""
 
 LARGE = 2**20
 """Size of an array from which on it is sent once for all calls that take it (bytes); loky's."""
@@ -49,8 +49,8 @@ class Cluster(Protocol):
 
 
 def run_on_cluster(
-    cluster: Cluster, work: Iterable[Any], n_jobs: int, in_order: bool
-) -> Iterator[Any]:
+    cluster: Cluster, work: Iterable[Any], n_jobs: int, in_order: bool, ahead: int = AHEAD
+) -> Generator[Any, None, None]:
     """Makes calls on a cluster and yields what they return.
 
     Args:
@@ -58,6 +58,7 @@ def run_on_cluster(
         work: The calls, each made by `joblib.delayed`.
         n_jobs: Calls that run at once; -1 for as many as the cluster has cores.
         in_order: Whether results come in the order of the calls, or each as soon as it is there.
+        ahead: Calls that are sent for each core, where no number is given.
 
     Raises:
         InputError: if a call's workers were lost again and again.
@@ -69,7 +70,7 @@ def run_on_cluster(
     n_sent = n_yielded = 0
     try:
         while True:
-            most = n_jobs if n_jobs > 0 else AHEAD * max(1, cluster.n_cores())
+            most = n_jobs if n_jobs > 0 else ahead * max(1, cluster.n_cores())
             for function, values, named in islice(calls, max(0, most - len(running))):
                 sent = [arrays.sent(value) for value in values]
                 sent_named = {name: arrays.sent(value) for name, value in named.items()}

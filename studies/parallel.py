@@ -7,18 +7,21 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from multiprocessing import resource_tracker
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from annotated_types import Lt
 from joblib import Parallel
 from joblib.externals.loky.process_executor import TerminatedWorkerError
+from pydantic import AfterValidator
 from threadpoolctl import threadpool_limits
 
 from glassgait.models.errors import InputError
-from glassgait.studies.cluster import Cluster, run_on_cluster
+from glassgait.studies.cluster import AHEAD, Cluster, run_on_cluster
 
 WATCH_PERIOD = 1.0
 """Seconds between two looks of a worker for its parent."""
@@ -31,6 +34,16 @@ NO_LEAKS = "ignore:resource_tracker:UserWarning"
 
 Backend = Literal["loky", "ray", "dask"]
 """Where calls run: in processes of this machine, or as tasks of a Ray or a Dask cluster."""
+
+
+def _all_or_some(n_jobs: int) -> int:
+    if n_jobs < 1 and n_jobs != -1:
+        raise ValueError("1 or more, or -1 for as many as there are cores")
+    return n_jobs
+
+
+Jobs = Annotated[int, Lt(2**31), AfterValidator(_all_or_some)]
+"""What is done at once, as joblib counts."""
 
 WORKER_LOST = (
     "a worker process was ended from outside, most likely for lack of memory; free some or ask for "
@@ -53,8 +66,13 @@ def parallel_backend(backend: Backend) -> Iterator[None]:
 
 
 def run_parallel(
-    work: Iterable[Any], n_jobs: int, *, in_order: bool = True, backend: Backend | None = None
-) -> Iterator[Any]:
+    work: Iterable[Any],
+    n_jobs: int,
+    *,
+    in_order: bool = True,
+    backend: Backend | None = None,
+    ahead: int = AHEAD,
+) -> Generator[Any, None, None]:
     """Runs calls in other processes and yields what they return.
 
     Within a worker calls run one after another: its cores are its siblings'.
@@ -64,6 +82,7 @@ def run_parallel(
         n_jobs: Calls that run at once, at most one a core; -1 for as many as there are cores.
         in_order: Whether results come in the order of the calls, or each as soon as it is there.
         backend: Where they run; by default where `parallel_backend` says, or on this machine.
+        ahead: Calls that are taken for each that can run at once.
 
     Raises:
         InputError: if a worker was killed, on a cluster more than three times in the same call, or
@@ -73,8 +92,8 @@ def run_parallel(
         return (function(*values, **named) for function, values, named in work)
     chosen = backend or _backend.get()
     if chosen == "loky":
-        return _run_on_loky(work, n_jobs, in_order)
-    return run_on_cluster(_cluster(chosen), work, n_jobs, in_order)
+        return _run_on_loky(work, n_jobs, in_order, ahead)
+    return run_on_cluster(_cluster(chosen), work, n_jobs, in_order, ahead)
 
 
 def run_in_worker(function: Callable[..., Any], *values: Any, **named: Any) -> Any:
@@ -84,15 +103,30 @@ def run_in_worker(function: Callable[..., Any], *values: Any, **named: Any) -> A
         return function(*values, **named)
 
 
-def _run_on_loky(work: Iterable[Any], n_jobs: int, in_order: bool) -> Iterator[Any]:
+def _run_on_loky(
+    work: Iterable[Any], n_jobs: int, in_order: bool, ahead: int
+) -> Generator[Any, None, None]:
     # With more workers than cores, each still computes on one core, as it does with as many.
     n_jobs = min(n_jobs, os.cpu_count() or 1)
     results = "generator" if in_order else "generator_unordered"
-    loop = Parallel(n_jobs, return_as=results, initializer=_end_with, initargs=(os.getpid(),))
+    loop = Parallel(
+        n_jobs,
+        return_as=results,
+        pre_dispatch=f"{ahead} * n_jobs",
+        initializer=_end_with,
+        initargs=(os.getpid(),),
+    )
     try:
         with _signals_held():
-            yields = loop(work)
-        yield from yields
+            yields: Any = loop(work)
+        try:
+            for result in yields:  # noqa: UP028
+                yield result
+        except GeneratorExit:
+            # joblib warns of results that nobody waited for: on Ctrl-C nobody does.
+            with warnings.catch_warnings(action="ignore"):
+                yields.close()
+            raise
     except TerminatedWorkerError as error:
         raise InputError(WORKER_LOST) from error
 

@@ -1,6 +1,7 @@
 """`glassgait evaluate`: rolls policies out and scores them."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -13,17 +14,17 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console
+from glassgait.studies.console import console, say
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.parallel import parallel_backend
 from glassgait.studies.rollouts.config import WORLDS, RolloutConfig, WorldName
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import distillation_folder, find_student, load_students
+from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, tell_refused
 from glassgait.studies.tables import print_table
-
-ALL_GAITS = "all"
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,14 @@ class Evaluate(Settings):
     """Roll policies out in closed loop and score them.
 
     Attributes:
-        gait: Name of a gait, or `all`, for every gait with a shipped expert.
-        policy: `expert`; `students`, for those of a distillation at every alternation ratio; or a
-            kind of student or the path of its policy file, to be rolled out alone, at the speeds
-            of distillation.
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships with the
+            policy. Experts, and students of a kind, of several gaits stand in one table.
+        policy: `expert`; `students`, for those of a distillation at every alternation ratio, a run
+            for each gait; or a kind of student or the path of its policy file, to be rolled out
+            alone, at the speeds of distillation.
         worlds: Where to roll out, or `all`; `students` are rolled out in the training physics.
         rollouts: How robots are rolled out.
+        workers: Where rollouts run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
@@ -46,12 +49,13 @@ class Evaluate(Settings):
 
     title: ClassVar[str] = "evaluate"
 
-    gait: str = "trot"
+    gait: Gaits = ("trot",)
     policy: str = "expert"
     worlds: Annotated[tuple[WorldName | Literal["all"], ...], MinLen(1), FEW, DISTINCT] = ("all",)
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
     distillation: Path | None = None
     expert: Path | None = None
     resume: bool = False
@@ -59,39 +63,64 @@ class Evaluate(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        jobs = self._alternation() if self.policy == "students" else self._scorecard()
-        name = Path(self.policy).stem
-        folder = self.output or Path("runs/evaluation") / Path(self.gait).stem / name
-        with open_run(
-            folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+        names = self._gaits()
+        if self.policy != "students":
+            self._score(self._scorecard(names))
+            return
+        if len(names) == 1:
+            self._score(self._alternation(names[0]))
+            return
+        refused = []
+        for name in names:
+            output = self.output / load_gait(name).name if self.output else None
+            try:
+                replace(self, gait=(name,), output=output).run()
+            except InputError as error:
+                say(f"{name}: refused")
+                refused.append(str(error))
+        tell_refused(refused, len(names))
+
+    def _score(self, jobs: list[RolloutJob]) -> None:
+        name, gaits = Path(self.policy).stem, "_".join(Path(name).stem for name in self.gait)
+        folder = self.output or Path("runs/evaluation") / gaits / name
+        n_workers = None if self.workers.n_workers < 0 else self.workers.n_workers
+        with (
+            open_run(
+                folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+            ),
+            parallel_backend(self.workers.backend),
         ):
-            scores = run_jobs(jobs, folder / "rollouts")
+            scores = run_jobs(jobs, folder / "rollouts", processes=n_workers)
             table = self._write(scores, folder)
-        print_table(f"{self.gait}: {name}", table)
+        print_table(f"{gaits}: {name}", table)
         console.print(f"written to {folder}")
 
     def _write(self, scores: pd.DataFrame, folder: Path) -> pd.DataFrame:
         if self.policy == "students":
-            return write_alternation(scores, load_gait(self.gait).name, folder)
+            return write_alternation(scores, load_gait(self.gait[0]).name, folder)
         return write_scorecard(scores, folder)
 
-    def _alternation(self) -> list[RolloutJob]:
-        gait = load_gait(self.gait)
+    def _alternation(self, name: str) -> list[RolloutJob]:
+        gait = load_gait(name)
         expert = load_expert(gait, self.expert)
         students = load_students(self.distillation or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts)
 
-    def _scorecard(self) -> list[RolloutJob]:
+    def _scorecard(self, names: Sequence[str]) -> list[RolloutJob]:
         worlds = tuple(WORLDS) if "all" in self.worlds else self.worlds
-        policies = [self._policy(load_gait(name)) for name in self._gaits()]
+        policies = [self._policy(load_gait(name)) for name in names]
         return scorecard_jobs(policies, worlds, self.rollouts)
 
     def _gaits(self) -> tuple[str, ...]:
-        if self.gait != ALL_GAITS:
-            return (self.gait,)
-        if self.expert or self.distillation or "." in self.policy:
-            raise InputError("--gait all takes no files of your own; name one gait for them")
-        shipped = {name: ("expert", *shipped_students(name)) for name in shipped_experts()}
+        names = gaits_named(self.gait)
+        if (len(names) > 1) and (self.expert or self.distillation or "." in self.policy):
+            raise InputError(
+                "--gait: several gaits take no files of your own; name one gait for them"
+            )
+        if ALL_GAITS not in self.gait:
+            return names
+        own = ("expert", "students")
+        shipped = {name: (*own, *shipped_students(name)) for name in shipped_experts()}
         gaits = tuple(name for name, policies in shipped.items() if self.policy in policies)
         if not gaits:
             raise InputError(f"no gait ships with a policy {self.policy!r}; name one gait")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import psutil
 import pytest
@@ -58,6 +59,13 @@ def test_results_come_in_the_order_of_the_calls():
     assert list(run_parallel((delayed(abs)(-i) for i in range(9)), 2)) == list(range(9))
     loose = run_parallel((delayed(abs)(-i) for i in range(9)), 2, in_order=False)
     assert sorted(loose) == list(range(9))
+
+
+def test_results_that_nobody_waits_for_are_left_in_silence():
+    results = run_parallel((delayed(time.sleep)(0.1) for _ in range(9)), 2)
+    next(results)
+    with warnings.catch_warnings(action="error"):
+        results.close()
 
 
 def test_a_worker_that_is_killed_is_told():

@@ -13,6 +13,8 @@ import pytest
 from joblib import delayed
 
 from glassgait.models.errors import InputError
+from glassgait.models.files import digest
+from glassgait.models.task.gait import gait_names
 from glassgait.studies.parallel import parallel_backend, run_parallel
 
 SMALL = {"num_cpus": 1, "object_store_memory": 80_000_000}
@@ -117,6 +119,52 @@ def test_a_lost_node_changes_no_result(name, tmp_path):
     for (seed, product), (other_seed, other) in zip(expected, sorted(found), strict=True):
         assert seed == other_seed
         np.testing.assert_array_equal(product, other)
+
+
+def _train(folder, *more):
+    """Starts a sweep of 12 small trainings in a folder."""
+    small = ["--n-robots", "8", "--n-groups", "1", "--payloads", "--fine-steps", "--updates", "4"]
+    sweep = ["--gait", "all", "--seeds", "2", "--checkpoint-updates", "2", "--output", folder.name]
+    return subprocess.Popen(
+        [sys.executable, "-m", "glassgait.studies.cli", "train", *sweep, *small, *more],
+        cwd=folder.parent,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _experts(folder):
+    paths = [path for name in gait_names() for path in folder.rglob(f"{name}.safetensors")]
+    return {path.relative_to(folder): digest(path) for path in paths}
+
+
+def test_experts_of_a_sweep_that_loses_a_node_are_those_of_this_machine(tmp_path):
+    here, there = tmp_path / "loky", tmp_path / "ray"
+    here_alone = _train(here)
+    here_alone.communicate(timeout=300)
+    done = 0
+    with two_nodes() as kill, _train(there, "--backend", "ray") as process:
+        for line in process.stdout:
+            if "done (" in line:
+                done += 1
+                if done == 4:
+                    kill()
+    assert (here_alone.returncode, process.returncode, done) == (0, 0, 12)
+    assert len(_experts(here)) == 12
+    assert _experts(there) == _experts(here)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_sweep_on_a_cluster_ends_on_signals_as_a_run_does(number, backend, tmp_path):
+    process = _train(tmp_path / "experts", "--backend", backend)
+    while "done (" not in process.stdout.readline():
+        pass
+    process.send_signal(number)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 128 + number
+    assert told.strip().endswith("what was finished is kept")
+    assert "Traceback" not in told
 
 
 def test_results_come_in_the_order_of_the_calls(backend):
