@@ -84,7 +84,8 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
     if arguments[0] in NEEDS_A_DISTILLATION or policy == "students":
         assert any("distil" in paragraph for paragraph in around)
     elif arguments[0] == "explain" or policy not in (None, "expert"):
-        find_student(policy or default_student(command.gait), load_expert(command.gait))
+        for gait in [command.gait] if isinstance(command.gait, str) else command.gait:
+            find_student(policy or default_student(gait), load_expert(gait))
     for argument in arguments:
         if argument.startswith("models/"):
             assert (ROOT / argument).exists()

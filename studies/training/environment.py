@@ -57,9 +57,7 @@ class TrainingEnvironment:
         self._estimator = estimator
         self.generator = generator
         self.simulator = BatchSimulator(
-            TaskConfig(
-                gait, config.randomization, weights=config.weights, limits=config.limits
-            ),
+            TaskConfig(gait, config.randomization, weights=config.weights, limits=config.limits),
             BatchPhysics(*config.stations()),
             n_robots=config.n_robots,
             generator=generator,
