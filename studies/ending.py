@@ -44,8 +44,6 @@ def told_plainly() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
-    except InputError as error:
-        _end(str(error), BAD_INPUT)
     except KeyboardInterrupt as interrupt:
         _replace_handlers(_end_at_once, _end_quietly)
         number = signal.SIGTERM if signal.SIGTERM in interrupt.args else signal.SIGINT
@@ -55,15 +53,27 @@ def told_plainly() -> Iterator[None]:
         # Python flushes the output once more when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(BROKEN_PIPE)
-    except MemoryError:
-        _end(_NO_MEMORY, BAD_INPUT)
-    except RuntimeError as error:
-        # torch has no class of its own for it.
-        if "allocate memory" not in str(error):
+    except Exception as error:
+        sentence = sentence_of(error)
+        if sentence is None:
             raise
-        _end(_NO_MEMORY, BAD_INPUT)
-    except OSError as error:
-        _end(_refusal(error), BAD_INPUT)
+        _end(sentence, BAD_INPUT)
+
+
+def sentence_of(error: Exception) -> str | None:
+    """Tells bad input, and what the system refuses, in a sentence; None is an error of ours."""
+    match error:
+        case InputError():
+            return str(error)
+        case MemoryError():
+            return _NO_MEMORY
+        case RuntimeError() if "allocate memory" in str(error):
+            # torch has no class of its own for it.
+            return _NO_MEMORY
+        case OSError():
+            return _refusal(error)
+        case _:
+            return None
 
 
 def take_signals() -> None:

@@ -35,8 +35,8 @@ PACKAGES = (
 N_TOLD = 3
 """Differences between a run and its continuation that are told."""
 
-PLACES = ("output", "resume")
-"""Settings that say where and how a run is kept, not what it is."""
+PLACES = ("output", "resume", "sweep", "workers")
+"""Settings that say where and how a run is made and kept, not what it is."""
 
 
 @contextmanager
@@ -113,6 +113,19 @@ def refuse_run(folder: Path) -> None:
         raise InputError(f"{folder}: holds a run; name another folder with --output")
 
 
+def refuse_to_start(folder: Path, *, study: str, resume: bool) -> None:
+    """Refuses a folder where a run would be refused, before others are begun.
+
+    Raises:
+        InputError: if the folder holds a run and `resume` is not given, the run is of another
+            study, the folder holds something else, or another process is at work in it.
+    """
+    if (folder / LOCK_NAME).exists():
+        with _locked(folder):
+            pass
+    _check_holds(folder, study, resume)
+
+
 def read_settings(folder: Path, study: str) -> dict[str, Any]:
     """Reads the settings of the run that a folder holds.
 
@@ -139,20 +152,29 @@ def _software() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
 
 
-def _check(folder: Path, whole: dict[str, Any], resume: bool, free: Collection[str]) -> None:
+def _check_holds(folder: Path, study: str, resume: bool) -> dict[str, Any] | None:
+    """Returns what the run is made of that a folder holds, if it holds one to continue."""
     path = folder / CONFIG_NAME
     if not path.exists():
         if _visible(folder):
             raise InputError(
                 f"{folder}: holds files of something else; name a new folder with --output"
             )
-        return
-    made_with = _read(path, whole["study"])
+        return None
+    made_with = _read(path, study)
     if not resume:
         raise InputError(
-            f"{folder}: holds a run of 'glassgait {whole['study']}' already; continue it with "
-            "--resume, or name another folder with --output"
+            f"{folder}: holds a run of 'glassgait {study}' already; continue it with --resume, or "
+            "name another folder with --output"
         )
+    return made_with
+
+
+def _check(folder: Path, whole: dict[str, Any], resume: bool, free: Collection[str]) -> None:
+    path = folder / CONFIG_NAME
+    made_with = _check_holds(folder, whole["study"], resume)
+    if made_with is None:
+        return
     differences = _differences(made_with, whole, free)
     if differences:
         told = "; with ".join(brief(difference) for difference in differences[:N_TOLD])

@@ -47,6 +47,7 @@ class Curricula(Settings):
     """Distil by other curricula with as many samples, and let the students walk alone.
 
     Attributes:
+        gait: Name of a gait, or path of a gait file.
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count. Formulas take one shape, without a choice.
         rollouts: How students are rolled out.
@@ -57,6 +58,7 @@ class Curricula(Settings):
 
     title: ClassVar[str] = "curricula"
 
+    gait: str = "trot"
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DistillationConfig(
             students=(LINEAR.name, STATEWISE_LINEAR.name, HISTOGRAM_GBM.name, SYMBOLIC.name),
@@ -82,14 +84,14 @@ class Curricula(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.distillation.gait)
+        gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         folder = self.output or Path("runs/curricula") / gait.name
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(folder, study="curricula", settings=self, inputs=inputs, resume=self.resume):
             fits: list[pd.DataFrame] = []
             students: dict[str, dict[str, Policy]] = {}
-            for name, config in equal_budgets(self.distillation).items():
+            for name, config in equal_budgets(replace(self.distillation, gait=self.gait)).items():
                 say(CURRICULA[name])
                 own = folder / name
                 r2 = distill(config, gait, expert, own, say, resume=self.resume)

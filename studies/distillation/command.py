@@ -1,9 +1,11 @@
 """`glassgait distill`: distils an expert into students."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import pandas as pd
 import tyro
 
 from glassgait.models.policies.library import load_expert
@@ -13,7 +15,9 @@ from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
-from glassgait.studies.students.library import distillation_folder
+from glassgait.studies.parallel.loop import parallel_backend
+from glassgait.studies.students.library import DISTILLATION_FOLDER
+from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.tables import print_table
 
 
@@ -22,27 +26,55 @@ class Distill(Settings):
     """Distil an expert into glass-box students by DAgger with alternation.
 
     Attributes:
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         config: Settings of the run.
+        sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
+            fitted.
         expert: Policy file of the expert; the shipped one by default.
-        output: Folder of the run; runs/distillation/<gait> by default.
+        output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
+            its folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
     """
 
     title: ClassVar[str] = "distill"
 
+    gait: Gaits = ("trot",)
     config: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig
     )
+    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
     expert: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.config.gait)
-        expert = load_expert(gait, self.expert)
-        folder = self.output or distillation_folder(gait.name)
-        r2 = distill(self.config, gait, expert, folder, say, resume=self.resume)
-        table = write_r2_table(r2, gait.name, folder)
+        jobs = jobs_of(
+            self.gait,
+            self.config.seed,
+            self.sweep,
+            root=DISTILLATION_FOLDER,
+            output=self.output,
+        )
+        for job in jobs:
+            # Refused before any job is begun.
+            load_expert(load_gait(job.gait), self.expert)
+        if len(jobs) > 1:
+            refuse_taken(jobs, study="distill", resume=self.resume)
+            run_sweep(jobs, partial(_distill_job, self.config, self.expert), self.sweep)
+            return
+        (job,) = jobs
+        with parallel_backend(self.sweep.backend):
+            table = _distill_job(self.config, self.expert, job, resume=self.resume)
         print_table("R² on held-out data", table)
-        console.print(f"students written to {folder}")
+        console.print(f"students written to {job.folder}")
+
+
+def _distill_job(
+    config: DistillationConfig, expert: Path | None, job: Job, *, resume: bool = True
+) -> pd.DataFrame:
+    """Distils one expert, and returns its R² table."""
+    gait = load_gait(job.gait)
+    config = replace(config, gait=job.gait, seed=job.seed)
+    r2 = distill(config, gait, load_expert(gait, expert), job.folder, say, resume=resume)
+    return write_r2_table(r2, gait.name, job.folder)

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
 import tyro
-from annotated_types import Ge, Lt, MinLen
-from pydantic import AfterValidator
+from annotated_types import Ge, MinLen
 
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
+from glassgait.studies.parallel.loop import Jobs
 from glassgait.studies.students.dataset import HELD_OUT_EVERY
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.students.settings import StudentKind, StudentsSettings
@@ -17,15 +17,6 @@ from glassgait.studies.students.settings import StudentKind, StudentsSettings
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode: R² needs two samples of one that is held out."""
 
-
-def _all_or_some(n_jobs: int) -> int:
-    if n_jobs < 1 and n_jobs != -1:
-        raise ValueError("1 or more, or -1 for as many as there are cores")
-    return n_jobs
-
-
-Jobs = Annotated[int, Lt(2**31), AfterValidator(_all_or_some)]
-"""What is done at once, as joblib counts."""
 
 Curriculum = Literal["alternation", "student_only", "expert_only", "half"]
 
@@ -35,7 +26,7 @@ class DistillationConfig(Settings):
     """Settings of a distillation (paper, Algorithm 1 and Section III-B).
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file; commands name it themselves.
         students: Kinds of students.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
@@ -61,7 +52,7 @@ class DistillationConfig(Settings):
 
     title: ClassVar[str] = "distillation"
 
-    gait: str = "trot"
+    gait: Annotated[str, tyro.conf.Suppress] = "trot"
     students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = tuple(STUDENTS)
     seed: Seed = 0
     episodes: Count = 30

@@ -14,7 +14,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.parallel import run_parallel
+from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts, summarize

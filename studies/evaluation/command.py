@@ -1,7 +1,7 @@
 """`glassgait evaluate`: rolls policies out and scores them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -15,17 +15,18 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console
+from glassgait.studies.console import console, say
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import distillation_folder, find_student, load_students
+from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, tell_refused
 from glassgait.studies.tables import print_table
 
-ALL_GAITS = "all"
 ALL_SCENARIOS = ("all",)
 
 
@@ -34,13 +35,15 @@ class Evaluate(Settings):
     """Roll policies out in closed loop and score them.
 
     Attributes:
-        gait: Name of a gait, or `all`, for every gait with a shipped expert.
-        policy: `expert`; `students`, for those of a distillation at every alternation ratio; or a
-            kind of student or the path of its policy file, to be rolled out alone, at the speeds
-            of distillation.
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships with the
+            policy. Experts, and students of a kind, of several gaits stand in one table.
+        policy: `expert`; `students`, for those of a distillation at every alternation ratio, a run
+            for each gait; or a kind of student or the path of its policy file, to be rolled out
+            alone, at the speeds of distillation.
         scenario: Where to roll out: names of scenarios that ship, or `all` of them, and paths of
             scenario files; `students` are rolled out in one, the training world by default.
         rollouts: How robots are rolled out.
+        workers: Where rollouts run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
@@ -50,12 +53,13 @@ class Evaluate(Settings):
 
     title: ClassVar[str] = "evaluate"
 
-    gait: str = "trot"
+    gait: Gaits = ("trot",)
     policy: str = "expert"
     scenario: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = ALL_SCENARIOS
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
     distillation: Path | None = None
     expert: Path | None = None
     resume: bool = False
@@ -63,29 +67,47 @@ class Evaluate(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        alone = self.policy != "students"
-        scenarios = self._scenarios() if alone else self._one_scenario()
-        jobs = self._scorecard(scenarios) if alone else self._alternation(*scenarios.values())
-        name = Path(self.policy).stem
-        folder = self.output or Path("runs/evaluation") / Path(self.gait).stem / name
-        with open_run(
-            folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+        names = self._gaits()
+        if self.policy != "students":
+            scenarios = load_scenarios(self.scenario)
+            self._score(self._scorecard(names, scenarios), scenarios)
+            return
+        scenarios = self._one_scenario()
+        if len(names) == 1:
+            self._score(self._alternation(names[0], *scenarios.values()), scenarios)
+            return
+        refused = []
+        for name in names:
+            output = self.output / load_gait(name).name if self.output else None
+            try:
+                replace(self, gait=(name,), output=output).run()
+            except InputError as error:
+                say(f"{name}: refused")
+                refused.append(str(error))
+        tell_refused(refused, len(names))
+
+    def _score(self, jobs: list[RolloutJob], scenarios: Mapping[str, Scenario]) -> None:
+        name, gaits = Path(self.policy).stem, "_".join(Path(name).stem for name in self.gait)
+        folder = self.output or Path("runs/evaluation") / gaits / name
+        n_workers = None if self.workers.n_workers < 0 else self.workers.n_workers
+        with (
+            open_run(
+                folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+            ),
+            parallel_backend(self.workers.backend),
         ):
-            scores = run_jobs(jobs, folder / "rollouts")
+            scores = run_jobs(jobs, folder / "rollouts", processes=n_workers)
             table = self._write(scores, scenarios, folder)
-        print_table(f"{self.gait}: {name}", table)
+        print_table(f"{gaits}: {name}", table)
         console.print(f"written to {folder}")
 
     def _write(
         self, scores: pd.DataFrame, scenarios: Mapping[str, Scenario], folder: Path
     ) -> pd.DataFrame:
         if self.policy == "students":
-            return write_alternation(scores, load_gait(self.gait).name, folder)
+            return write_alternation(scores, load_gait(self.gait[0]).name, folder)
         titles = {name: scenario.title for name, scenario in scenarios.items()}
         return write_scorecard(scores, titles, folder)
-
-    def _scenarios(self) -> dict[str, Scenario]:
-        return load_scenarios(self.scenario)
 
     def _one_scenario(self) -> dict[str, Scenario]:
         named = ("training",) if self.scenario == ALL_SCENARIOS else self.scenario
@@ -97,22 +119,28 @@ class Evaluate(Settings):
             )
         return scenarios
 
-    def _alternation(self, scenario: Scenario) -> list[RolloutJob]:
-        gait = load_gait(self.gait)
+    def _alternation(self, name: str, scenario: Scenario) -> list[RolloutJob]:
+        gait = load_gait(name)
         expert = load_expert(gait, self.expert)
         students = load_students(self.distillation or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts, scenario=scenario)
 
-    def _scorecard(self, scenarios: Mapping[str, Scenario]) -> list[RolloutJob]:
-        policies = [self._policy(load_gait(name)) for name in self._gaits()]
+    def _scorecard(
+        self, names: Sequence[str], scenarios: Mapping[str, Scenario]
+    ) -> list[RolloutJob]:
+        policies = [self._policy(load_gait(name)) for name in names]
         return scorecard_jobs(policies, scenarios, self.rollouts)
 
     def _gaits(self) -> tuple[str, ...]:
-        if self.gait != ALL_GAITS:
-            return (self.gait,)
-        if self.expert or self.distillation or "." in self.policy:
-            raise InputError("--gait all takes no files of your own; name one gait for them")
-        shipped = {name: ("expert", *shipped_students(name)) for name in shipped_experts()}
+        names = gaits_named(self.gait)
+        if (len(names) > 1) and (self.expert or self.distillation or "." in self.policy):
+            raise InputError(
+                "--gait: several gaits take no files of your own; name one gait for them"
+            )
+        if ALL_GAITS not in self.gait:
+            return names
+        own = ("expert", "students")
+        shipped = {name: (*own, *shipped_students(name)) for name in shipped_experts()}
         gaits = tuple(name for name, policies in shipped.items() if self.policy in policies)
         if not gaits:
             raise InputError(f"no gait ships with a policy {self.policy!r}; name one gait")

@@ -1,24 +1,29 @@
 """`glassgait report`: every table and figure of the paper, made anew."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from annotated_types import MinLen
+import tyro
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import load_expert, shipped_experts
 from glassgait.models.settings import DISTINCT, FEW, Settings
-from glassgait.studies.console import console, say
+from glassgait.models.task.gait import gait_names
+from glassgait.studies.console import console
 from glassgait.studies.pages import inline_image, page_template
 from glassgait.studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
 from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults, study_gait
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.settings import StudentKind
+from glassgait.studies.sweep import ALL_GAITS, Gaits, Job, SweepConfig, run_sweep
 from glassgait.studies.tables import print_table, to_markdown, write_table
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -29,50 +34,75 @@ class Report(Settings):
     """Distil, evaluate and explain the shipped experts, and write one report beside the paper.
 
     Attributes:
-        gaits: Names of gaits.
+        gait: Names of gaits; `all` for every gait that ships.
         students: Kinds of students beside the paper's.
         quick: Fewer samples, smaller students, one seed.
+        sweep: How many seeds of distillation, and where their gaits are studied.
         resume: Continue the run that the folder holds; it may name other gaits.
-        output: Folder of the report; runs/report, or runs/report_quick, by default.
+        output: Folder of the report; runs/report, or runs/report_quick, by default. Of several
+            seeds each has a report in its folder seed_<seed>.
     """
 
     title: ClassVar[str] = "report"
 
-    gaits: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = PAPER_GAITS
+    gait: Gaits = PAPER_GAITS
     students: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
     quick: bool = False
+    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Runs every study, then writes report.html and report.md."""
-        unknown = [gait for gait in self.gaits if gait not in shipped_experts()]
-        if unknown or not self.gaits:
+        names = gait_names() if ALL_GAITS in self.gait else self.gait
+        unknown = [name for name in names if name not in shipped_experts()]
+        if unknown:
             raise InputError(
-                f"no expert of {', '.join(unknown) or 'no gait'} ships with the project; name some "
-                f"of {', '.join(shipped_experts())} with --gaits"
+                f"no expert of {', '.join(unknown)} ships with the project; name some "
+                f"of {', '.join(shipped_experts())} with --gait"
             )
         started = time.monotonic()
+        inputs = {f"expert of the {name}": load_expert(name).digest() for name in names}
+        configs = self._configs()
+        with ExitStack() as runs:
+            for folder, config in configs.items():
+                run = {"study": "report", "inputs": inputs, "resume": self.resume}
+                runs.enter_context(open_run(folder, settings=config, **run))
+            results = self._study(names, configs)
+            for folder, config in configs.items():
+                self._write(results[folder], config, folder)
+                print_table("R²", r2_by_gait(results[folder]))
+                console.print(f"report written to {folder / 'report.html'} and report.md")
+        console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
+
+    def _study(
+        self, names: Sequence[str], configs: Mapping[Path, ReportConfig]
+    ) -> dict[Path, list[GaitResults]]:
+        """Studies every gait for every report, and returns the results by the report's folder."""
+        pairs = list(product(configs, names))
+        if len(pairs) == 1 and self.sweep.backend == "loky":
+            ((folder, name),) = pairs
+            return {folder: [study_gait(name, configs[folder], folder / name, resume=self.resume)]}
+        jobs = [
+            Job(name, configs[folder].distillation.seed, folder / name, f"{folder}: {name}")
+            for folder, name in pairs
+        ]
+        found = iter(run_sweep(jobs, partial(_study_job, configs), self.sweep))
+        return {folder: [next(found) for _ in names] for folder in configs}
+
+    def _configs(self) -> dict[Path, ReportConfig]:
+        """Returns the settings of each seed's report by its folder."""
         config = self._config()
-        folder = self.output or Path("runs") / ("report_quick" if self.quick else "report")
-        experts = {gait: load_expert(gait) for gait in self.gaits}
-        with open_run(
-            folder,
-            study="report",
-            settings=config,
-            inputs={f"expert of the {gait}": own.digest() for gait, own in experts.items()},
-            resume=self.resume,
-        ):
-            results = []
-            for place, gait in enumerate(self.gaits, start=1):
-                say(f"{gait}, gait {place} of {len(self.gaits)}")
-                results.append(study_gait(gait, config, folder / gait, resume=self.resume))
-            self._write(results, config, folder)
-        print_table("R²", r2_by_gait(results))
-        minutes = (time.monotonic() - started) / 60
-        console.print(
-            f"report written to {folder / 'report.html'} and report.md after {minutes:.1f} minutes"
-        )
+        root = self.output or Path("runs") / ("report_quick" if self.quick else "report")
+        if self.sweep.seeds == 1:
+            return {root: config}
+        first = config.distillation.seed
+        return {
+            root / f"seed_{seed}": replace(
+                config, distillation=replace(config.distillation, seed=seed)
+            )
+            for seed in range(first, first + self.sweep.seeds)
+        }
 
     def _config(self) -> ReportConfig:
         config = QUICK if self.quick else FULL
@@ -87,7 +117,7 @@ class Report(Settings):
         values = {
             "items": items,
             "deviations": DEVIATIONS,
-            "gaits": self.gaits,
+            "gaits": [found.gait for found in results],
             "config": config,
             "quick": self.quick,
         }
@@ -97,6 +127,10 @@ class Report(Settings):
             **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
         )
         write_atomically(folder / "report.md", text)
+
+
+def _study_job(configs: Mapping[Path, ReportConfig], job: Job) -> GaitResults:
+    return study_gait(job.gait, configs[job.folder.parent], job.folder, resume=True)
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -1,7 +1,9 @@
 """The settings of an evaluation: its command line and its record."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+import tyro
 
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario
@@ -28,7 +30,7 @@ class RolloutConfig(Settings):
         n_robots: Number of robots for each seed; the paper's 26.
         n_steps: Control steps of a rollout.
         seed: First seed of initial states, commands and noise.
-        n_seeds: Number of seeds: seed, seed + 1, …
+        n_seeds: Number of seeds: seed, seed + 1, …; `--seeds` says the same, as it does of jobs.
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
             commands.
     """
@@ -38,7 +40,7 @@ class RolloutConfig(Settings):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = 1000
-    n_seeds: Count = 5
+    n_seeds: Annotated[Count, tyro.conf.arg(aliases=("--seeds",))] = 5
     speed_range: Interval | None = None
 
     def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.console import progress_bar, say
-from glassgait.studies.parallel import run_parallel
+from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
@@ -86,7 +85,7 @@ def run_jobs(
     Args:
         jobs: The jobs, the slowest best first.
         folder: Where each job's scores are kept as soon as it is done.
-        processes: Processes to use; as many as there are cores by default.
+        processes: Rollouts at once; by default as many as there are cores, or the cluster has.
 
     Returns:
         Scores, a row a robot, in the order of the jobs, with their labels and the seed.
@@ -97,7 +96,7 @@ def run_jobs(
     paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
     kept = {i: read_record(path, of=path.stem) for i, path in enumerate(paths) if path.exists()}
     pending = [i for i in range(len(jobs)) if i not in kept]
-    processes = min(processes or os.cpu_count() or 1, max(1, len(pending)))
+    processes = max(1, min(processes or len(pending), len(pending)))
     with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
         for i, scores in _finished(jobs, pending, processes):
             kept[i] = scores.to_dict(orient="list")

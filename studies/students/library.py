@@ -8,10 +8,12 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
+DISTILLATION_FOLDER = Path("runs/distillation")
+
 
 def distillation_folder(gait: str) -> Path:
     """Returns where a gait's distillation is kept, unless a person names another folder."""
-    return Path("runs/distillation") / gait
+    return DISTILLATION_FOLDER / gait
 
 
 def student_path(folder: Path, kind: str) -> Path:

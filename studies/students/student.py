@@ -13,7 +13,7 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
-from glassgait.studies.parallel import run_parallel
+from glassgait.studies.parallel.loop import run_parallel
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression, scaled
 from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.tape import Tape
-from glassgait.studies.parallel import run_parallel
+from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.students.gated_sum import fit_gated_sums
 from glassgait.studies.students.symbolic_settings import SymbolicSettings
 

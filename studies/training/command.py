@@ -1,6 +1,7 @@
 """`glassgait train`: trains an expert."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -11,6 +12,7 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, progress_bar
 from glassgait.studies.run_folder import open_run
+from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.record import read_config
@@ -18,23 +20,30 @@ from glassgait.studies.training.study import TrainingRun
 
 LINES_EVERY = 10
 
+TRAINING_FOLDER = Path("runs/training")
+
 
 @dataclass(frozen=True)
 class Train(Settings):
     """Train a neural expert by PPO.
 
     Attributes:
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         config: Settings of the run.
+        sweep: How many seeds, and where they train.
         like: Record of an expert (<gait>.yaml) whose settings are taken instead.
-        output: Folder of the run; runs/training/<gait> by default.
+        output: Folder of the run; runs/training/<gait> by default. Of several gaits each has its
+            folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue from the folder's checkpoint.
     """
 
     title: ClassVar[str] = "train"
 
+    gait: Gaits = ("trot",)
     config: Annotated[TrainingConfig, tyro.conf.arg(name="")] = field(
         default_factory=TrainingConfig
     )
+    sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
     like: Path | None = None
     output: Path | None = None
     resume: bool = False
@@ -42,28 +51,40 @@ class Train(Settings):
     def run(self) -> None:
         """Runs the study."""
         config = self._config()
-        gait = load_gait(config.gait)
-        folder = self.output or Path("runs/training") / gait.name
-        with open_run(
-            folder,
-            study="train",
-            settings=config,
-            inputs={"gait": gait.digest()},
-            resume=self.resume,
-            free=("updates",),
-        ):
-            begun = (folder / CHECKPOINT_NAME).exists()
-            _train(TrainingRun(config, gait, folder, resume=begun))
-        console.print(f"expert written to {folder / gait.name}.safetensors")
+        names = self.gait if self.like is None else (config.gait,)
+        jobs = jobs_of(names, config.seed, self.sweep, root=TRAINING_FOLDER, output=self.output)
+        if len(jobs) > 1 or self.sweep.backend != "loky":
+            refuse_taken(jobs, study="train", resume=self.resume)
+            run_sweep(jobs, partial(_train_job, config), self.sweep)
+            return
+        (job,) = jobs
+        _train_job(config, job, resume=self.resume)
+        console.print(f"expert written to {job.folder / load_gait(job.gait).name}.safetensors")
 
     def _config(self) -> TrainingConfig:
         if self.like is None:
             return self.config
-        if self.config != TrainingConfig():
+        if self.config != TrainingConfig() or self.gait != Train.gait:
             raise InputError(
                 "--like takes every setting from the record; leave the other settings out"
             )
         return read_config(self.like)
+
+
+def _train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
+    """Trains one expert, from its checkpoint on if there is one."""
+    config = replace(config, gait=job.gait, seed=job.seed)
+    gait = load_gait(config.gait)
+    with open_run(
+        job.folder,
+        study="train",
+        settings=config,
+        inputs={"gait": gait.digest()},
+        resume=resume,
+        free=("updates",),
+    ):
+        begun = (job.folder / CHECKPOINT_NAME).exists()
+        _train(TrainingRun(config, gait, job.folder, resume=begun))
 
 
 def _train(run: TrainingRun) -> None:

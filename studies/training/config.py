@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
 
+import tyro
 from annotated_types import Le, MaxLen, MinLen
 
 from glassgait.diagrams.station import StationConfig
@@ -119,7 +120,7 @@ class TrainingConfig(Settings):
     """Settings of a training run.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
+        gait: Name of a gait, or path of a gait file; the command takes several.
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
@@ -140,7 +141,7 @@ class TrainingConfig(Settings):
 
     title: ClassVar[str] = "training"
 
-    gait: str = "trot"
+    gait: Annotated[str, tyro.conf.Suppress] = "trot"
     seed: Seed = 0
     updates: Count = 1450
     n_robots: Count = 256

@@ -60,7 +60,7 @@ COMMANDS = {
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
     "convergence": ["--n-robots", "1", "--n-steps", "5", "--n-seeds", "1"],
     "demo": ["--n-robots", "2"],
-    "report": ["--quick", "--gaits", "trot"],
+    "report": ["--quick", "--gait", "trot"],
 }
 
 

@@ -6,18 +6,19 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import psutil
 import pytest
 from joblib import delayed
 
 from glassgait.models.errors import InputError
-from glassgait.studies.parallel import _signals_held, run_parallel
+from glassgait.studies.parallel.loop import _signals_held, run_parallel
 
 PARENT = """
 import os, time
 from joblib import delayed
-from glassgait.studies.parallel import run_parallel
+from glassgait.studies.parallel.loop import run_parallel
 
 os.cpu_count = lambda: 2
 
@@ -58,6 +59,13 @@ def test_results_come_in_the_order_of_the_calls():
     assert list(run_parallel((delayed(abs)(-i) for i in range(9)), 2)) == list(range(9))
     loose = run_parallel((delayed(abs)(-i) for i in range(9)), 2, in_order=False)
     assert sorted(loose) == list(range(9))
+
+
+def test_results_that_nobody_waits_for_are_left_in_silence():
+    results = run_parallel((delayed(time.sleep)(0.1) for _ in range(9)), 2)
+    next(results)
+    with warnings.catch_warnings(action="error"):
+        results.close()
 
 
 def test_a_worker_that_is_killed_is_told():

@@ -66,14 +66,14 @@ def test_r2_stands_beside_the_papers(results):
 
 
 def test_gaits_without_an_expert_are_told(refused):
-    message = refused(["report", "--quick", "--gaits", "trot", "gallop"])
+    message = refused(["report", "--quick", "--gait", "trot", "gallop"])
     assert "no expert of gallop ships with the project" in message
 
 
 @pytest.mark.slow
 def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
     monkeypatch.setattr(command, "QUICK", TINY)
-    arguments = ["report", "--quick", "--gaits", "trot", "--output", str(tmp_path)]
+    arguments = ["report", "--quick", "--gait", "trot", "--output", str(tmp_path)]
     main(arguments)
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64") == 12
