@@ -16,6 +16,8 @@ from glassgait.studies.students.library import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")
+OWN = ("models/__init__.py", "models/files.py", "diagrams/__init__.py", "models.py")
+"""Files of a person who gives their modules the names that the folders have here."""
 LARGEST = 32_000_000
 """Bytes of a wheel; PyPI takes 100 MB."""
 
@@ -33,12 +35,15 @@ def tracked() -> list[str]:
 
 @pytest.fixture(scope="module")
 def wheel(tracked, tmp_path_factory) -> Path:
-    """A wheel built from a copy of the tracked files: a `build` folder would add old ones."""
+    """A wheel by way of a source distribution, as PyPI gets both.
+
+    It is of a copy of the tracked files: a `build` folder would add old ones.
+    """
     source, built = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("built")
     for name in (*tracked, "pyproject.toml", "README.md", "LICENSE"):
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, source / name)
-    pip(sys.executable, "wheel", "--wheel-dir", built, source)
+    python("build", "--outdir", built, source)
     (path,) = built.glob("*.whl")
     return path
 
@@ -57,10 +62,10 @@ def installed(wheel, tmp_path_factory) -> Callable[..., str]:
     dependencies = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
     (Path(paths["purelib"]) / "dependencies.pth").write_text("\n".join(sorted(dependencies)))
 
-    def run(program: str, *arguments: str | Path) -> str:
+    def run(program: str, *arguments: str | Path, where: Path = elsewhere) -> str:
         command = [folder / "bin" / program, *arguments]
         done = subprocess.run(
-            command, cwd=elsewhere, env={}, capture_output=True, text=True, check=False
+            command, cwd=where, env={}, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
@@ -71,14 +76,23 @@ def installed(wheel, tmp_path_factory) -> Callable[..., str]:
     return run
 
 
-def pip(python: str | Path, verb: str, *arguments: str | Path) -> None:
+def pip(target: str | Path, verb: str, *arguments: str | Path) -> None:
     """Runs this environment's pip on an interpreter, without dependencies."""
-    command = [sys.executable, "-m", "pip", "--python", python, verb, "--quiet", "--no-deps"]
+    python("pip", "--python", target, verb, "--quiet", "--no-deps", *arguments)
+
+
+def python(module: str, *arguments: str | Path) -> None:
+    """Runs a module of this environment as a program."""
     # What a path variable names would pass for installed.
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    whole = [*command, *arguments]
-    done = subprocess.run(whole, env=alone, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", module, *arguments]
+    done = subprocess.run(command, env=alone, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def top_names(wheel: Path) -> set[str]:
+    """What a wheel puts into `site-packages`."""
+    return {name.partition("/")[0] for name in ZipFile(wheel).namelist()}
 
 
 def test_every_tracked_file_but_the_pages_and_their_pictures_is_in_the_wheel(wheel, tracked):
@@ -100,6 +114,26 @@ def test_a_gait_is_checked_from_the_wheel(installed):
 
 def test_the_expert_is_rolled_out_from_the_wheel(installed):
     assert "stayed up after 0.50 s" in installed("glassgait", "rollout", "--seconds", "0.5")
+
+
+def test_modules_of_ones_own_do_not_pass_for_the_wheels(installed, tmp_path):
+    for name in OWN:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise ImportError('of ones own')")
+    # Unlike the installed command, `-m` searches the folder it is called in first.
+    program = ("python", "-m", "glassgait.studies.cli")
+    told = installed(*program, "rollout", "--seconds", "0.5", where=tmp_path)
+    assert "stayed up after 0.50 s" in told
+
+
+def test_pypis_diagrams_may_be_installed_beside_the_wheel(wheel, tmp_path):
+    command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", tmp_path]
+    done = subprocess.run([*command, "diagrams"], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        pytest.skip(f"PyPI gave no diagrams: {done.stderr.strip().splitlines()[-1]}")
+    (other,) = tmp_path.glob("*.whl")
+    assert "diagrams" in top_names(other)
+    assert top_names(other).isdisjoint(top_names(wheel))
 
 
 @pytest.mark.parametrize("gait", ["trot", "bound"])
