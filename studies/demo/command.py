@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat
 
 from glassgait.diagrams.locomotion import FixedCommand, LocomotionConfig
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.neural import NeuralPolicy
@@ -70,6 +71,9 @@ RATIO_PERIODS = (1, 4, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/4 and 0."""
 
 REPLAY_SECONDS = 8.0
+REPLAYS_IN_A_ROW = 450
+"""An hour of them: a page that is opened early, or scrolled to late, shows a robot that trots."""
+
 REPLAY_SPEED = 0.5
 """Commanded forward speed in replays (m/s)."""
 
@@ -125,6 +129,7 @@ class _Road:
     expert: NeuralPolicy
     folder: Path
     n_robots: int
+    rollouts: RolloutConfig = field(init=False)
     contents: Contents = field(init=False)
     meshcat: Meshcat = field(init=False)
 
@@ -132,6 +137,7 @@ class _Road:
         self.rollouts = RolloutConfig(n_robots=self.n_robots, n_seeds=1)
         self.contents = Contents(
             self.gait,
+            REPLAY_SPEED,
             n_observations=len(self.expert.observation_names),
             n_students=len(QUICK.students),
             reductions=reductions(QUICK, self.rollouts, RATIO_PERIODS),
@@ -153,6 +159,7 @@ class _Road:
             self.folder / replay.page,
             seconds=REPLAY_SECONDS,
         )
+        _repeat(self.meshcat, self.folder / replay.page)
         say(f"open {self.folder / replay.page}: a replay, {replay.title}")
         title = f"{self.gait.name.capitalize()}, {replay.title}"
         figure = gait_figure(rollout, self.gait, title)
@@ -165,7 +172,7 @@ class _Road:
         folder = self.folder / "distillation"
 
         def show_so_far(r2: pd.DataFrame) -> None:
-            self.contents.r2 = r2_table(r2, self.gait.name)
+            self.contents.r2 = r2_table(_in_usual_order(r2), self.gait.name)
             if SHOWN in set(r2["student"]) and not self.contents.formulas:
                 formulas = load_policy(student_path(folder, SHOWN))
                 assert isinstance(formulas, StatewiseSymbolicPolicy)
@@ -177,7 +184,8 @@ class _Road:
         r2 = distill(
             QUICK, self.gait, self.expert, folder, say, resume=resume, finished=show_so_far
         )
-        print_table("R² on held-out data", write_r2_table(r2, self.gait.name, folder))
+        table = write_r2_table(_in_usual_order(r2), self.gait.name, folder)
+        print_table("R² on held-out data", table)
 
     def evaluate(self) -> None:
         """Rolls the students out alone, then with the expert between."""
@@ -205,3 +213,15 @@ class _Road:
     def _write(self, new: str) -> None:
         path = write_report(self.folder, self.contents)
         say(f"open {path}, or reload it: {new}")
+
+
+def _repeat(meshcat: Meshcat, path: Path) -> None:
+    """Has the replay that was just written begin anew whenever it ends."""
+    meshcat.get_mutable_recording().set_repetitions(REPLAYS_IN_A_ROW)
+    meshcat.PublishRecording()
+    write_atomically(path, meshcat.StaticHtml())
+
+
+def _in_usual_order(r2: pd.DataFrame) -> pd.DataFrame:
+    """Sorts students as all tables do, not as they were made."""
+    return r2.sort_values("student", key=lambda names: names.map(list(STUDENTS).index))

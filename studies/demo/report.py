@@ -46,6 +46,7 @@ class Contents:
 
     Attributes:
         gait: The gait.
+        speed: Forward speed that replays are commanded (m/s).
         n_observations: Number of observations of the expert and its students.
         n_students: Number of students in the end.
         reductions: What is smaller than in the full studies, and what that costs.
@@ -58,6 +59,7 @@ class Contents:
     """
 
     gait: Gait
+    speed: float
     n_observations: int
     n_students: int
     reductions: tuple[Reduction, ...]

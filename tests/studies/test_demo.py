@@ -72,6 +72,7 @@ def complete(tmp_path):
     formulas = load_student("trot", "statewise_symbolic")
     return Contents(
         load_gait("trot"),
+        speed=0.5,
         n_observations=len(formulas.observation_names),
         n_students=2,
         reductions=reductions(command.QUICK, RolloutConfig(n_seeds=1), command.RATIO_PERIODS),
@@ -124,9 +125,9 @@ def test_page_tells_what_is_smaller_and_what_is_lost(complete, tmp_path):
     assert "What is smaller here, and what is lost" in page
     assert "12 episodes of 10 s" in page
     assert "Symbolic per RM state, for all" in page
-    assert "26 for each of 1 seeds" in page
+    assert "26 of one seed, for 20 s" in page
     assert '<td class="text">1, 1/4, 0</td>' in page
-    assert "intervals are wider" in page
+    assert "intervals are 2.2 times as wide" in page
     assert "GBM is not compared" in page
 
 
@@ -211,6 +212,8 @@ def test_browser_shows_every_picture_and_a_replay_that_moves(road, browser):
     )
     path = ["drake", "visualizer", "a1", "trunk"]
     seen = set()
+    # Longer than the replay: it begins anew.
+    time.sleep(3.0)
     deadline = time.monotonic() + 60.0
     while len(seen) < 3 and time.monotonic() < deadline:
         seen.add(tuple(np.round(browser.execute_script(place, path), 4)))
