@@ -46,9 +46,11 @@ SHOWN = STATEWISE_SYMBOLIC.name
 """The student whose formulas, replays and gait diagrams are shown."""
 
 QUICK = DistillationConfig(
-    # The formulas come first: they collect, and the page shows them while the others are fitted.
+    # Formulas come first: the page shows them while the others are fitted.
     students=(SHOWN, *(name for name in STUDENTS if name not in (SHOWN, GBM.name))),
-    collector=SHOWN,
+    # One formula a joint strays further than other students that walk: its samples serve them all,
+    # while with those of formulas per RM state it fell in 4 of 26 rollouts itself.
+    collector=SYMBOLIC.name,
     episodes=12,
     alone_rounds=2,
     alone_episodes=4,
@@ -60,7 +62,7 @@ QUICK = DistillationConfig(
             EBM.name: EbmSettings(outer_bags=1, interactions=30),
             SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
             STATEWISE_SYMBOLIC.name: StatewiseSymbolicSettings(
-                shapes=((90, 90),), start_weights=(1,), alone_episodes=4
+                shapes=((90, 90),), start_weights=(1,)
             ),
         }
     ),

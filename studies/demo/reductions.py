@@ -54,7 +54,8 @@ def reductions(
             if distillation.collector
             else "each student its own",
             "a student that does not collect has met none of its own mistakes before it walks "
-            "alone, and R² is of states that it may never visit",
+            "alone (with samples of its own the linear law fell in 1 of 26 rollouts), and R² is of "
+            "states that it may never visit",
         ),
         Reduction(
             "students",

@@ -124,7 +124,7 @@ def test_page_tells_what_is_smaller_and_what_is_lost(complete, tmp_path):
     page = written(tmp_path, complete)
     assert "What is smaller here, and what is lost" in page
     assert "12 episodes of 10 s" in page
-    assert "Symbolic per RM state, for all" in page
+    assert "Symbolic, for all" in page
     assert "26 of one seed, for 20 s" in page
     assert '<td class="text">1, 1/4, 0</td>' in page
     assert "intervals are 2.2 times as wide" in page
