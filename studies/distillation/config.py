@@ -28,6 +28,8 @@ class DistillationConfig(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file; commands name it themselves.
         students: Kinds of students.
+        collector: Student that collects the samples of all; by default each collects its own, but
+            for exact trees. Students then do not learn from mistakes of their own.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
@@ -54,6 +56,7 @@ class DistillationConfig(Settings):
 
     gait: Annotated[str, tyro.conf.Suppress] = "trot"
     students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = tuple(STUDENTS)
+    collector: StudentKind | None = None
     seed: Seed = 0
     episodes: Count = 30
     episodes_per_round: Count = 4
@@ -93,6 +96,10 @@ class DistillationConfig(Settings):
         usual = 16 if gait.n_states <= 2 else 48
         return replace(self, alone_episodes=self.alone_episodes or usual)
 
+    def collector_of(self, kind: str) -> str:
+        """Returns the kind of student that collects a student's samples: mostly itself."""
+        return self.collector or STUDENTS[kind].collector or kind
+
     def _least_episodes(self, kind: str) -> int:
-        alone = self.settings.of(kind).alone_episodes or self.alone_episodes
+        alone = self.settings.of(self.collector_of(kind)).alone_episodes or self.alone_episodes
         return self.episodes + self.alone_rounds * (alone or HELD_OUT_EVERY)

@@ -25,7 +25,7 @@ from glassgait.studies.distillation.selection import rank_alone, simplest_of_the
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.dataset import Dataset, r2_scores
 from glassgait.studies.students.formula_pages import write_formulas
-from glassgait.studies.students.library import collector, samples_folder, student_path
+from glassgait.studies.students.library import student_path
 from glassgait.studies.students.linear import untrained_student
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.students.student import StudentSettings, TrainingSet
@@ -36,6 +36,10 @@ SHUFFLED_TEST_SHARE = 0.2
 Report = Callable[[str], None]
 
 
+def _leave(_: pd.DataFrame) -> None:
+    """Does nothing with the table so far."""
+
+
 def distill(
     config: DistillationConfig,
     gait: Gait,
@@ -44,6 +48,7 @@ def distill(
     report: Report,
     *,
     resume: bool = False,
+    finished: Callable[[pd.DataFrame], None] = _leave,
 ) -> pd.DataFrame:
     """Distils the expert into every student of the configuration.
 
@@ -57,6 +62,7 @@ def distill(
         folder: Where the run is kept.
         report: Called with a line of progress.
         resume: Whether to continue the run that the folder holds.
+        finished: Called with the R² table so far, after each student.
 
     Returns:
         The R² table: a row a student.
@@ -77,7 +83,11 @@ def distill(
         free=("students", "n_jobs"),  # Students are independent of one another.
     ) as run:
         work = _Distillation(config, gait, expert, folder, run, report)
-        return pd.DataFrame([work.student(kind) for kind in config.students])
+        rows = []
+        for kind in config.students:
+            rows.append(work.student(kind))
+            finished(pd.DataFrame(rows))
+        return pd.DataFrame(rows)
 
 
 @dataclass(frozen=True)
@@ -102,7 +112,7 @@ class _Distillation:
                     "it anew"
                 )
         else:
-            dataset = self._collect(collector(kind))
+            dataset = self._collect(self.config.collector_of(kind))
             started = time.monotonic()
             row = self._fit_final(kind, dataset)
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
@@ -113,7 +123,7 @@ class _Distillation:
 
     def _collect(self, kind: str) -> Dataset:
         """Collects the samples of every round, or reads those that are there."""
-        folder, planned = samples_folder(self.folder, kind), rounds(self.config, kind)
+        folder, planned = self.folder / kind, rounds(self.config, kind)
         dataset = None
         for plan in planned:
             path = folder / f"round_{plan.number:02d}.safetensors"

@@ -6,6 +6,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.library import load_policy, load_student, shipped_students
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
 DISTILLATION_FOLDER = Path("runs/distillation")
@@ -21,14 +22,16 @@ def student_path(folder: Path, kind: str) -> Path:
     return folder / f"{kind}.safetensors"
 
 
-def collector(kind: str) -> str:
-    """Returns the kind of student that collects a student's samples: mostly itself."""
-    return STUDENTS[kind].collector or kind
-
-
 def samples_folder(folder: Path, kind: str) -> Path:
-    """Returns where a run keeps the samples that a student of a kind is fitted to."""
-    return folder / collector(kind)
+    """Returns where a run keeps the samples that a student of a kind is fitted to.
+
+    Raises:
+        InputError: if the folder holds a run of something else, or its settings are damaged.
+    """
+    collector = STUDENTS[kind].collector or kind
+    if (folder / CONFIG_NAME).exists():
+        collector = read_settings(folder, "distill").get("collector") or collector
+    return folder / str(collector)
 
 
 def kept_students(folder: Path) -> tuple[str, ...]:

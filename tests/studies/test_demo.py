@@ -1,10 +1,22 @@
-"""The demo, in small: one command from the shipped expert to a page."""
+"""The demo, in small: one command from the shipped expert to a page that grows."""
 
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
 import pytest
 
+from glassgait.models.policies.library import load_student
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.demo import command
+from glassgait.studies.demo import command, report
+from glassgait.studies.demo.reductions import reductions
+from glassgait.studies.demo.report import Contents, Replay, formula_rows, write_report
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.figures import save_figure, subplots
+from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.students.settings import StudentsSettings
 from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings
 
@@ -19,21 +31,191 @@ TINY = DistillationConfig(
     n_jobs=1,
 )
 
+VOID = {"meta", "img", "br", "link"}
+MISSING = "Not there yet"
+
+
+class Page(HTMLParser):
+    """Reads a page strictly: what is opened is closed, in order; links lead somewhere."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.anchors = [], [], set()
+        self.feed(text)
+        self.close()
+        assert text.startswith("<!doctype html>")
+        assert self.open == []
+        assert len(set(self.ids)) == len(self.ids)
+        assert self.anchors <= set(self.ids)
+
+    def handle_starttag(self, tag, attrs):
+        own = dict(attrs)
+        # A paragraph holds text alone: a browser would close it before these.
+        assert not (tag in ("table", "div", "figure", "h2", "p") and "p" in self.open)
+        if "id" in own:
+            self.ids.append(own["id"])
+        if own.get("href", "").startswith("#"):
+            self.anchors.add(own["href"][1:])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def complete(tmp_path):
+    """The contents of a complete page, its pictures in the folder."""
+    replays = [Replay("shipped", "Shipped"), Replay("expert", "Expert"), Replay("own", "Own")]
+    for name in (*(replay.figure for replay in replays), "reward.png"):
+        save_figure(subplots()[0], (tmp_path / name).with_suffix(""), ("png",))
+    formulas = load_student("trot", "statewise_symbolic")
+    return Contents(
+        load_gait("trot"),
+        speed=0.5,
+        n_observations=len(formulas.observation_names),
+        n_students=2,
+        reductions=reductions(command.QUICK, RolloutConfig(n_seeds=1), command.RATIO_PERIODS),
+        replays=replays,
+        standalone=pd.DataFrame({"policy": ["Open loop"], "falls": ["3 of 26"]}),
+        reward_figure=tmp_path / "reward.png",
+        r2=pd.DataFrame({"student": ["Open loop", "Linear"], "R²": [0.9, 0.95]}),
+        formulas=formula_rows(load_gait("trot"), formulas),
+        minutes=2.0,
+    )
+
+
+def written(folder, contents):
+    text = write_report(folder, contents).read_text()
+    Page(text)
+    return text
+
+
+def test_complete_page_misses_nothing(complete, tmp_path):
+    page = written(tmp_path, complete)
+    assert MISSING not in page
+    assert "not complete" not in page
+    assert "3 of 26" in page
+    assert page.count("<summary>") == 24
+
+
+def test_page_says_what_is_missing(complete, tmp_path):
+    parts = {
+        "replays": ([], "further replays"),
+        "standalone": (None, "how every student walks alone"),
+        "reward_figure": (None, "take turns"),
+        "formulas": ([], "the formulas"),
+    }
+    for name, (nothing, told) in parts.items():
+        page = written(tmp_path, replace(complete, **{name: nothing, "minutes": None}))
+        assert page.count(MISSING) == 1
+        assert told in page[page.index(MISSING) :].split("</p>")[0]
+        assert "This page is not complete" in page
+
+
+def test_page_says_how_many_students_are_missing(complete, tmp_path):
+    some = replace(complete, r2=complete.r2[:1], minutes=None)
+    assert f"{MISSING}: 1 of 2 students" in written(tmp_path, some)
+    none = replace(complete, r2=None, minutes=None)
+    assert f"{MISSING}: the first of 2 students" in written(tmp_path, none)
+
+
+def test_page_tells_what_is_smaller_and_what_is_lost(complete, tmp_path):
+    page = written(tmp_path, complete)
+    assert "What is smaller here, and what is lost" in page
+    assert "12 episodes of 10 s" in page
+    assert "Symbolic, for all" in page
+    assert "26 of one seed, for 20 s" in page
+    assert '<td class="text">1, 1/4, 0</td>' in page
+    assert "intervals are 2.2 times as wide" in page
+    assert "GBM is not compared" in page
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory):
+    """The demo's folder, its command line, and how the report looked each time it was written.
+
+    What stood in the folder when distillation began comes last.
+    """
+    folder = tmp_path_factory.mktemp("demo")
+    command_line = ["demo", "--output", str(folder), "--n-robots", "2"]
+    pages, before = [], []
+
+    def write(own_folder, contents):
+        path = report.write_report(own_folder, contents)
+        pages.append(path.read_text())
+        return path
+
+    def distill(*arguments, **options):
+        before.extend(path.name for path in folder.iterdir())
+        return command_distill(*arguments, **options)
+
+    command_distill = command.distill
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "QUICK", TINY)
+        patch.setattr(command, "REPLAY_SECONDS", 1.0)
+        patch.setattr(command, "write_report", write)
+        patch.setattr(command, "distill", distill)
+        main(command_line)
+        yield folder, command_line, pages, before
+
 
 @pytest.mark.slow
-def test_demo_writes_a_page_with_tables_formulas_and_replays(
-    tmp_path, monkeypatch, capsys, refused
-):
-    monkeypatch.setattr(command, "QUICK", TINY)
-    monkeypatch.setattr(command, "REPLAY_SECONDS", 1.0)
-    command_line = ["demo", "--output", str(tmp_path), "--n-robots", "2"]
-    main(command_line)
-    page = (tmp_path / "report.html").read_text()
+def test_replay_and_page_are_there_before_distillation_begins(road):
+    _, _, pages, before = road
+    assert {"shipped_replay.html", "expert_replay.html", "report.html"} <= set(before)
+    assert "reward.png" not in before
+    assert 'src="shipped_replay.html"' in pages[0]
+    assert "not complete" in pages[0]
+
+
+@pytest.mark.slow
+def test_page_grows_until_it_is_complete(road):
+    folder, _, pages, _ = road
+    for page in pages:
+        Page(page)
+    missing = [page.count(MISSING) for page in pages]
+    assert missing == sorted(missing, reverse=True)
+    assert missing[0] == 5
+    assert [bool(count) for count in missing] == ["not complete" in page for page in pages]
+    assert missing[-1] == 0
+    assert pages[-1] == (folder / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_demo_writes_a_page_with_tables_formulas_and_replays(road, refused, capsys):
+    folder, command_line, pages, _ = road
+    page = pages[-1]
     assert page.count("<b>FL_hip in q") == 2
     assert "Linear" in page
-    for kind in ("expert", "statewise_symbolic"):
-        assert f'src="{kind}_replay.html"' in page
-        assert (tmp_path / f"{kind}_replay.html").exists()
-    assert "report written to" in capsys.readouterr().out
+    for name in ("shipped", "expert", "statewise_symbolic"):
+        assert f'src="{name}_replay.html"' in page
+        assert (folder / f"{name}_replay.html").exists()
     assert "continue it with --resume" in refused(command_line)
     main([*command_line, "--resume"])
+    told = capsys.readouterr().out
+    assert "report written to" in told
+    assert "shipped_replay.html" in told
+
+
+@pytest.mark.slow
+def test_browser_shows_every_picture_and_a_replay_that_moves(road, browser):
+    folder, *_ = road
+    browser.get((folder / "report.html").as_uri())
+    widths = browser.execute_script("return [...document.images].map(own => own.naturalWidth)")
+    assert len(widths) == 4
+    assert min(widths) > 0
+    browser.get((folder / "shipped_replay.html").as_uri())
+    place = (
+        "const trunk = viewer.scene_tree.find(arguments[0]).object;"
+        "return [...trunk.matrix.elements];"
+    )
+    path = ["drake", "visualizer", "a1", "trunk"]
+    seen = set()
+    # Longer than the replay: it begins anew.
+    time.sleep(3.0)
+    deadline = time.monotonic() + 60.0
+    while len(seen) < 3 and time.monotonic() < deadline:
+        seen.add(tuple(np.round(browser.execute_script(place, path), 4)))
+        time.sleep(0.1)
+    assert len(seen) >= 3
