@@ -12,7 +12,9 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.systems.gait_display import GaitDisplay
 
 
-def save_replay(diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path) -> None:
+def save_replay(
+    diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path, *, repetitions: int = 1
+) -> None:
     """Draws every recorded control step into an animation and writes its page, atomically.
 
     The page is as long as what was recorded, however long the robot has walked in view.
@@ -22,6 +24,7 @@ def save_replay(diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path
         meshcat: Where the robot shows.
         rollout: What it did; its first instant is the replay's time 0.
         path: HTML file of the replay.
+        repetitions: How often it plays before it stands still.
     """
     context = diagram.CreateDefaultContext()
     display = diagram.GetSubsystemByName("gait_display")
@@ -39,5 +42,6 @@ def save_replay(diagram: Diagram, meshcat: Meshcat, rollout: Rollout, path: Path
         display.get_rm_state_input_port().FixValue(own, rm_state)
         diagram.ForcedPublish(context)
     meshcat.StopRecording()
+    meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
     write_atomically(path, meshcat.StaticHtml())

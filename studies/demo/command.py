@@ -11,7 +11,6 @@ from pydrake.geometry import Meshcat
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.neural import NeuralPolicy
@@ -157,8 +156,8 @@ class _Road:
             self.meshcat,
             self.folder / replay.page,
             seconds=REPLAY_SECONDS,
+            repetitions=REPLAYS_IN_A_ROW,
         )
-        _repeat(self.meshcat, self.folder / replay.page)
         say(f"open {self.folder / replay.page}: a replay, {replay.title}")
         title = f"{self.gait.name.capitalize()}, {replay.title}"
         figure = gait_figure(rollout, self.gait, title)
@@ -212,13 +211,6 @@ class _Road:
     def _write(self, new: str) -> None:
         path = write_report(self.folder, self.contents)
         say(f"open {path}, or reload it: {new}")
-
-
-def _repeat(meshcat: Meshcat, path: Path) -> None:
-    """Has the replay that was just written begin anew whenever it ends."""
-    meshcat.get_mutable_recording().set_repetitions(REPLAYS_IN_A_ROW)
-    meshcat.PublishRecording()
-    write_atomically(path, meshcat.StaticHtml())
 
 
 def _in_usual_order(r2: pd.DataFrame) -> pd.DataFrame:

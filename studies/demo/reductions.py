@@ -54,8 +54,7 @@ def reductions(
             if distillation.collector
             else "each student its own",
             "a student that does not collect has met none of its own mistakes before it walks "
-            "alone (with samples of its own the linear law fell in 1 of 26 rollouts), and R² is of "
-            "states that it may never visit",
+            "alone, and R² is of states that it may never visit",
         ),
         Reduction(
             "students",

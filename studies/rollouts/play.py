@@ -32,6 +32,7 @@ def play(
     *,
     seconds: float,
     seed: int = 0,
+    repetitions: int = 1,
 ) -> Rollout:
     """Rolls a policy out and writes the replay.
 
@@ -43,6 +44,7 @@ def play(
         replay: HTML file of the replay.
         seconds: Length of the rollout (s); a fall ends it before.
         seed: Seed of noise, pushes and drawn commands.
+        repetitions: How often the replay plays before it stands still.
 
     Raises:
         InputError: if a policy or the command does not fit the gait.
@@ -56,7 +58,7 @@ def play(
         return False
 
     rollout = record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
-    save_replay(diagram, meshcat, rollout, replay)
+    save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
     return rollout
 
 

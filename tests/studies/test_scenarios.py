@@ -20,6 +20,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import collect
+from glassgait.studies.distillation.rounds import Round
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.rollout.command import OwnCommand
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -172,10 +173,8 @@ def samples_in(scenario, expert):
         TROT,
         expert,
         untrained_student("trot", expert.observation_names),
-        period=1,
-        episodes=np.array([1, 2]),
+        plan=Round(number=1, period=1, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
-        n_steps=20,
         scenario=scenario,
         generator=np.random.default_rng(0),
     )
