@@ -38,7 +38,7 @@ class CurriculumConfig(Settings):
     low difficulty they may step faster than commanded; the rising dwell slows them down.
 
     Attributes:
-        initial_difficulty: Ease at the start; 1 is the paper's way, no curriculum.
+        initial_difficulty: Difficulty at the start; 1 is the paper's way, no curriculum.
         rise: How much the difficulty grows after an update.
         required_rhythm: Share of the commanded rhythm that lets the difficulty grow.
     """
