@@ -1,6 +1,7 @@
 """Additive models, by interpret's explainable boosting."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge
@@ -10,7 +11,7 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.settings import Count, Natural, Share
-from glassgait.studies.students.student import Student, StudentSettings, TrainingSet, fit_joints
+from glassgait.studies.students.student import Student, StudentSettings, fit_compiled, fit_joints
 
 Bins = Annotated[Count, Ge(3)]
 """Bins of an observation: interpret keeps one for missing values and one for unknown ones."""
@@ -81,27 +82,14 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmS
     ).fit(observations, target)
 
 
-def _fit_ebm_models(
-    samples: TrainingSet, settings: EbmSettings, *, seed: int, n_jobs: int
-) -> list[Any]:
-    return fit_joints(_fit_ebm_joint, samples, settings, seed=seed, n_jobs=n_jobs)
-
-
-def _fit_ebm(
-    samples: TrainingSet, settings: EbmSettings, *, seed: int, n_jobs: int
-) -> AdditivePolicy:
-    models = _fit_ebm_models(samples, settings, seed=seed, n_jobs=n_jobs)
-    return AdditivePolicy.compile(samples.gait, samples.observation_names, models)
-
-
 EBM = Student(
     "ebm",
     "EBM",
-    _fit_ebm,
+    partial(fit_compiled, _fit_ebm_joint, AdditivePolicy.compile),
     color="#D55E00",
     marker="s",
     settings=EbmSettings(),
-    fit_models=_fit_ebm_models,
+    fit_models=partial(fit_joints, _fit_ebm_joint),
     compile=AdditivePolicy.compile,
     brevity=4,
     paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},

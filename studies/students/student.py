@@ -147,3 +147,26 @@ def fit_joints(
         for joint in range(robot.N_JOINTS)
     )
     return list(run_parallel(jobs, n_jobs))
+
+
+def fit_compiled(
+    fit: Callable[[Array, Array, int, Any], Any],
+    compile_models: Callable[..., Policy],
+    samples: TrainingSet,
+    settings: StudentSettings,
+    *,
+    seed: int,
+    n_jobs: int,
+) -> Policy:
+    """Fits a library's model for each joint, and compiles them to a policy.
+
+    Args:
+        fit: Fits one: `fit(observations, target, seed, settings)`.
+        compile_models: Makes the policy: `compile_models(gait, observation_names, models)`.
+        samples: What to fit to.
+        settings: Its settings.
+        seed: Seed of the first joint; the others count on.
+        n_jobs: Joints that are fitted at once.
+    """
+    models = fit_joints(fit, samples, settings, seed=seed, n_jobs=n_jobs)
+    return compile_models(samples.gait, samples.observation_names, models)
