@@ -172,8 +172,8 @@ def test_pictures_follow_the_render_mode(camera):
 
 @pytest.mark.slow
 def test_the_camera_sees_every_robot():
-    # Not asked before all tests are imported: once Mesa has loaded its LLVM, importing Triton, which
-    # PyTorch with CUDA brings, ends the process.
+    # Not asked before all tests are imported: once Mesa has loaded its LLVM, importing Triton,
+    # which PyTorch with CUDA brings, ends the process.
     try:
         check_egl()
     except InputError:
