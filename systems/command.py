@@ -1,7 +1,7 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,

@@ -1,6 +1,6 @@
 """Senses the contacts and the heights of the feet."""
 
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,

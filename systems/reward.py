@@ -1,7 +1,7 @@
 """Rewards the last control step."""
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,

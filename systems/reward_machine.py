@@ -1,7 +1,7 @@
 """Tracks where in the gait the robot is."""
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
