@@ -1,7 +1,7 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -53,7 +53,9 @@ class RandomCommand(LeafSystem):
         # Seeding a generator takes longer than anything else here.
         self._draw = self.DeclareCacheEntry(
             description="drawn command",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_draw),
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_draw
+            ),
             prerequisites_of_calc={self.time_ticket(), self.all_input_ports_ticket()},
         )
         self._command_port = self.DeclareVectorOutputPort(

@@ -1,6 +1,6 @@
 """Senses the contacts and the heights of the feet."""
 
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -44,7 +44,9 @@ class FootSensor(LeafSystem):
         # Both outputs and the update come from one look at the feet.
         self._sense = self.DeclareCacheEntry(
             description="foot sense",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_sense),
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_sense
+            ),
             prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
         )
         self._foot_contact_port = self.DeclareVectorOutputPort(

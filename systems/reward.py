@@ -1,7 +1,7 @@
 """Rewards the last control step."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -67,7 +67,9 @@ class RewardSystem(LeafSystem):
         # All outputs and the update come from one evaluation; the factor is not part of it.
         self._evaluation = self.DeclareCacheEntry(
             description="plain reward and its terms",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_evaluation),
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_evaluation
+            ),
             prerequisites_of_calc={
                 self.xd_ticket(),
                 *(self.input_port_ticket(port.get_index()) for port in step_ports),

@@ -1,7 +1,7 @@
 """Tracks where in the gait the robot is."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -54,7 +54,9 @@ class RewardMachineSystem(LeafSystem):
         # Four outputs and the update tell of one step; the machine takes it once.
         self._step = self.DeclareCacheEntry(
             description="machine step",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_step),
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step
+            ),
             prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
         )
         of_step = {self._step.ticket()}
