@@ -167,6 +167,7 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
                     refused.append(f"{jobs[place].title}: {sentence}")
                     say(f"{jobs[place].title}: refused {done}")
     tell_refused(sorted(refused), len(jobs))
+    console.print(f"{len(jobs)} jobs are done")
     return [results[place] for place in range(len(jobs))]
 
 

@@ -73,7 +73,9 @@ def make_symbolic_policy(policy: Policy) -> SymbolicVectorSystem:
     """
     variables = [drake.Variable(name) for name in policy.observation_names]
     actions = _actions(policy, variables)
-    return SymbolicVectorSystem(input=np.array(variables), output=np.array(actions))
+    system = SymbolicVectorSystem(input=np.array(variables), output=np.array(actions))
+    system.set_name("symbolic_policy")
+    return system
 
 
 def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:

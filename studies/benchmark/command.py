@@ -32,7 +32,7 @@ class Benchmark(Settings):
     """Measure training throughput and the time of one action, as ratios.
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file.
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.

@@ -28,8 +28,8 @@ class DistillationConfig(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file; commands name it themselves.
         students: Kinds of students.
-        collector: Student that collects the samples of all; by default each collects its own, but
-            for exact trees. Students then do not learn from mistakes of their own.
+        collector: Student that collects the samples of all, which then learn from its mistakes, not
+            from their own; by default each collects its own, and histogram trees those of `gbm`.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.

@@ -42,7 +42,7 @@ class Explain(Settings):
     """Roll a student out alone and write a page that explains its every action.
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file.
         policy: A kind of student whose actions are sums of terms, or the path of a policy file; by
             default one that ships with the gait.
         joint: Joint that is shown first, and whose figures are drawn.

@@ -37,7 +37,7 @@ class Importance(Settings):
     """Measure what each student looks at, and take it away to see whether that is true.
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file.
         students: Kinds of students.
         joint: Joint whose trees and functions are drawn.
         distillation: Folder of the distillation; runs/distillation/<gait> by default.

@@ -40,7 +40,7 @@ class Pareto(Settings):
     """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file.
         samples: Folder of the rounds that a student collected, whose samples the formulas are
             fitted to; runs/distillation/<gait>/statewise_symbolic by default.
         lengths: Greatest lengths of a joint's formula (nodes).

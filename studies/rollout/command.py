@@ -28,6 +28,9 @@ from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 from glassgait.studies.students.library import find_student
 
+TRAINING = "training"
+"""Name of the scenario that a rollout is in, unless a person names another."""
+
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""
 
@@ -63,7 +66,7 @@ class ShowRollout(Settings):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:
-        gait: Name of a gait.
+        gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
             default the policy acts alone.
@@ -89,7 +92,7 @@ class ShowRollout(Settings):
     ratio: str | None = None
     stills: bool = False
     live: bool = False
-    scenario: str = "training"
+    scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds | None = None
     seed: Seed = 0
@@ -123,6 +126,10 @@ class ShowRollout(Settings):
         # As the paper writes it, so that 0.25 and 1/4 are one.
         ratio = None if self.ratio is None else ratio_title(period)
         name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
+        if self.scenario != TRAINING:
+            name += (
+                f"_{Path(self.scenario).stem if self.scenario.endswith('.yaml') else self.scenario}"
+            )
         stem = (self.output or Path("runs/rollout") / gait.name) / name
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()

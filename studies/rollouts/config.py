@@ -30,7 +30,7 @@ class RolloutConfig(Settings):
         n_robots: Number of robots for each seed; the paper's 26.
         n_steps: Control steps of a rollout.
         seed: First seed of initial states, commands and noise.
-        n_seeds: Number of seeds: seed, seed + 1, …; `--seeds` says the same, as it does of jobs.
+        n_seeds: Number of seeds: seed, seed + 1, …; `--seeds` is another name for it.
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
             commands.
     """

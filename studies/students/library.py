@@ -6,6 +6,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.library import load_policy, load_student, shipped_students
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.studies.console import say
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
@@ -104,6 +105,8 @@ def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
         return load_policy(Path(name))
     path = student_path(folder or distillation_folder(gait), name)
     if path.exists():
+        if folder is None and name in shipped_students(gait):
+            say(f"{name}: that of {path.parent}, in place of the shipped one")
         return load_policy(path)
     if folder is None and name in shipped_students(gait):
         return load_student(gait, name)
