@@ -6,6 +6,7 @@ and its results come as a list alone.
 
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -14,8 +15,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from glassgait.models.errors import InputError, brief
+from glassgait.models.errors import InputError, brief, shown
 from glassgait.studies.parallel.worker import ENDING, WORKER_LOST, run_in_worker
+
+PATIENCE = 10.0
+"""Seconds in which a cluster must answer."""
 
 RETRIES = 3
 """Times that a call is made again whose worker was lost; Dask's number."""
@@ -45,6 +49,7 @@ class RayCluster:
         self._task = ray.remote(num_cpus=1, max_retries=RETRIES)(run_in_worker)
 
     def _connect(self) -> None:
+        _knock(os.environ.get("RAY_ADDRESS", ""))
         try:
             with _handlers_kept():
                 self._ray.init(log_to_driver=False, logging_level="ERROR")
@@ -92,6 +97,27 @@ class RayCluster:
         for ticket in tickets:
             with suppress(self._ray.exceptions.RayError):
                 self._ray.cancel(ticket, force=True)
+
+
+def _knock(address: str) -> None:
+    """Asks whether anything listens at an address.
+
+    Ray itself would wait for minutes, deaf to Ctrl-C.
+
+    Raises:
+        InputError: if nothing does.
+    """
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        # Such as `auto`: Ray finds out by itself.
+        return
+    try:
+        socket.create_connection((host, int(port)), timeout=PATIENCE).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(
+            f"--backend ray: nothing answers at RAY_ADDRESS={shown(address)}; start a cluster "
+            "there with 'ray start --head', or mend RAY_ADDRESS"
+        ) from error
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -124,3 +125,13 @@ def test_workers_leave_signals_to_their_parent(parent, number):
     assert _gone(workers, 10)
     assert told.count("Traceback") == 1
     assert told.strip().endswith("KeyboardInterrupt")
+
+
+def test_a_ray_cluster_that_is_not_there_is_told_at_once(monkeypatch):
+    pytest.importorskip("ray", reason="Ray is not installed: pip install 'glassgait[ray]'")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        # Bound, so that nobody else takes the port, but nothing listens there.
+        monkeypatch.setenv("RAY_ADDRESS", f"127.0.0.1:{free.getsockname()[1]}")
+        with pytest.raises(InputError, match="nothing answers at RAY_ADDRESS='127"):
+            list(run_parallel([delayed(abs)(-1)], 1, backend="ray"))
