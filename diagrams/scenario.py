@@ -172,7 +172,7 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
         scenarios: Names or paths, as `load_scenario` takes them, or `all` for those that ship.
 
     Raises:
-        InputError: as `load_scenario` does, or if two that differ have one name.
+        InputError: as `load_scenario` does, or if two that differ have one name, or one title.
     """
     found: dict[str, Scenario] = {}
     for one in scenarios:
@@ -183,6 +183,13 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
                     f"{each}: is another scenario than the one before that is called {name!r}; "
                     "give the file another name"
                 )
+    titles = [scenario.title for scenario in found.values()]
+    for name, scenario in found.items():
+        if titles.count(scenario.title) > 1:
+            raise InputError(
+                f"scenario {shown(name)}: another one is called {shown(scenario.title)} as well, "
+                "and tables could not tell them apart; give it another title"
+            )
     return found
 
 

@@ -38,7 +38,7 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.randomization import NOMINAL
+from glassgait.models.task.randomization import NOMINAL, Friction
 
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
@@ -71,7 +71,7 @@ class StationConfig(Settings):
 
     time_step: Annotated[float, Ge(0)] = 0.01
     contact_solver: ContactSolver = "sap"
-    friction: Annotated[float, Ge(0)] = 1.0
+    friction: Friction = 1.0
     payload: Annotated[float, Ge(0)] = 0.0
     relaxation_time: Annotated[float, Ge(0)] = 0.01
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from annotated_types import MinLen
+from annotated_types import Le, MinLen
 from filelock import FileLock, Timeout
 from joblib import delayed
 from threadpoolctl import threadpool_limits
@@ -25,6 +25,9 @@ ALL_GAITS = "all"
 
 Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of gaits, or paths of gait files."""
+
+MOST_SEEDS = 10_000
+"""Greatest number of seeds: each is a job, and all jobs are listed before the first."""
 
 LOCK_PATIENCE = 60.0
 """Seconds that a job waits for the one before it, whose node was lost, to let go of its folder."""
@@ -59,7 +62,7 @@ class SweepConfig(WorkersConfig):
 
     title: ClassVar[str] = "sweep"
 
-    seeds: Count = 1
+    seeds: Annotated[Count, Le(MOST_SEEDS)] = 1
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,16 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import JOINT_NOISE
+
+Friction = Annotated[NotNegative, Le(1000.0)]
+"""Coulomb friction; of far greater ones the contact solver ends the process."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Randomization(Settings):
 
     joint_scale: Interval = (0.5, 1.5)
     base_velocity: NotNegative = 0.5
-    friction: Annotated[tuple[NotNegative, NotNegative], IN_ORDER] = (0.5, 1.25)
+    friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
     push_speed: NotNegative = 1.0
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
     observation_noise: NotNegative = 1.0

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import tyro
+from annotated_types import Le
 
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario
@@ -40,7 +41,7 @@ class RolloutConfig(Settings):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = 1000
-    n_seeds: Annotated[Count, tyro.conf.arg(aliases=("--seeds",))] = 5
+    n_seeds: Annotated[Count, Le(10_000), tyro.conf.arg(aliases=("--seeds",))] = 5
     speed_range: Interval | None = None
 
     def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":

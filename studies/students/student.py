@@ -15,6 +15,9 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.parallel.loop import run_parallel
 
+RESERVED = ("expert", "students", "of")
+"""Names that commands and settings use for something else."""
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -110,6 +113,9 @@ class Student:
         brevity: Place among the students whose actions are sums of terms, 1 for those that say the
             most in the fewest; None where they are no sums.
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
+
+    Raises:
+        ValueError: if the name cannot be that of a file and an option.
     """
 
     name: str
@@ -123,6 +129,13 @@ class Student:
     compile: Callable[..., Policy] | None = None
     brevity: int | None = None
     paper_r2: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier() or self.name in RESERVED:
+            raise ValueError(
+                f"student {self.name!r}: its name is that of files and options; give one of "
+                f"letters, digits and underscores, and none of {', '.join(RESERVED)}"
+            )
 
 
 def fit_joints(

@@ -219,3 +219,10 @@ def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
     assert set(re.findall(r"`(\w[^`]*)`", table)) >= set(scenario_names())
     own = written(page.partition("```yaml\n")[2].partition("```")[0])
     assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))
+
+
+def test_scenarios_of_one_title_are_refused(tmp_path):
+    for name, friction in (("one", 0.3), ("two", 0.4)):
+        (tmp_path / f"{name}.yaml").write_text(f"title: x\nstation: {{friction: {friction}}}\n")
+    with pytest.raises(InputError, match="could not tell them apart; give it another title"):
+        load_scenarios([str(tmp_path / "one.yaml"), str(tmp_path / "two.yaml")])

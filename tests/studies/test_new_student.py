@@ -126,7 +126,7 @@ def test_its_importances_are_measured(run, distilled, folder):
 
 
 def test_it_stands_in_the_report_beside_the_papers(run, folder):
-    run("report", "--quick", "--gaits", "trot", "--students", "stiff", "--output", "report")
+    run("report", "--quick", "--gait", "trot", "--students", "stiff", "--output", "report")
     page = (folder / "report" / "report.html").read_text()
     assert "Gait sequences, Stiff" in page
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()

@@ -144,7 +144,7 @@ def test_a_rollout_tells_in_which_world_it_was(icy, tmp_path):
     shown = tmp_path / "shown"
     command = ["rollout", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
-    kept = yaml.safe_load((shown / "expert_alone.yaml").read_text())["scenario"]
+    kept = yaml.safe_load((shown / "expert_alone_icy.yaml").read_text())["scenario"]
     assert kept["station"]["friction"] == 0.3
     assert kept["command"] == {"speed": 0.2, "yaw_rate": 0.0, "dwell": 8}
 

@@ -1,5 +1,6 @@
 """The students that ship, and where students are found: they load, and walk alone."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,3 +132,9 @@ def test_students_are_scored_at_slower_speeds_than_experts():
     policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
     jobs = scorecard_jobs(policies, {"training": Scenario()}, RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]
+
+
+@pytest.mark.parametrize("name", ["..", "a/b", "", "expert", "students", "of", "-x"])
+def test_names_that_no_file_or_option_can_have_are_refused(name):
+    with pytest.raises(ValueError, match="give one of letters, digits and underscores"):
+        replace(STUDENTS["linear"], name=name)
