@@ -4,6 +4,7 @@ joblib's own Dask backend takes every worker, whatever number of jobs is asked f
 of one core none at all.
 """
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
@@ -32,6 +33,9 @@ class DaskCluster:
                 "--backend dask: Dask is not installed; run pip install 'glassgait[dask]'"
             ) from error
         self._dask = distributed
+        # What a loop or a worker that is cut off leaves behind is no news: the command says so.
+        for name in ("distributed", "tornado.application", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             # The client of this process, if it has one.
             self._client = distributed.default_client()
