@@ -21,6 +21,9 @@ from glassgait.models.task.randomization import NOMINAL, Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
+TRAINING = "training"
+"""Name of the scenario that is meant where none is named."""
+
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 
 LONGEST_NAME = 80
@@ -136,7 +139,16 @@ class Scenario(Settings):
 def scenario_names() -> tuple[str, ...]:
     """Lists the scenarios that ship with the project, the training world first."""
     names = (path.stem for path in SCENARIO_DIRECTORY.glob("*.yaml"))
-    return tuple(sorted(names, key=lambda name: (name != "training", name)))
+    return tuple(sorted(names, key=lambda name: (name != TRAINING, name)))
+
+
+def scenario_name(scenario: str | Path) -> str:
+    """Returns what a scenario is called: one that ships by its name, a file by its own.
+
+    Raises:
+        InputError: if there is no such scenario, or its file cannot be called so.
+    """
+    return _path(scenario).stem
 
 
 def load_scenario(scenario: str | Path) -> Scenario:
@@ -177,7 +189,7 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
     found: dict[str, Scenario] = {}
     for one in scenarios:
         for each in scenario_names() if one == "all" else (one,):
-            name, scenario = _path(each).stem, load_scenario(each)
+            name, scenario = scenario_name(each), load_scenario(each)
             if found.setdefault(name, scenario) != scenario:
                 raise InputError(
                     f"{each}: is another scenario than the one before that is called {name!r}; "

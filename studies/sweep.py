@@ -26,8 +26,8 @@ ALL_GAITS = "all"
 Gaits = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
 """Names of gaits, or paths of gait files."""
 
-MOST_SEEDS = 10_000
-"""Greatest number of seeds: each is a job, and all jobs are listed before the first."""
+Seeds = Annotated[Count, Le(10_000)]
+"""How many seeds: each is a job, and all jobs are listed before the first."""
 
 LOCK_PATIENCE = 60.0
 """Seconds that a job waits for the one before it, whose node was lost, to let go of its folder."""
@@ -62,7 +62,7 @@ class SweepConfig(WorkersConfig):
 
     title: ClassVar[str] = "sweep"
 
-    seeds: Annotated[Count, Le(MOST_SEEDS)] = 1
+    seeds: Seeds = 1
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 from annotated_types import Ge, MinLen
 
+from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
@@ -29,7 +30,8 @@ class DistillationConfig(Settings):
         gait: Name of a gait, or path of a gait file; commands name it themselves.
         students: Kinds of students.
         collector: Student that collects the samples of all, which then learn from its mistakes, not
-            from their own; by default each collects its own, and histogram trees those of `gbm`.
+            from their own; by default each collects its own, but exact trees take those of
+            histogram trees.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
@@ -66,7 +68,7 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
-    scenario: str = "training"
+    scenario: str = TRAINING
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from sklearn.model_selection import train_test_split
 
-from glassgait.diagrams.scenario import load_scenario
+from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
@@ -82,7 +82,7 @@ def distill(
         resume=resume,
         free=("students", "n_jobs"),  # Students are independent of one another.
     ) as run:
-        work = _Distillation(config, gait, expert, folder, run, report)
+        work = _Distillation(config, gait, expert, scenario, folder, run, report)
         rows = []
         for kind in config.students:
             rows.append(work.student(kind))
@@ -97,6 +97,7 @@ class _Distillation:
     config: DistillationConfig
     gait: Gait
     expert: NeuralPolicy
+    scenario: Scenario
     folder: Path
     run: str
     report: Report
@@ -154,7 +155,7 @@ class _Distillation:
             student,
             plan=plan,
             speeds=np.minimum(config.speeds, self.gait.max_speed),
-            scenario=load_scenario(config.scenario),
+            scenario=self.scenario,
             generator=np.random.default_rng([config.seed, plan.number]),
         )
         return replace(samples, minutes=(time.monotonic() - started) / 60)

@@ -9,7 +9,7 @@ import pandas as pd
 import tyro
 from annotated_types import MinLen
 
-from glassgait.diagrams.scenario import Scenario, load_scenarios
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
@@ -110,7 +110,7 @@ class Evaluate(Settings):
         return write_scorecard(scores, titles, folder)
 
     def _one_scenario(self) -> dict[str, Scenario]:
-        named = ("training",) if self.scenario == ALL_SCENARIOS else self.scenario
+        named = (TRAINING,) if self.scenario == ALL_SCENARIOS else self.scenario
         scenarios = load_scenarios(named)
         if len(scenarios) > 1:
             raise InputError(

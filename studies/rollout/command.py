@@ -8,7 +8,7 @@ import yaml
 from annotated_types import Ge
 
 from glassgait.diagrams.commands import FixedCommand, SliderCommand
-from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -27,9 +27,6 @@ from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 from glassgait.studies.students.library import find_student
-
-TRAINING = "training"
-"""Name of the scenario that a rollout is in, unless a person names another."""
 
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""
@@ -126,10 +123,9 @@ class ShowRollout(Settings):
         # As the paper writes it, so that 0.25 and 1/4 are one.
         ratio = None if self.ratio is None else ratio_title(period)
         name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
-        if self.scenario != TRAINING:
-            name += (
-                f"_{Path(self.scenario).stem if self.scenario.endswith('.yaml') else self.scenario}"
-            )
+        world = scenario_name(self.scenario)
+        if world != TRAINING:
+            name += f"_{world}"
         stem = (self.output or Path("runs/rollout") / gait.name) / name
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import tyro
-from annotated_types import Le
 
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario
@@ -12,6 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import Count, Interval, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.studies.sweep import Seeds
 
 DISTILLED_SPEEDS = (0.0, 0.75)
 """Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
@@ -41,7 +41,7 @@ class RolloutConfig(Settings):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = 1000
-    n_seeds: Annotated[Count, Le(10_000), tyro.conf.arg(aliases=("--seeds",))] = 5
+    n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 5
     speed_range: Interval | None = None
 
     def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":

@@ -197,3 +197,12 @@ def test_commands_of_sliders_are_for_one_robot(expert):
         watched = replace(scenario, command=SliderCommand())
         with pytest.raises(InputError, match="command is of sliders"):
             roll_out(TROT, AlternatingPolicy(expert), watched, RolloutConfig(n_robots=1))
+
+
+def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_path):
+    world = tmp_path / "worlds" / "icy.yml"
+    world.parent.mkdir()
+    world.write_text("station: {friction: 0.4}\n")
+    shown = tmp_path / "shown"
+    main(["rollout", "--scenario", str(world), "--seconds", "0.1", "--output", str(shown)])
+    assert (shown / "expert_alone_icy.html").exists()
