@@ -11,16 +11,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
+from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.contact import sense_feet
-from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+from glassgait.models.task.contact import FootSense, sense_feet
+from glassgait.models.task.observation import (
+    N_ESTIMATED,
+    ObservationLayout,
+    body_state,
+    proprioception,
+)
 from glassgait.models.task.reward import step_reward
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
@@ -60,10 +65,11 @@ class BatchSimulator:
     def __init__(
         self,
         task: TaskConfig,
-        physics: BatchPhysics,
+        physics: Physics,
         *,
         n_robots: int,
         generator: np.random.Generator,
+        estimator: Callable[[Array], Array] | None = None,
         difficulty: float = 1.0,
     ) -> None:
         """
@@ -72,6 +78,10 @@ class BatchSimulator:
             physics: The stepper.
             n_robots: Number of robots.
             generator: Source of all randomness.
+            estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7), which is
+                then what is observed and, a step later, what the reward machine takes the feet's
+                heights from: the loop is closed on sensors only. Without one both are the true
+                ones.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """
@@ -79,6 +89,7 @@ class BatchSimulator:
         self.physics = physics
         self.n_robots = n_robots
         self.generator = generator
+        self.estimator = estimator
         self.difficulty = difficulty
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states)
@@ -130,54 +141,46 @@ class BatchSimulator:
 
     def set_command(self, command: Command) -> None:
         """Gives every robot a command, until it is drawn anew or its episode ends."""
-        self._state = replace(self._state, command=command)
+        self._state = self._estimated(replace(self._state, command=command))
 
     def proprioception(self) -> Array:
         """Observes the part that needs no estimator (n, 40 + n_states)."""
-        s = self._state
-        return proprioception(
-            command=s.command.velocity,
-            joint_position=s.plant[:, robot.JOINT_POSITION],
-            joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
-            previous_action=s.action,
-            rm_state=self.machine.one_hot(s.machine.state),
-            rm_iterations=s.machine.iterations,
-            commanded_dwell=s.command.dwell,
-            joint_noise=s.joint_noise,
-        )
+        return self._proprioception(self._state)
 
     def body_state(self) -> Array:
         """Returns the true values of what the estimator estimates (n, 7)."""
         return body_state(self._state.plant)
 
-    def observe(self, estimator: Callable[[Array], Array] | None = None) -> Array:
-        """Observes everything, the body state by an estimator or else by its true values.
-
-        Args:
-            estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7).
+    def observe(self) -> Array:
+        """Observes everything, the body state by the estimator or else by its true values.
 
         Returns:
             Observations (n, 47 + n_states), in the order of `layout`.
         """
-        own = self.proprioception()
-        estimate = self.body_state() if estimator is None else estimator(own)
-        return np.concatenate([own, estimate], axis=-1)
+        body = self.body_state() if self.estimator is None else self._state.estimate
+        return np.concatenate([self.proprioception(), body], axis=-1)
 
     def step(self, action: Array) -> BatchStep:
         """Holds actions (n, 12) for one control step and moves the task on."""
         s, task = self._state, self.task
-        plant = self.physics.step(s.plant, robot.joint_targets(action))
+        moved = self.physics.step(
+            s.plant,
+            robot.joint_targets(action),
+            previous_targets=robot.joint_targets(s.action),
+            latency=s.latency,
+        )
+        plant = moved.states
         shown = failures(plant, action=action, previous_action=s.action, limits=task.limits)
         # A lost robot keeps its last sound state, so that nothing below meets a NaN.
         lost = shown[:, FAILURES.index("not_finite")]
         plant = np.where(lost[:, None], s.plant, plant)
         action = np.where(lost[:, None], s.action, action)
 
-        feet = sense_feet(plant, s.touching)
+        feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
         machine = self.machine.step(
             s.machine,
-            foot_contact=feet.contact,
-            foot_height=feet.height,
+            foot_contact=task.randomization.sensed_contact(feet.contact, self.generator),
+            foot_height=self._sensed_height(feet, s.estimate),
             commanded_dwell=s.command.dwell,
             difficulty=self.difficulty,
         )
@@ -201,9 +204,11 @@ class BatchSimulator:
             air_time=reward.air_time,
             action=action,
             joint_noise=task.randomization.joint_noise(self.n_robots, self.generator),
+            latency=s.latency,
+            estimate=s.estimate,
             steps=steps,
         )
-        self._state = self._disturbed(after)
+        self._state = self._estimated(self._disturbed(after))
         return BatchStep(
             reward=plain * machine.multiplier,
             plain_reward=plain,
@@ -238,21 +243,52 @@ class BatchSimulator:
 
     def _begin(self, plant: Array, command: Command) -> TaskState:
         count = len(plant)
+        randomization = self.task.randomization
         feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
+        nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(
             self.machine.initial((count,)),
-            foot_contact=feet.contact,
-            foot_height=feet.height,
+            foot_contact=randomization.sensed_contact(feet.contact, self.generator),
+            foot_height=self._sensed_height(feet, nothing),
             commanded_dwell=command.dwell,
             difficulty=self.difficulty,
         )
-        return TaskState(
+        begun = TaskState(
             plant=plant,
             command=command,
             machine=start.machine,
             touching=feet.touching,
             air_time=np.zeros((count, robot.N_LEGS)),
             action=np.zeros((count, robot.N_JOINTS)),
-            joint_noise=self.task.randomization.joint_noise(count, self.generator),
+            joint_noise=randomization.joint_noise(count, self.generator),
+            latency=randomization.latencies(count, self.generator),
+            estimate=nothing,
             steps=np.zeros(count, dtype=np.int64),
         )
+        return self._estimated(begun)
+
+    def _proprioception(self, s: TaskState) -> Array:
+        return proprioception(
+            command=s.command.velocity,
+            joint_position=s.plant[:, robot.JOINT_POSITION],
+            joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
+            previous_action=s.action,
+            rm_state=self.machine.one_hot(s.machine.state),
+            rm_iterations=s.machine.iterations,
+            commanded_dwell=s.command.dwell,
+            joint_noise=s.joint_noise,
+        )
+
+    def _estimated(self, state: TaskState) -> TaskState:
+        """Returns a state that is about to be observed, with what the estimator then tells."""
+        if self.estimator is None:
+            return state
+        return replace(state, estimate=self.estimator(self._proprioception(state)))
+
+    def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
+        """Returns the heights (n, 4; m) that the machine reads.
+
+        The estimator sees the machine's state, so that the machine can have no estimate of the same
+        instant: it takes that of the observation before.
+        """
+        return feet.height if self.estimator is None else estimate[:, -robot.N_LEGS :]

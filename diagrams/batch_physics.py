@@ -1,6 +1,8 @@
 """Batch physics: hundreds of stations stepped in C++ threads, without Python in the loop."""
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +10,12 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
 from pydrake.systems.framework import DiagramBuilder
 
+from glassgait.diagrams.physics import PhysicsStep
 from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
-from glassgait.models.a1 import robot
+from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import touches_ground
 
 
 class BatchPhysics:
@@ -52,7 +57,14 @@ class BatchPhysics:
         for group, value in zip(self._groups, friction, strict=True):
             group.set_friction(float(value))
 
-    def step(self, states: Array, targets: Array) -> Array:
+    def step(
+        self,
+        states: Array,
+        targets: Array,
+        *,
+        previous_targets: Array | None = None,
+        latency: Array | None = None,
+    ) -> PhysicsStep:
         """Advances every robot by one control period.
 
         A robot whose state or target is not finite, or that the contact solver cannot advance,
@@ -61,21 +73,44 @@ class BatchPhysics:
         Args:
             states: Plant states x (n, 37).
             targets: Joint position targets (n, 12; rad), held over the period.
-
-        Returns:
-            Plant states x (n, 37).
+            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
+                ones come; needed with a latency.
+            latency: Time from the period's start until the new targets come (n,; s), rounded to
+                the plant's steps; by default none.
         """
-        sound = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(targets), axis=1)
+        late = targets if previous_targets is None else previous_targets
+        latency = np.zeros(len(states)) if latency is None else latency
+        sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
         after = np.full_like(states, np.nan)
         members = [group[sound[group]] for group in self.members(len(states))]
 
         def step(i: int) -> None:
             mine = members[i]
-            after[mine] = self._groups[i].step(states[mine], targets[mine], self._parallelism)
+            group = self._groups[i]
+            held = _Held(targets[mine], late[mine], group.delay(latency[mine]))
+            after[mine] = group.step(states[mine], held, self._parallelism)
 
         for _ in self._workers.map(step, self._order):
             pass
-        return after
+        return PhysicsStep(after, touches_ground(kinematics.foot_heights(after)))
+
+
+class _Held(NamedTuple):
+    """What the joints of some robots follow over a control period.
+
+    Attributes:
+        targets: Joint position targets (n, 12; rad).
+        late: Those that hold until they come (n, 12; rad).
+        delay: Plant steps until they come (n,).
+    """
+
+    targets: Array
+    late: Array
+    delay: NDArray[np.int64]
+
+    def of(self, part: slice) -> "_Held":
+        """Returns what some of the robots follow."""
+        return _Held(*(values[part] for values in self))
 
 
 class _Group:
@@ -94,23 +129,37 @@ class _Group:
         context = self._scene_graph.GetMyMutableContextFromRoot(self._context)
         set_friction(self._plant, self._scene_graph, friction, context)
 
-    def step(self, states: Array, targets: Array, parallelism: Parallelism) -> Array:
+    def delay(self, latency: Array) -> NDArray[np.int64]:
+        """Returns latencies (n,; s) in steps of the plant, no more than a control period has."""
+        steps = np.rint(latency / CONTROL_PERIOD * self._n_steps).astype(np.int64)
+        return np.clip(steps, 0, self._n_steps)
+
+    def step(self, states: Array, held: _Held, parallelism: Parallelism) -> Array:
         if len(states) == 0:
             return states
         try:
-            return self._evaluate(states, targets, parallelism)
+            return self._evaluate(states, held, parallelism)
         except RuntimeError:
             if len(states) == 1:
                 return np.full_like(states, np.nan)
             half = len(states) // 2
+            parts = slice(None, half), slice(half, None)
             return np.concatenate(
-                [
-                    self.step(states[:half], targets[:half], parallelism),
-                    self.step(states[half:], targets[half:], parallelism),
-                ]
+                [self.step(states[part], held.of(part), parallelism) for part in parts]
             )
 
-    def _evaluate(self, states: Array, targets: Array, parallelism: Parallelism) -> Array:
+    def _evaluate(self, states: Array, held: _Held, parallelism: Parallelism) -> Array:
+        # From one robot's change of targets to the next's, all targets stay.
+        changes = np.unique([0, *held.delay, self._n_steps]).tolist()
+        for start, stop in pairwise(changes):
+            waiting = held.delay[:, None] > start
+            targets = np.where(waiting, held.late, held.targets)
+            states = self._advance(states, targets, stop - start, parallelism)
+        return states
+
+    def _advance(
+        self, states: Array, targets: Array, n_steps: int, parallelism: Parallelism
+    ) -> Array:
         desired = np.zeros((len(states), 2 * robot.N_JOINTS))
         desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
         return BatchEvalUniquePeriodicDiscreteUpdate(
@@ -120,6 +169,6 @@ class _Group:
             times=np.zeros(len(states)),
             states=states.T,
             inputs=desired.T,
-            num_time_steps=self._n_steps,
+            num_time_steps=n_steps,
             parallelize=parallelism,
         ).T

@@ -17,7 +17,12 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.randomization import NOMINAL, Randomization
+from glassgait.models.task.randomization import (
+    NOMINAL,
+    ContactFlips,
+    Latency,
+    Randomization,
+)
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
@@ -58,8 +63,13 @@ class Scenario(Settings):
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         command: Where commands come from.
         sensor_noise: Factor on the noise of the joints' sensors; 0 for none, 1 for the task's.
+        contact_flips: Share of the contact sensors' readings that are wrong.
+        latency: Time from an observation until its action reaches the joints (s), in whole steps
+            of a discrete plant.
         pushes: Pushes of the trunk; of discrete plants alone.
-        true_body_state: Whether policies observe the true body state, not the estimator's.
+        true_body_state: Whether policies observe the true body state, and the reward machine reads
+            the true heights of the feet. Both are the estimator's otherwise: the loop is closed on
+            sensors only.
         max_robots: Robots to roll out at most for a seed, where the physics is slow.
         weights: Weights of the reward.
         limits: Bounds that the fall monitor watches.
@@ -70,6 +80,8 @@ class Scenario(Settings):
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
     sensor_noise: NotNegative = 1.0
+    contact_flips: ContactFlips = 0.0
+    latency: Latency = 0.0
     pushes: Pushes = field(default_factory=Pushes)
     true_body_state: bool = False
     max_robots: Count | None = None
@@ -83,11 +95,20 @@ class Scenario(Settings):
         if self.station.time_step > 0:
             # Otherwise the plant and the controller would drift apart.
             self.station.plant_steps()
+            self._check_latency()
         self._check_integrator()
 
     def refused_as(self) -> str:
         """Returns what a refusal calls the scenario: its title is its own, not of all."""
         return f"scenario {shown(self.title)}"
+
+    def _check_latency(self) -> None:
+        step = self.station.time_step
+        if abs(round(self.latency / step) * step - self.latency) > 1e-12:
+            raise InputError(
+                f"{self.refused_as()}: latency is {self.latency:g}, no multiple of "
+                f"station.time_step, {step:g}; give one that is, up to {CONTROL_PERIOD:g}"
+            )
 
     def _check_integrator(self) -> None:
         step, pushed = self.station.time_step, self.pushes.speed
@@ -125,6 +146,8 @@ class Scenario(Settings):
             push_speed=self.pushes.speed,
             push_interval=self.pushes.interval,
             observation_noise=self.sensor_noise,
+            contact_flips=self.contact_flips,
+            latency=(self.latency, self.latency),
         )
 
     def to_plain(self) -> dict[str, Any]:

@@ -1,11 +1,12 @@
 """The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt, Le
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometryId,
@@ -40,6 +41,8 @@ from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import NOMINAL, Friction
 
+Coordinate = Annotated[float, Ge(-1.0), Le(1.0)]
+
 ContactSolver = Literal["sap", "similar", "lagged"]
 """Drake's discrete contact approximations, less TAMSI: it leaves out the actuators' PD law."""
 
@@ -52,6 +55,11 @@ foot is in the ground."""
 MOST_STEPS = 2000
 """Greatest number of a discrete plant's steps in a control period; of 10 µs each."""
 
+GRAVITY = 9.81
+"""Acceleration by gravity (m/s²)."""
+
+Place = tuple[Coordinate, Coordinate, Coordinate]
+
 
 @dataclass(frozen=True)
 class StationConfig(Settings):
@@ -62,9 +70,20 @@ class StationConfig(Settings):
             advanced by an error-controlled integrator.
         contact_solver: Drake's `discrete_contact_approximation`.
         friction: Coulomb friction of the feet on the ground, static and dynamic.
-        payload: Mass welded to the middle of the trunk (kg).
+        slope: Angle at which the ground rises along the world's x axis (°). The world's z axis
+            stays normal to the ground, and gravity leans.
+        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m); by default
+            Drake's own, which lets a robot at rest sink in by a fraction of a millimetre.
         relaxation_time: Time in which a contact lets penetration relax (s), for SAP alone. Drake's
             own 0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
+        dissipation: Hunt and Crossley's dissipation of a contact (s/m), for `similar`, `lagged` and
+            the continuous plant; by default Drake's own.
+        payload: Mass welded to the trunk (kg).
+        payload_position: Where the payload's centre is in the trunk's frame (m).
+        motor_strength: Factor on the torque that every motor gives, and on its limit.
+        stiffness: Gain of the joints' position control (N·m/rad), before that factor.
+        damping: Gain of the joints' velocity control (N·m·s/rad), before that factor.
+        armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
     """
 
     title: ClassVar[str] = "station"
@@ -72,8 +91,16 @@ class StationConfig(Settings):
     time_step: Annotated[float, Ge(0)] = 0.01
     contact_solver: ContactSolver = "sap"
     friction: Friction = 1.0
-    payload: Annotated[float, Ge(0)] = 0.0
+    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
+    ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
     relaxation_time: Annotated[float, Ge(0)] = 0.01
+    dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
+    payload: Annotated[float, Ge(0), Le(100.0)] = 0.0
+    payload_position: Place = (0.0, 0.0, 0.0)
+    motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
+    stiffness: Annotated[float, Ge(0), Le(1000.0)] = robot.STIFFNESS
+    damping: Annotated[float, Ge(0), Le(100.0)] = robot.DAMPING
+    armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
 
     def plant_steps(self) -> int:
         """Returns how many steps a discrete plant takes in a control period.
@@ -122,18 +149,16 @@ def AddA1Station(  # noqa: N802
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(robot.URDF_PATH.parent / "package.xml"))
     (instance,) = parser.AddModels(url="package://a1/a1.urdf")
-    _add_payload(plant, config.payload)
+    _add_payload(plant, config)
     plant.RegisterCollisionGeometry(
         plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
     )
-    # Before Finalize() Drake lists no actuators by model instance; the robot's are all there are.
-    for index in plant.GetJointActuatorIndices():
-        gains = PdControllerGains(p=robot.STIFFNESS, d=robot.DAMPING)
-        plant.get_joint_actuator(index).set_controller_gains(gains)
+    _set_motors(plant, config)
+    _lean_gravity(plant, config.slope)
     plant.Finalize()
     _set_initial_poses(plant)
     _exclude_self_collision(plant, scene_graph, instance)
-    _set_relaxation_time(plant, scene_graph, config.relaxation_time)
+    _set_ground(plant, scene_graph, config)
     set_friction(plant, scene_graph, config.friction)
     return plant, scene_graph, instance
 
@@ -196,15 +221,40 @@ def set_friction(
     )
 
 
-def _set_relaxation_time(plant: MultibodyPlant, scene_graph: SceneGraph, time: float) -> None:
-    # The two bodies of a contact add theirs up, and a body without one counts as 0.1 s.
+def _set_motors(plant: MultibodyPlant, config: StationConfig) -> None:
+    strength = config.motor_strength
+    # Before Finalize() Drake lists no actuators by model instance; the robot's are all there are.
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_mutable_joint_actuator(index)
+        gains = PdControllerGains(p=strength * config.stiffness, d=strength * config.damping)
+        actuator.set_controller_gains(gains)
+        actuator.set_effort_limit(strength * robot.EFFORT_LIMIT)
+        actuator.set_default_rotor_inertia(config.armature)
+
+
+def _lean_gravity(plant: MultibodyPlant, slope: float) -> None:
+    angle = math.radians(slope)
+    vector = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
+    plant.mutable_gravity_field().set_gravity_vector(vector)
+
+
+def _set_ground(plant: MultibodyPlant, scene_graph: SceneGraph, config: StationConfig) -> None:
+    # The two bodies of a contact add their relaxation times up, and a body without one counts as
+    # 0.1 s.
     ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
     _set_material(
         plant,
         scene_graph,
         "relaxation_time",
-        lambda geometry: 0.0 if geometry in ground else time,
+        lambda geometry: 0.0 if geometry in ground else config.relaxation_time,
     )
+    if config.ground_stiffness is not None:
+        # Like two springs in a row.
+        each = 2.0 * config.ground_stiffness
+        _set_material(plant, scene_graph, "point_contact_stiffness", lambda _: each)
+    if config.dissipation is not None:
+        each = config.dissipation
+        _set_material(plant, scene_graph, "hunt_crossley_dissipation", lambda _: each)
 
 
 def _set_material(
@@ -245,12 +295,13 @@ def _set_initial_poses(plant: MultibodyPlant) -> None:
     base.set_random_translation_distribution([Expression(value) for value in place])
 
 
-def _add_payload(plant: MultibodyPlant, mass: float) -> None:
-    if mass == 0:
+def _add_payload(plant: MultibodyPlant, config: StationConfig) -> None:
+    if config.payload == 0:
         return
-    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia.SolidBox(0.2, 0.1, 0.05))
+    inertia = SpatialInertia(config.payload, np.zeros(3), UnitInertia.SolidBox(0.2, 0.1, 0.05))
     payload = plant.AddRigidBody("payload", plant.GetModelInstanceByName("a1"), inertia)
-    plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame())
+    place = RigidTransform(np.array(config.payload_position))
+    plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame(), place)
 
 
 def _exclude_self_collision(

@@ -27,6 +27,9 @@ class TaskState:
         air_time: Time each foot has been in the air (n, 4; s).
         action: Actions of the last step (n, 12).
         joint_noise: Noise on joint positions, then velocities (n, 24; rad, rad/s).
+        latency: Time from an observation until its action reaches the joints (n,; s).
+        estimate: Body state that the estimator gave at the last observation (n, 7; m/s, m); zeros
+            where there is none.
         steps: Control steps since the episode's start (n,).
     """
 
@@ -37,6 +40,8 @@ class TaskState:
     air_time: Array
     action: Array
     joint_noise: Array
+    latency: Array
+    estimate: Array
     steps: NDArray[np.int64]
 
     def as_arrays(self) -> dict[str, NDArray]:
@@ -52,6 +57,8 @@ class TaskState:
             "air_time": self.air_time,
             "action": self.action,
             "joint_noise": self.joint_noise,
+            "latency": self.latency,
+            "estimate": self.estimate,
             "steps": self.steps,
         }
 
@@ -68,6 +75,8 @@ class TaskState:
             air_time=arrays["air_time"],
             action=arrays["action"],
             joint_noise=arrays["joint_noise"],
+            latency=arrays["latency"],
+            estimate=arrays["estimate"],
             steps=arrays["steps"],
         )
 

@@ -24,8 +24,8 @@ _HIP_ORIGIN: Array = np.stack(
 
 
 def rotation_matrix(quaternion: Array) -> Array:
-    """Converts unit quaternions (..., 4; w, x, y, z) to rotation matrices (..., 3, 3)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    """Converts quaternions (..., 4; w, x, y, z) of any length to rotation matrices (..., 3, 3)."""
+    w, x, y, z = _unit_components(quaternion)
     return np.stack(
         [
             np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
@@ -37,8 +37,12 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 
 def gravity_direction(quaternion: Array) -> Array:
-    """Returns the world's downward axis in the trunk's frame (..., 3)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    """Returns the world's downward axis in the trunk's frame (..., 3).
+
+    Args:
+        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
+    """
+    w, x, y, z = _unit_components(quaternion)
     return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
 
 
@@ -165,3 +169,11 @@ def standing_state(joint_position: Array) -> Array:
 def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:
     legs = joint_values.reshape(*joint_values.shape[:-1], robot.N_LEGS, 3)
     return legs[..., 0], legs[..., 1], legs[..., 2]
+
+
+def _unit_components(quaternion: Array) -> Array:
+    # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
+    # walking it is a tenth too long.
+    norm = np.sqrt(np.sum(np.square(quaternion), axis=-1, keepdims=True))
+    # All zeros stand for a state that is not finite; they are nobody's attitude.
+    return np.moveaxis(quaternion / np.where(norm > 0.0, norm, 1.0), -1, 0)

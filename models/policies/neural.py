@@ -1,6 +1,6 @@
 """Neural policies: the experts, with the state estimator that they learned to rely on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Self
@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
 
 MAX_LAYERS = 8
 
@@ -83,29 +84,78 @@ def _specs(arrays: Mapping[str, NDArray[Any]]) -> dict[str, ArraySpec]:
     return specs
 
 
+@dataclass(frozen=True)
+class MirroredNetwork:
+    """A network that treats left and right alike: the mean of f(x) and M f(M x), M the mirror.
+
+    Attributes:
+        network: f.
+        reflect_input: M of its inputs.
+        reflect_output: M of its outputs.
+    """
+
+    network: Network
+    reflect_input: Reflection
+    reflect_output: Reflection
+
+    def __call__(self, x: Array) -> Array:
+        """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
+        own, image = self.network(np.stack([x, self.reflect_input(x)]))
+        return 0.5 * (own + self.reflect_output(image))
+
+
 class NeuralPolicy(Policy):
     """An expert trained by PPO.
 
     Attributes:
         actor: Maps the observation to the action.
         estimator: Maps proprioception to the last seven entries of the observation.
+        mirrored_states: What the machine's states stand for in the mirror, if both networks treat
+            left and right alike.
     """
 
     kind = "neural"
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], actor: Network, estimator: Network
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        actor: Network,
+        estimator: Network,
+        mirrored_states: tuple[int, ...] | None = None,
     ) -> None:
+        """
+        Args:
+            gait: Name of the gait.
+            observation_names: Names of the observations, in order.
+            actor: Network from the observation to the action.
+            estimator: Network from proprioception to the last seven entries of the observation.
+            mirrored_states: `symmetry.mirrored_states` of the gait, for networks that are to treat
+                left and right alike.
+
+        Raises:
+            InputError: if a layer is not what it must be, or the states are no mirror images.
+        """
         super().__init__(gait, observation_names)
         self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
-        self.actor = actor
-        self.estimator = estimator
+        self._networks = actor, estimator
+        self.mirrored_states = self._checked_states(mirrored_states)
+        self.actor: Network | MirroredNetwork = actor
+        self.estimator: Network | MirroredNetwork = estimator
+        if self.mirrored_states is not None:
+            observation = reflect_observation(observation_names, self.mirrored_states)
+            own, body = observation.split(len(observation_names) - N_ESTIMATED)
+            self.actor = MirroredNetwork(actor, observation, REFLECT_JOINTS)
+            self.estimator = MirroredNetwork(estimator, own, body)
 
     def __call__(self, observation: Array) -> Array:
         return self.actor(observation)
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        return self.actor.to_arrays("actor") | self.estimator.to_arrays("estimator"), {}
+        actor, estimator = self._networks
+        layers = actor.to_arrays("actor") | estimator.to_arrays("estimator")
+        states = self.mirrored_states
+        return layers, {} if states is None else {"mirrored_states": list(states)}
 
     @classmethod
     def from_arrays(
@@ -117,7 +167,21 @@ class NeuralPolicy(Policy):
     ) -> Self:
         layers = cls._taken(arrays, observation_names)
         actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
-        return cls(gait, observation_names, actor, estimator)
+        return cls(gait, observation_names, actor, estimator, values.get("mirrored_states"))
+
+    def _checked_states(self, states: Sequence[int] | None) -> tuple[int, ...] | None:
+        if states is None:
+            return None
+        with self._naming_this_kind():
+            count = self._sizes(self.observation_names)["states"]
+            numbers = list(range(count))
+            whole = isinstance(states, tuple | list) and all(type(i) is int for i in states)
+            if not whole or sorted(states) != numbers or [states[i] for i in states] != numbers:
+                raise InputError(
+                    f"mirrored_states is {shown(states)}; it must pair the {count} states of the "
+                    "machine, so train the expert anew"
+                )
+        return tuple(states)
 
     @classmethod
     def _taken(

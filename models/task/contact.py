@@ -23,16 +23,41 @@ class FootSense(NamedTuple):
     height: Array
 
 
-def sense_feet(positions: Array, previously_touching: NDArray[np.bool_]) -> FootSense:
-    """Senses contacts and heights.
+def touches_ground(height: Array) -> NDArray[np.bool_]:
+    """Tells from the heights (..., 4; m) of the feet which of them press on the ground.
 
     Point contact on a half space presses exactly where a foot's sphere reaches below the plane, so
-    the contact follows from the pose alone. The memory of one step bridges a bouncing touch-down.
+    in Drake the contact follows from the pose alone.
+    """
+    return height < 0.0
+
+
+def sense_feet(
+    positions: Array,
+    previously_touching: NDArray[np.bool_],
+    touching: NDArray[np.bool_] | None = None,
+) -> FootSense:
+    """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
     Args:
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         previously_touching: `touching` of the previous control step (..., 4).
+        touching: Whether each foot presses on the ground (..., 4); by default as its pose tells.
     """
     height = kinematics.foot_heights(positions)
-    touching = height < 0.0
+    if touching is None:
+        touching = touches_ground(height)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
+
+
+def flip_contacts(
+    contact: NDArray[np.bool_], uniform: Array, flip_share: float
+) -> NDArray[np.bool_]:
+    """Reads contacts by sensors that now and then tell the opposite.
+
+    Args:
+        contact: Whether each foot touches (..., 4).
+        uniform: Numbers drawn from 0 to 1 (..., 4).
+        flip_share: Share of the readings that are wrong.
+    """
+    return contact ^ (uniform < flip_share)

@@ -63,6 +63,8 @@ class ObservationEntry:
         symbol: Short symbol, such as "dq.FL_hip".
         latex: The same for LaTeX.
         merged_name: The name without its leg and without the number of the machine's state.
+        mirror_sign: -1 if the quantity changes its sign in a mirror that exchanges left and right,
+            else 1.
     """
 
     name: str
@@ -73,6 +75,7 @@ class ObservationEntry:
     symbol: str
     latex: str
     merged_name: str
+    mirror_sign: float = 1.0
 
     @property
     def scaled_unit(self) -> str:
@@ -97,7 +100,15 @@ class ObservationLayout:
         velocity, action = JOINT_VELOCITY_SCALE, 1.0 / robot.ACTION_SCALE
         return (
             _single("Command X", "commanded velocity", "m/s", 1.0, "cmd.v", "v_x^{*}"),
-            _single("Command Yaw", "commanded velocity", "rad/s", 1.0, "cmd.yaw", r"\omega_z^{*}"),
+            _single(
+                "Command Yaw",
+                "commanded velocity",
+                "rad/s",
+                1.0,
+                "cmd.yaw",
+                r"\omega_z^{*}",
+                mirror_sign=-1.0,
+            ),
             *_of_joints("DoF Pos", "joint position", "rad", 1.0, "q", "q"),
             *_of_joints("DoF Vel", "joint velocity", "rad/s", velocity, "dq", r"\dot q"),
             *_of_joints("Prev Action", "previous action", "rad", action, "a", "a^{-}"),
@@ -132,9 +143,18 @@ class ObservationLayout:
 
 
 def _single(
-    name: str, group: Group, unit: str, scale: float, symbol: str, latex: str
+    name: str,
+    group: Group,
+    unit: str,
+    scale: float,
+    symbol: str,
+    latex: str,
+    *,
+    mirror_sign: float = 1.0,
 ) -> ObservationEntry:
-    return ObservationEntry(name, group, None, unit, scale, symbol, latex, merged_name=name)
+    return ObservationEntry(
+        name, group, None, unit, scale, symbol, latex, merged_name=name, mirror_sign=mirror_sign
+    )
 
 
 def _of_joints(
@@ -150,6 +170,7 @@ def _of_joints(
             symbol=f"{symbol}.{leg}_{joint}",
             latex=rf"{latex}_{{\mathrm{{{leg} {joint.title()}}}}}",
             merged_name=f"{title} {joint.title()}",
+            mirror_sign=-1.0 if joint == "hip" else 1.0,
         )
         for leg in robot.LEGS
         for joint in robot.LEG_JOINTS
@@ -171,7 +192,15 @@ def _machine_state(number: int) -> ObservationEntry:
 
 def _base_velocity(axis: str) -> ObservationEntry:
     name, latex = f"Base Lin Vel {axis.upper()}", rf"\hat v_{{{axis}}}"
-    return _single(name, "base velocity", "m/s", BASE_VELOCITY_SCALE, f"v.{axis}", latex)
+    return _single(
+        name,
+        "base velocity",
+        "m/s",
+        BASE_VELOCITY_SCALE,
+        f"v.{axis}",
+        latex,
+        mirror_sign=-1.0 if axis == "y" else 1.0,
+    )
 
 
 def _foot_height(leg: str) -> ObservationEntry:

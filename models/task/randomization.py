@@ -5,15 +5,23 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy.typing import NDArray
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import flip_contacts
 from glassgait.models.task.observation import JOINT_NOISE
 
 Friction = Annotated[NotNegative, Le(1000.0)]
 """Coulomb friction; of far greater ones the contact solver ends the process."""
+
+ContactFlips = Annotated[NotNegative, Le(1.0)]
+"""Share of a contact sensor's readings that are wrong."""
+
+Latency = Annotated[NotNegative, Le(CONTROL_PERIOD)]
+"""Time from an observation until its action reaches the joints (s), a control period at most."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,9 @@ class Randomization(Settings):
             no pushes.
         push_interval: Mean time between two pushes of a robot (s).
         observation_noise: Factor on the noise of observed joint positions and velocities.
+        contact_flips: Share of the contact sensors' readings that are wrong.
+        latency: Least and greatest time from an observation until its action reaches the joints
+            (s), drawn for each episode.
     """
 
     title: ClassVar[str] = "randomization"
@@ -38,6 +49,8 @@ class Randomization(Settings):
     push_speed: NotNegative = 1.0
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
     observation_noise: NotNegative = 1.0
+    contact_flips: ContactFlips = 0.0
+    latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
     def initial_states(self, count: int, generator: np.random.Generator) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.
@@ -56,6 +69,22 @@ class Randomization(Settings):
         """Draws noise on joint positions, then velocities (count, 24; rad, rad/s)."""
         noise = generator.uniform(-1.0, 1.0, size=(count, 2 * robot.N_JOINTS))
         return noise * (self.observation_noise * JOINT_NOISE)
+
+    def latencies(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws the latencies of episodes (count,; s)."""
+        least, greatest = self.latency
+        # Where all are the same nothing is drawn, and other draws stay as they are without it.
+        if least == greatest:
+            return np.full(count, least)
+        return generator.uniform(least, greatest, size=count)
+
+    def sensed_contact(
+        self, contact: NDArray[np.bool_], generator: np.random.Generator
+    ) -> NDArray[np.bool_]:
+        """Reads contacts (count, 4) by the robots' sensors."""
+        if self.contact_flips == 0.0:
+            return contact
+        return flip_contacts(contact, generator.random(contact.shape), self.contact_flips)
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
         """Draws what this control step's pushes add to base velocities (count, 3; m/s)."""

@@ -48,12 +48,15 @@ def collect(
     """
     task = TaskConfig.of_scenario(gait, scenario, episode_steps=plan.steps)
     policy = AlternatingPolicy(expert, student, plan.period)
-    estimator = None if scenario.true_body_state else policy.estimator
     episodes = np.array(plan.episodes)
     own_speeds = speeds[(episodes - 1) % len(speeds)]
     n = len(episodes)
     simulator = BatchSimulator(
-        task, BatchPhysics(scenario.station), n_robots=n, generator=generator
+        task,
+        BatchPhysics(scenario.station),
+        n_robots=n,
+        generator=generator,
+        estimator=None if scenario.true_body_state else policy.estimator,
     )
     observations, labels = [], []
     for step in range(plan.steps):
@@ -62,7 +65,7 @@ def collect(
         simulator.set_command(
             Command(np.stack([own_speeds, turns.velocity[:, 1]], axis=1), turns.dwell)
         )
-        observation = simulator.observe(estimator)
+        observation = simulator.observe()
         label = expert(observation)
         _refuse_not_finite(expert, step, observation, label)
         action = label if policy.expert_acts(step) else student(observation)

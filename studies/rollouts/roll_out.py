@@ -41,16 +41,19 @@ def _roll_out_batch(
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
     task = TaskConfig.of_scenario(gait, scenario, episode_steps=config.n_steps)
-    estimator = None if scenario.true_body_state else policy.estimator
     generator = np.random.default_rng(config.seed)
     simulator = BatchSimulator(
-        task, BatchPhysics(scenario.station), n_robots=n, generator=generator
+        task,
+        BatchPhysics(scenario.station),
+        n_robots=n,
+        generator=generator,
+        estimator=None if scenario.true_body_state else policy.estimator,
     )
     log: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
     failed = np.zeros((n, 1), dtype=bool)
     for step in range(config.n_steps):
         command = simulator.state.command.velocity
-        observation = simulator.observe(estimator)
+        observation = simulator.observe()
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
         action = np.where(failed, 0.0, policy.act(step, observation))
         outcome = simulator.step(action)

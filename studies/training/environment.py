@@ -14,7 +14,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.training.config import TrainingConfig
 
@@ -59,12 +59,19 @@ class TrainingEnvironment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
+        stations = config.stations(generator)
         self.simulator = BatchSimulator(
             TaskConfig(gait, config.randomization, weights=config.weights, limits=config.limits),
-            BatchPhysics(*config.stations()),
+            BatchPhysics(*stations),
             n_robots=config.n_robots,
             generator=generator,
             difficulty=config.curriculum.initial_difficulty,
+        )
+        members = self.simulator.physics.members(config.n_robots)
+        self._body = np.repeat(
+            [[station.payload, station.motor_strength] for station in stations],
+            [len(group) for group in members],
+            axis=0,
         )
         # Spread the ends of the first episodes, so that updates see all ages at once.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
@@ -109,6 +116,8 @@ class TrainingEnvironment:
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
                 self.simulator.friction_of_robots()[:, None],
+                self._body,
+                s.latency[:, None] / CONTROL_PERIOD,
                 np.full((len(s.plant), 1), self.simulator.difficulty),
             ],
             axis=1,

@@ -7,7 +7,9 @@ from torch import nn
 
 from glassgait.models.policies.neural import Network
 from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.models.task.symmetry import Reflection
 from glassgait.studies.training.config import EstimatorConfig
+from glassgait.studies.training.mirror import Mirrored
 
 # Foot heights are some centimetres, base velocities about one: the network learns both in tenths.
 _OUTPUT_SCALE = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 0.1)
@@ -18,9 +20,21 @@ class StateEstimator(nn.Module):
 
     scale: torch.Tensor
 
-    def __init__(self, n_proprioceptive: int, config: EstimatorConfig) -> None:
+    def __init__(
+        self,
+        n_proprioceptive: int,
+        config: EstimatorConfig,
+        reflection: Reflection | None = None,
+    ) -> None:
+        """
+        Args:
+            n_proprioceptive: Length of the proprioception.
+            config: Settings.
+            reflection: The mirror of observations, to treat left and right alike.
+        """
         super().__init__()
-        self.mlp = MLP(n_proprioceptive, N_ESTIMATED, config.layers, "elu")
+        mlp = MLP(n_proprioceptive, N_ESTIMATED, config.layers, "elu")
+        self.mlp = mlp if reflection is None else Mirrored(mlp, *reflection.split(n_proprioceptive))
         self.register_buffer("scale", torch.tensor(_OUTPUT_SCALE))
 
     def forward(self, proprioception: torch.Tensor) -> torch.Tensor:

@@ -12,22 +12,29 @@ from tensordict import TensorDict
 
 from glassgait.models.a1 import robot
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
 from glassgait.studies.training.config import TrainingConfig
-from glassgait.studies.training.environment import OBSERVATION_GROUPS, TrainingEnvironment
+from glassgait.studies.training.environment import OBSERVATION_GROUPS
 from glassgait.studies.training.estimator import EstimatorTrainer, StateEstimator, network_of
+from glassgait.studies.training.mirror import Mirrored
 
 
 class Learner:
     """Owns every learned number and every optimizer."""
 
     def __init__(
-        self, config: TrainingConfig, estimator: StateEstimator, observations: TensorDict
+        self,
+        config: TrainingConfig,
+        estimator: StateEstimator,
+        observations: TensorDict,
+        reflection: Reflection | None = None,
     ) -> None:
         """
         Args:
             config: Settings.
             estimator: The estimator that the environment observes with.
             observations: Observation groups of all robots, for their sizes.
+            reflection: The mirror of observations, for an actor that treats left and right alike.
         """
         ppo = config.ppo
         self._config = ppo
@@ -41,6 +48,8 @@ class Learner:
             hidden_dims=ppo.actor_layers,
             distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
         )
+        if reflection is not None:
+            actor.mlp = Mirrored(actor.mlp, reflection, REFLECT_JOINTS)
         critic = MLPModel(
             observations, OBSERVATION_GROUPS, "critic", 1, hidden_dims=ppo.critic_layers
         )
@@ -84,13 +93,19 @@ class Learner:
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
 
-    def to_policy(self, gait: str, environment: TrainingEnvironment) -> NeuralPolicy:
+    def to_policy(
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        mirrored_states: tuple[int, ...] | None,
+    ) -> NeuralPolicy:
         """Returns the expert as it is now."""
         return NeuralPolicy(
             gait,
-            environment.simulator.layout.names,
+            observation_names,
             network_of(self.ppo.actor.mlp),
             self.estimator.to_network(),
+            mirrored_states,
         )
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

@@ -13,6 +13,7 @@ from torch.utils.tensorboard import SummaryWriter
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.reward import REWARD_TERMS
+from glassgait.models.task.symmetry import mirrored_states, reflect_observation
 from glassgait.studies.records import to_plain
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, save_checkpoint
 from glassgait.studies.training.config import TrainingConfig
@@ -45,10 +46,16 @@ class TrainingRun:
         torch.manual_seed(config.seed)
         self.gait = gait
         layout = ObservationLayout(self.gait.n_states)
-        self._estimator = StateEstimator(layout.n_proprioceptive, config.estimator)
+        self._mirrored_states = mirrored_states(gait) if config.mirrored else None
+        reflection = (
+            None
+            if self._mirrored_states is None
+            else reflect_observation(layout.names, self._mirrored_states)
+        )
+        self._estimator = StateEstimator(layout.n_proprioceptive, config.estimator, reflection)
         generator = np.random.default_rng(config.seed)
         self.environment = TrainingEnvironment(config, gait, self._estimator, generator)
-        self.learner = Learner(config, self._estimator, self.environment.observe())
+        self.learner = Learner(config, self._estimator, self.environment.observe(), reflection)
         if resume:
             self.progress = load_checkpoint(
                 folder / CHECKPOINT_NAME,
@@ -87,7 +94,8 @@ class TrainingRun:
         self._write_expert()
 
     def _write_expert(self) -> None:
-        policy = self.learner.to_policy(self.gait.name, self.environment)
+        names = self.environment.simulator.layout.names
+        policy = self.learner.to_policy(self.gait.name, names, self._mirrored_states)
         write_expert(policy, self.config, self.progress, self.folder)
 
     def update(self) -> dict[str, float]:

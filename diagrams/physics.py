@@ -1,0 +1,56 @@
+"""What the batch simulator asks of a physics engine."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1.robot import Array
+
+
+class PhysicsStep(NamedTuple):
+    """What a control period of physics brings, robots along the first axis.
+
+    Attributes:
+        states: Plant states x (n, 37).
+        touching: Whether each foot presses on the ground (n, 4).
+    """
+
+    states: Array
+    touching: NDArray[np.bool_]
+
+
+class Physics(Protocol):
+    """Advances many robots by control periods; they stand in groups, each on its own ground."""
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups."""
+        ...
+
+    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
+        """Returns the robots of each group."""
+        ...
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        ...
+
+    def step(
+        self,
+        states: Array,
+        targets: Array,
+        *,
+        previous_targets: Array | None = None,
+        latency: Array | None = None,
+    ) -> PhysicsStep:
+        """Advances every robot by one control period.
+
+        Args:
+            states: Plant states x (n, 37).
+            targets: Joint position targets (n, 12; rad), held over the period.
+            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
+                ones come; needed with a latency.
+            latency: Time from the period's start until the new targets come (n,; s).
+        """
+        ...

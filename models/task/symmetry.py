@@ -1,0 +1,134 @@
+"""Left-right symmetry: what a gait, an observation and an action look like in a mirror.
+
+The mirror is the robot's plane of forward and upward: the feet FL and FR change places, and so do
+RL and RR.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task.formula import STANCES, stance_code
+from glassgait.models.task.gait import Gait, Transition
+from glassgait.models.task.observation import ObservationEntry, entries_of
+
+MIRRORED_LEGS = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
+
+_LEG_ORDER = np.array([robot.LEGS.index(MIRRORED_LEGS[leg]) for leg in robot.LEGS])
+_MIRRORED_STANCES = stance_code(STANCES[:, _LEG_ORDER])
+"""Code of each stance's mirror image (16)."""
+
+
+@dataclass(frozen=True)
+class Reflection:
+    """What a vector looks like in the mirror: its own image's image.
+
+    Attributes:
+        index: Where each entry of the image comes from (n).
+        sign: Factor on it, 1 or -1 (n).
+    """
+
+    index: NDArray[np.int64]
+    sign: Array
+
+    def __call__(self, values: Array) -> Array:
+        """Maps vectors (..., n) to their mirror images (..., n)."""
+        return values[..., self.index] * self.sign
+
+    def split(self, count: int) -> tuple["Reflection", "Reflection"]:
+        """Returns the reflections of the first `count` entries and of the others.
+
+        No entry may have its image among those of the other part.
+        """
+        first = Reflection(self.index[:count], self.sign[:count])
+        return first, Reflection(self.index[count:] - count, self.sign[count:])
+
+
+def mirrored_states(gait: Gait) -> tuple[int, ...] | None:
+    """Finds what the states of a gait's reward machine stand for in the mirror.
+
+    The machine is its own mirror image if its states can be renamed so that every transition has a
+    mirror image among the transitions: with FL and FR, RL and RR exchanged in its formula, and the
+    same dwell and grace. The state at an episode's start, which stands on all feet, may be renamed.
+
+    Returns:
+        The index of each state's image (n_states), whose image is the state itself; or None, if
+        the machine favours a side.
+    """
+    outgoing = {
+        state: [edge for edge in gait.transitions if edge.source == state] for state in gait.states
+    }
+    for image in gait.states:
+        found = _follow(gait, outgoing, image)
+        if found is not None:
+            return tuple(gait.states.index(found[state]) for state in gait.states)
+    return None
+
+
+def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> dict[str, str] | None:
+    """Follows all transitions from the initial state and from its image at once.
+
+    A machine is deterministic and reaches all its states, so that one pair decides all others.
+    """
+    images = {gait.initial: image}
+    frontier = deque(images)
+    while frontier:
+        state = frontier.popleft()
+        theirs = {_signature(edge): edge.target for edge in outgoing[images[state]]}
+        for edge in outgoing[state]:
+            target = theirs.pop(_signature(edge, mirrored=True), None)
+            if target is None or images.get(edge.target, target) != target:
+                return None
+            if edge.target not in images:
+                images[edge.target] = target
+                frontier.append(edge.target)
+        if theirs:
+            return None
+    sinks_agree = all((a == gait.sink) == (b == gait.sink) for a, b in images.items())
+    twice_is_none = all(images.get(b) == a for a, b in images.items())
+    return images if sinks_agree and twice_is_none else None
+
+
+def _signature(edge: Transition, *, mirrored: bool = False) -> tuple:
+    table = np.array(edge.when.table)
+    return tuple(table[_MIRRORED_STANCES] if mirrored else table), edge.dwell, edge.grace
+
+
+def reflect_observation(names: Sequence[str], states: Sequence[int]) -> Reflection:
+    """Returns the reflection of observations.
+
+    Args:
+        names: Names of the observations (n), in order.
+        states: `mirrored_states` of the gait.
+
+    Raises:
+        InputError: if a name is unknown.
+    """
+    entries = entries_of(names)
+    places = {entry.name: i for i, entry in enumerate(entries)}
+    index = [places[_image_name(entry, states)] for entry in entries]
+    return Reflection(np.array(index), np.array([entry.mirror_sign for entry in entries]))
+
+
+def _image_name(entry: ObservationEntry, states: Sequence[int]) -> str:
+    if entry.group == "machine state":
+        number = int(entry.name.removeprefix(f"{entry.merged_name} "))
+        return f"{entry.merged_name} {states[number]}"
+    if entry.leg is None:
+        return entry.name
+    return entry.name.replace(entry.leg, MIRRORED_LEGS[entry.leg])
+
+
+def _reflect_joints() -> Reflection:
+    joints = np.arange(robot.N_JOINTS).reshape(robot.N_LEGS, -1)[_LEG_ORDER].ravel()
+    sign = [-1.0 if joint == "hip" else 1.0 for joint in robot.LEG_JOINTS]
+    return Reflection(joints, np.tile(sign, robot.N_LEGS))
+
+
+REFLECT_JOINTS = _reflect_joints()
+"""The reflection of joint positions, velocities and actions (12): hips turn the other way."""
