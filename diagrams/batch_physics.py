@@ -10,8 +10,9 @@ from pydrake.common import Parallelism
 from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
 from pydrake.systems.framework import DiagramBuilder
 
+from glassgait.diagrams.ground import set_friction
 from glassgait.diagrams.physics import PhysicsStep
-from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints, set_friction
+from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.task import CONTROL_PERIOD

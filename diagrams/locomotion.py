@@ -18,9 +18,11 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.contact_noise import ContactNoise
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
@@ -76,8 +78,9 @@ def MakeLocomotion(  # noqa: N802
     Args:
         gait: The gait whose reward machine runs.
         scenario: The world, and how the loop is closed; the training world by default.
-        policy: Who acts. The body state is what its estimator estimates; it is the true one where
-            there is none, or the scenario says so.
+        policy: Who acts. Its estimator gives the body state that is observed and the foot heights
+            that the reward machine reads; they are the true ones where there is none, or the
+            scenario says so.
         meshcat: Shows robot, contacts and machine state there.
 
     Raises:
@@ -98,21 +101,30 @@ def MakeLocomotion(  # noqa: N802
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
-    noise = _add_noise(builder) if scenario.sensor_noise > 0 else None
+    joint_noise = _add_noise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
+    contact_noise = _add_noise(builder, "contact_noise", scenario.contact_flips, robot.N_LEGS)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddA1Station(builder, scenario.station)
     state = plant.get_state_output_port()
 
-    foot_sensor, machine = _add_machine(builder, gait, state, commanded_dwell)
+    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+    builder.Connect(state, foot_sensor.get_state_input_port())
+    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
+    contact = _sensed_contact(builder, scenario, foot_sensor, contact_noise)
+    builder.Connect(contact, machine.get_foot_contact_input_port())
+    builder.Connect(commanded_dwell, machine.get_commanded_dwell_input_port())
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     proprioception = _add_proprioception(builder, layout, scenario, machine, hold)
-    if noise is not None:
-        builder.Connect(noise, proprioception.get_uniform_noise_input_port())
+    if joint_noise is not None:
+        builder.Connect(joint_noise, proprioception.get_uniform_noise_input_port())
     builder.Connect(state, proprioception.get_state_input_port())
     builder.Connect(command, proprioception.get_command_input_port())
     builder.Connect(commanded_dwell, proprioception.get_commanded_dwell_input_port())
-    observation = _add_observation(builder, layout, proprioception, state, estimator)
+    observation, sensed_height = _add_observation(
+        builder, layout, proprioception, foot_sensor, state, estimator
+    )
+    builder.Connect(sensed_height, machine.get_foot_height_input_port())
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     else:
@@ -121,7 +133,7 @@ def MakeLocomotion(  # noqa: N802
         builder.ExportOutput(action, "actions")
     targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
     desired_state = plant.get_desired_state_input_port(instance)
-    builder.Connect(hold.get_held_action_output_port(), targets.get_action_input_port())
+    builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
     builder.Connect(targets.get_desired_state_output_port(), desired_state)
     judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold)
     if meshcat is not None:
@@ -148,22 +160,38 @@ def MakeLocomotion(  # noqa: N802
     return diagram
 
 
-def _add_noise(builder: DiagramBuilder) -> OutputPort:
-    noise = RandomSource(RandomDistribution.kUniform, 2 * robot.N_JOINTS, CONTROL_PERIOD)
-    return builder.AddNamedSystem("sensor_noise", noise).get_output_port()
+def _add_noise(builder: DiagramBuilder, name: str, share: float, size: int) -> OutputPort | None:
+    if share == 0:
+        return None
+    noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
+    return builder.AddNamedSystem(name, noise).get_output_port()
 
 
-def _add_machine(
-    builder: DiagramBuilder, gait: Gait, state: OutputPort, commanded_dwell: OutputPort
-) -> tuple[FootSensor, RewardMachineSystem]:
-    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
-    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    connect = builder.Connect
-    connect(state, foot_sensor.get_state_input_port())
-    connect(foot_sensor.get_foot_contact_output_port(), machine.get_foot_contact_input_port())
-    connect(foot_sensor.get_foot_height_output_port(), machine.get_foot_height_input_port())
-    connect(commanded_dwell, machine.get_commanded_dwell_input_port())
-    return foot_sensor, machine
+def _sensed_contact(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    foot_sensor: FootSensor,
+    noise: OutputPort | None,
+) -> OutputPort:
+    """Returns the contacts that the machine reads."""
+    contact = foot_sensor.get_foot_contact_output_port()
+    if noise is None:
+        return contact
+    sensors = builder.AddNamedSystem("contact_sensors", ContactNoise(scenario.contact_flips))
+    builder.Connect(contact, sensors.get_foot_contact_input_port())
+    builder.Connect(noise, sensors.get_uniform_noise_input_port())
+    return sensors.get_sensed_contact_output_port()
+
+
+def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold) -> OutputPort:
+    """Returns the action that the joints follow."""
+    held = hold.get_held_action_output_port()
+    if scenario.latency == 0:
+        return held
+    delay = ActionDelay(scenario.latency, scenario.station.time_step)
+    builder.AddNamedSystem("action_delay", delay)
+    builder.Connect(held, delay.get_held_action_input_port())
+    return delay.get_delayed_action_output_port()
 
 
 def _add_proprioception(
@@ -214,22 +242,26 @@ def _add_observation(
     builder: DiagramBuilder,
     layout: ObservationLayout,
     sensor: Proprioception,
+    foot_sensor: FootSensor,
     state: OutputPort,
     estimator: Callable[[Array], Array] | None,
-) -> OutputPort:
+) -> tuple[OutputPort, OutputPort]:
+    """Adds what observes the body state; returns the observation and the machine's heights."""
     proprioception = sensor.get_proprioception_output_port()
     if estimator is None:
         body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
         builder.Connect(state, body_state.get_state_input_port())
+        sensed_height = foot_sensor.get_foot_height_output_port()
     else:
         body_state = StateEstimator(estimator, layout.n_proprioceptive)
         builder.AddNamedSystem("state_estimator", body_state)
         builder.Connect(proprioception, body_state.get_proprioception_input_port())
+        sensed_height = body_state.get_previous_foot_height_output_port()
     observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception, observation.get_input_port(0))
     builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
-    return observation.get_output_port()
+    return observation.get_output_port(), sensed_height
 
 
 def _acting(policy: AlternatingPolicy) -> dict[str, Policy]:

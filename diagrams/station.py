@@ -1,20 +1,15 @@
 """The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from pydrake.geometry import (
     CollisionFilterDeclaration,
-    GeometryId,
     GeometrySet,
     HalfSpace,
-    ProximityProperties,
-    Role,
-    RoleAssign,
     SceneGraph,
     SceneGraphConfig,
 )
@@ -33,8 +28,9 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from glassgait.diagrams.ground import set_friction, set_ground
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.settings import Settings
@@ -57,6 +53,9 @@ MOST_STEPS = 2000
 
 GRAVITY = 9.81
 """Acceleration by gravity (m/s²)."""
+
+PAYLOAD_BOX = (0.2, 0.1, 0.05)
+"""Sizes of the payload (m)."""
 
 Place = tuple[Coordinate, Coordinate, Coordinate]
 
@@ -158,7 +157,13 @@ def AddA1Station(  # noqa: N802
     plant.Finalize()
     _set_initial_poses(plant)
     _exclude_self_collision(plant, scene_graph, instance)
-    _set_ground(plant, scene_graph, config)
+    set_ground(
+        plant,
+        scene_graph,
+        relaxation_time=config.relaxation_time,
+        stiffness=config.ground_stiffness,
+        dissipation=config.dissipation,
+    )
     set_friction(plant, scene_graph, config.friction)
     return plant, scene_graph, instance
 
@@ -198,29 +203,6 @@ def actuated_joints(plant: MultibodyPlant) -> list[str]:
     ]
 
 
-def set_friction(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    friction: float,
-    context: Context | None = None,
-) -> None:
-    """Sets the friction of every contact between robot and ground.
-
-    Args:
-        plant: The station's plant.
-        scene_graph: The station's scene graph.
-        friction: Coulomb friction, static and dynamic.
-        context: The scene graph's context to change; without one, the model's default changes.
-    """
-    _set_material(
-        plant,
-        scene_graph,
-        "coulomb_friction",
-        lambda _: CoulombFriction(friction, friction),
-        () if context is None else (context,),
-    )
-
-
 def _set_motors(plant: MultibodyPlant, config: StationConfig) -> None:
     strength = config.motor_strength
     # Before Finalize() Drake lists no actuators by model instance; the robot's are all there are.
@@ -236,41 +218,6 @@ def _lean_gravity(plant: MultibodyPlant, slope: float) -> None:
     angle = math.radians(slope)
     vector = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
     plant.mutable_gravity_field().set_gravity_vector(vector)
-
-
-def _set_ground(plant: MultibodyPlant, scene_graph: SceneGraph, config: StationConfig) -> None:
-    # The two bodies of a contact add their relaxation times up, and a body without one counts as
-    # 0.1 s.
-    ground = set(plant.GetCollisionGeometriesForBody(plant.world_body()))
-    _set_material(
-        plant,
-        scene_graph,
-        "relaxation_time",
-        lambda geometry: 0.0 if geometry in ground else config.relaxation_time,
-    )
-    if config.ground_stiffness is not None:
-        # Like two springs in a row.
-        each = 2.0 * config.ground_stiffness
-        _set_material(plant, scene_graph, "point_contact_stiffness", lambda _: each)
-    if config.dissipation is not None:
-        each = config.dissipation
-        _set_material(plant, scene_graph, "hunt_crossley_dissipation", lambda _: each)
-
-
-def _set_material(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    name: str,
-    value: Callable[[GeometryId], Any],
-    where: tuple[Context, ...] = (),
-) -> None:
-    inspector = scene_graph.model_inspector()
-    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
-        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        properties.UpdateProperty("material", name, value(geometry))
-        scene_graph.AssignRole(
-            *where, plant.get_source_id(), geometry, properties, RoleAssign.kReplace
-        )
 
 
 def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
@@ -298,7 +245,7 @@ def _set_initial_poses(plant: MultibodyPlant) -> None:
 def _add_payload(plant: MultibodyPlant, config: StationConfig) -> None:
     if config.payload == 0:
         return
-    inertia = SpatialInertia(config.payload, np.zeros(3), UnitInertia.SolidBox(0.2, 0.1, 0.05))
+    inertia = SpatialInertia(config.payload, np.zeros(3), UnitInertia.SolidBox(*PAYLOAD_BOX))
     payload = plant.AddRigidBody("payload", plant.GetModelInstanceByName("a1"), inertia)
     place = RigidTransform(np.array(config.payload_position))
     plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame(), place)

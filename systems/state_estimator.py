@@ -2,9 +2,18 @@
 
 from collections.abc import Callable
 
-from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+)
 
+from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import N_ESTIMATED
 
 
@@ -18,10 +27,14 @@ class StateEstimator(LeafSystem):
         - proprioception
         output_ports:
         - body_state
+        - previous_foot_height
 
     Inputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
     Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
-    (m, world frame). State: none. Feedthrough: yes.
+    (m, world frame). previous_foot_height (4, m), those heights at the control instant before; zero
+    at first. A reward machine that reads them closes no loop with an estimator that sees its state.
+    State: the foot heights, latched every 20 ms (unrestricted update). Feedthrough: proprioception
+    to body_state.
     """
 
     def __init__(self, estimator: Callable[[Array], Array], n_proprioceptive: int) -> None:
@@ -47,6 +60,14 @@ class StateEstimator(LeafSystem):
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )
 
+        self._foot_height = self.DeclareDiscreteState(robot.N_LEGS)
+        self._previous_foot_height_port = self.DeclareStateOutputPort(
+            "previous_foot_height", self._foot_height
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
     def get_proprioception_input_port(self) -> InputPort:
         """Takes the observation without the body state."""
         return self._proprioception_port
@@ -55,5 +76,13 @@ class StateEstimator(LeafSystem):
         """Gives the estimate."""
         return self._body_state_port
 
+    def get_previous_foot_height_output_port(self) -> OutputPort:
+        """Gives the foot heights that were estimated at the control instant before."""
+        return self._previous_foot_height_port
+
     def _calc_body_state(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._estimator(self._proprioception_port.Eval(context)))
+
+    def _latch(self, context: Context, state: State) -> None:
+        heights = self._body_state_port.Eval(context)[-robot.N_LEGS :]
+        state.get_mutable_discrete_state(self._foot_height).SetFromVector(heights)

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from glassgait.models.errors import InputError, brief
 from glassgait.studies.parallel.worker import WORKER_LOST, run_in_worker
 
+WORKERS_AWAITED = 30.0
+"""Seconds without a result after which a cluster without workers is given up."""
+
 
 class DaskCluster:
     """The cluster that DASK_SCHEDULER_ADDRESS or Dask's own settings name, or else a new one of
@@ -82,8 +85,23 @@ class DaskCluster:
         return self._client.submit(run_in_worker, function, *values, pure=False, **named)
 
     def first_done(self, tickets: Sequence[Any]) -> Any:
-        """Waits until a call has ended, and returns its ticket."""
-        return next(iter(self._dask.wait(tickets, return_when="FIRST_COMPLETED").done))
+        """Waits until a call has ended, and returns its ticket.
+
+        Raises:
+            InputError: if the cluster has lost its last worker, and no other comes.
+        """
+        while True:
+            try:
+                ended = self._dask.wait(
+                    tickets, timeout=WORKERS_AWAITED, return_when="FIRST_COMPLETED"
+                )
+                return next(iter(ended.done))
+            except TimeoutError as error:
+                if not self._client.nthreads():
+                    raise InputError(
+                        "--backend dask: the cluster has no worker any more; start workers, which "
+                        "must have the same packages as this machine, and go on with --resume"
+                    ) from error
 
     def result(self, ticket: Any) -> Any:
         """Returns what a call returned, or raises what it raised.

@@ -15,6 +15,7 @@ from joblib import delayed
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.task.gait import gait_names
+from glassgait.studies.parallel import dask_backend
 from glassgait.studies.parallel.loop import parallel_backend, run_parallel
 
 SMALL = {"num_cpus": 1, "object_store_memory": 80_000_000}
@@ -123,7 +124,7 @@ def test_a_lost_node_changes_no_result(name, tmp_path):
 
 def _train(folder, *more):
     """Starts a sweep of 12 small trainings in a folder."""
-    small = ["--n-robots", "8", "--n-groups", "1", "--payloads", "--fine-steps", "--updates", "4"]
+    small = ["--n-robots", "8", "--n-groups", "1", "--fine-steps", "--updates", "4"]
     sweep = ["--gait", "all", "--seeds", "2", "--checkpoint-updates", "2", "--output", folder.name]
     return subprocess.Popen(
         [sys.executable, "-m", "glassgait.studies.cli", "train", *sweep, *small, *more],
@@ -184,6 +185,17 @@ def test_what_a_call_raises_is_raised_as_it_is(backend):
         list(run_parallel([delayed(_sent(_refuse))("gait.yaml")], 2, backend=backend))
 
 
+def test_a_cluster_without_workers_is_given_up(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(dask_backend, "WORKERS_AWAITED", 1.0)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        distributed.Client(cluster),
+        pytest.raises(InputError, match="no worker any more"),
+    ):
+        list(run_parallel([delayed(abs)(-1)], 1, backend="dask"))
+
+
 def test_a_call_that_ends_its_worker_again_and_again_is_told(backend):
     with pytest.raises(InputError, match="a worker process was ended from outside"):
         list(run_parallel([delayed(os._exit)(1)], 2, backend=backend))
@@ -223,9 +235,18 @@ def test_calls_end_with_the_process_that_sent_them(number, backend):
         assert time.monotonic() - began < 20
 
 
-def _sent(function):
+class _sent:  # noqa: N801
     """Has a function of this file be sent as a whole: workers cannot import tests."""
-    import cloudpickle  # noqa: PLC0415
 
-    cloudpickle.register_pickle_by_value(sys.modules[function.__module__])
-    return function
+    def __init__(self, function):
+        self._function = function
+
+    def __reduce__(self):
+        import cloudpickle  # noqa: PLC0415
+
+        module = sys.modules[self._function.__module__]
+        cloudpickle.register_pickle_by_value(module)
+        try:
+            return cloudpickle.loads, (cloudpickle.dumps(self._function),)
+        finally:
+            cloudpickle.unregister_pickle_by_value(module)

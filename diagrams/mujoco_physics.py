@@ -1,0 +1,216 @@
+"""The batch simulator's physics by MuJoCo, a second opinion on what Drake's says.
+
+MuJoCo is an optional package: `pip install "glassgait[mujoco]"`.
+"""
+
+import math
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+from numpy.typing import NDArray
+from pydrake.common import Parallelism
+
+from glassgait.diagrams.physics import PhysicsStep
+from glassgait.diagrams.station import GRAVITY, PAYLOAD_BOX, StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.task import CONTROL_PERIOD
+
+LEAST_FORCE = 1e-3
+"""Normal force above which a foot touches (N)."""
+
+LIMIT_TIME_CONSTANT = 0.004
+"""Time in which a joint's limit gives way (s). MuJoCo's own limits are so soft that joints leave
+their ranges, which counts as a failure."""
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+
+class MujocoPhysics:
+    """Steps the states of many robots in parallel; every group has a model of its own."""
+
+    def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
+        """
+        Args:
+            stations: Physics of each group.
+            n_threads: Threads to use; all cores by default.
+
+        Raises:
+            InputError: if a plant's period does not divide the control period.
+        """
+        self._n_steps = [station.plant_steps() for station in stations]
+        self._models = [make_model(station) for station in stations]
+        n_threads = n_threads or Parallelism.Max().num_threads()
+        self._data = [[mujoco.MjData(model) for _ in range(n_threads)] for model in self._models]
+        self._rollout = Rollout(nthread=n_threads)
+        joints = [self._models[0].joint(name) for name in robot.JOINTS]
+        self._q = [joint.qposadr[0] for joint in joints]
+        self._v = [joint.dofadr[0] for joint in joints]
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups."""
+        return len(self._models)
+
+    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
+        """Returns the robots of each group."""
+        return np.array_split(np.arange(n_robots), self.n_groups)
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        for model, value in zip(self._models, friction, strict=True):
+            # Of two geometries MuJoCo takes the greater friction; none may be above the ground's.
+            model.geom_friction[:, 0] = value
+
+    def step(
+        self,
+        states: Array,
+        targets: Array,
+        *,
+        previous_targets: Array | None = None,
+        latency: Array | None = None,
+    ) -> PhysicsStep:
+        """Advances every robot by one control period.
+
+        A robot whose state or target is not finite, or that MuJoCo cannot advance, comes back as
+        NaN; the others are as they would be without it.
+
+        Args:
+            states: Plant states x (n, 37), as Drake lays them out.
+            targets: Joint position targets (n, 12; rad), held over the period.
+            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
+                ones come; needed with a latency.
+            latency: Time from the period's start until the new targets come (n,; s), rounded to
+                the plant's steps; by default none.
+        """
+        late = targets if previous_targets is None else previous_targets
+        latency = np.zeros(len(states)) if latency is None else latency
+        sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
+        after = np.full_like(states, np.nan)
+        touching = np.zeros((len(states), robot.N_LEGS), dtype=bool)
+        for group, members in enumerate(self.members(len(states))):
+            mine = members[sound[members]]
+            if len(mine):
+                held = self._held(group, targets[mine], late[mine], latency[mine])
+                after[mine], touching[mine] = self._advance(group, states[mine], held)
+        return PhysicsStep(after, touching)
+
+    def _held(self, group: int, targets: Array, late: Array, latency: Array) -> Array:
+        """Returns the targets at every step of the plant (n, n_steps, 12; rad)."""
+        n_steps = self._n_steps[group]
+        delay = np.rint(latency / CONTROL_PERIOD * n_steps)
+        waiting = np.arange(n_steps) < delay[:, None]
+        return np.where(waiting[..., None], late[:, None], targets[:, None])
+
+    def _advance(self, group: int, states: Array, held: Array) -> tuple[Array, NDArray[np.bool_]]:
+        model = self._models[group]
+        before = np.zeros((len(states), mujoco.mj_stateSize(model, _STATE)))
+        before[:, 1 : 1 + model.nq + model.nv] = self._to_mujoco(model, states)
+        after, sensed = self._rollout.rollout(model, self._data[group], before, held)
+        moved = after[:, -1, 1 : 1 + model.nq + model.nv]
+        return self._from_mujoco(model, moved), sensed[:, -1] > LEAST_FORCE
+
+    def _to_mujoco(self, model: mujoco.MjModel, states: Array) -> Array:
+        _, angular = kinematics.base_velocity(states)
+        given = np.zeros((len(states), model.nq + model.nv))
+        q, v = given[:, : model.nq], given[:, model.nq :]
+        q[:, :3], q[:, 3:7] = states[:, robot.POSITION], states[:, robot.QUATERNION]
+        q[:, self._q] = states[:, robot.JOINT_POSITION]
+        # The turning of a free joint is expressed in the body's frame, as nothing else is.
+        v[:, :3], v[:, 3:6] = states[:, robot.LINEAR_VELOCITY], angular
+        v[:, self._v] = states[:, robot.JOINT_VELOCITY]
+        return given
+
+    def _from_mujoco(self, model: mujoco.MjModel, given: Array) -> Array:
+        q, v = given[:, : model.nq], given[:, model.nq :]
+        states = np.zeros((len(given), robot.N_POSITIONS + robot.N_VELOCITIES))
+        states[:, robot.POSITION], states[:, robot.QUATERNION] = q[:, :3], q[:, 3:7]
+        states[:, robot.JOINT_POSITION] = q[:, self._q]
+        to_world = kinematics.rotation_matrix(states[:, robot.QUATERNION])
+        states[:, robot.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, v[:, 3:6])
+        states[:, robot.LINEAR_VELOCITY] = v[:, :3]
+        states[:, robot.JOINT_VELOCITY] = v[:, self._v]
+        # What MuJoCo gives up on it sets back to its own start, with a warning on the way.
+        return states
+
+
+def make_model(station: StationConfig) -> mujoco.MjModel:
+    """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
+    spec = mujoco.MjSpec.from_string(_plain_description())
+    spec.option.timestep = station.time_step
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    angle = math.radians(station.slope)
+    spec.option.gravity = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
+    for geometry in spec.geoms:
+        # The robot meets the ground, and not itself.
+        geometry.contype, geometry.conaffinity = 1, 0
+    ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+    ground.contype, ground.conaffinity = 0, 1
+    trunk = spec.body("trunk")
+    trunk.add_freejoint()
+    _add_payload(trunk, station)
+    _add_motors(spec, station)
+    _add_foot_sensors(spec)
+    model = spec.compile()
+    model.geom_friction[:, 0] = station.friction
+    return model
+
+
+def _plain_description() -> str:
+    """Returns the robot's description without its looks, some of which Drake alone can read."""
+    tree = ElementTree.parse(robot.URDF_PATH).getroot()
+    for link in tree.iter("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
+    mass = station.payload
+    if mass == 0:
+        return
+    squares = np.square(PAYLOAD_BOX)
+    trunk.add_body(
+        pos=station.payload_position,
+        mass=mass,
+        ipos=[0.0, 0.0, 0.0],
+        inertia=mass / 12.0 * (squares.sum() - squares),
+        explicitinertial=True,
+    )
+
+
+def _add_motors(spec: mujoco.MjSpec, station: StationConfig) -> None:
+    strength = station.motor_strength
+    stiffness, damping = strength * station.stiffness, strength * station.damping
+    for name in robot.JOINTS:
+        joint = spec.joint(name)
+        joint.armature = station.armature
+        joint.solref_limit = [LIMIT_TIME_CONSTANT, 1.0]
+        spec.add_actuator(
+            name=name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=name,
+            gainprm=[stiffness, *[0.0] * 9],
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            biasprm=[0.0, -stiffness, -damping, *[0.0] * 7],
+            forcelimited=True,
+            forcerange=strength * robot.EFFORT_LIMIT * np.array([-1.0, 1.0]),
+        )
+
+
+def _add_foot_sensors(spec: mujoco.MjSpec) -> None:
+    for leg in robot.LEGS:
+        # A touch sensor adds up the normal forces inside its site, which holds the whole foot.
+        spec.body(f"{leg}_calf").add_site(
+            name=leg,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=[0.0, 0.0, -robot.CALF_LENGTH],
+            size=[1.5 * robot.FOOT_RADIUS, 0.0, 0.0],
+        )
+        spec.add_sensor(
+            type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=leg
+        )

@@ -1,0 +1,84 @@
+"""Brings actions to the joints late."""
+
+import numpy as np
+from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
+
+from glassgait.models.a1 import robot
+from glassgait.models.task import CONTROL_PERIOD
+
+
+class ActionDelay(LeafSystem):
+    """Passes on what the action hold holds, some time after it came.
+
+    A robot's computer and its bus take time: what it decides at a control instant reaches the
+    joints up to a control period later.
+
+    .. pydrake_system::
+
+        name: ActionDelay
+        input_ports:
+        - held_action
+        output_ports:
+        - delayed_action
+
+    Inputs: held_action (12), as the action hold gives it.
+    Outputs: delayed_action (12), what was held `latency` seconds ago; zero at first.
+    State: that action, latched once in 20 ms, `latency` after a control instant (unrestricted
+    update, every `time_step`). Feedthrough: none.
+    """
+
+    def __init__(self, latency: float, time_step: float = 0.0) -> None:
+        """
+        Args:
+            latency: Time from a control instant until its action is passed on (s), above 0 and up
+                to the control period.
+            time_step: The plant's period (s), of which the latency is a multiple; 0 for a
+                continuous plant.
+
+        Raises:
+            ValueError: if the latency is out of range, or no multiple of the time step.
+        """
+        super().__init__()
+        if not 0.0 < latency <= CONTROL_PERIOD:
+            raise ValueError(
+                f"action delay: latency is {latency}; it must be above 0 and up to {CONTROL_PERIOD}"
+            )
+        # Updates at the plant's own instants: those of a period and an offset of their own would
+        # differ from them by rounding errors, and come before or after the plant's at random.
+        self._step = time_step or latency
+        steps, self._n_steps = latency / self._step, CONTROL_PERIOD / self._step
+        if abs(round(steps) - steps) > 1e-9:
+            raise ValueError(
+                f"action delay: latency is {latency}; it must be a multiple of {time_step}"
+            )
+        self._phase = round(steps)
+        self._action = self.DeclareDiscreteState(robot.N_JOINTS)
+        self._held_action_port = self.DeclareVectorInputPort("held_action", robot.N_JOINTS)
+        self._delayed_action_port = self.DeclareStateOutputPort("delayed_action", self._action)
+        if time_step:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                period_sec=time_step, offset_sec=0.0, update=self._latch_in_phase
+            )
+        else:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(
+                period_sec=CONTROL_PERIOD,
+                offset_sec=latency % CONTROL_PERIOD,
+                update=self._latch,
+            )
+
+    def get_held_action_input_port(self) -> InputPort:
+        """Takes the action that is held."""
+        return self._held_action_port
+
+    def get_delayed_action_output_port(self) -> OutputPort:
+        """Gives the action that was held then."""
+        return self._delayed_action_port
+
+    def _latch_in_phase(self, context: Context, state: State) -> None:
+        step = round(context.get_time() / self._step)
+        if (step - self._phase) % round(self._n_steps) == 0:
+            self._latch(context, state)
+
+    def _latch(self, context: Context, state: State) -> None:
+        held = self._held_action_port.Eval(context)
+        state.get_mutable_discrete_state(self._action).SetFromVector(np.array(held))
