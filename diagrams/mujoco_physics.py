@@ -109,6 +109,7 @@ class MujocoPhysics:
         before = np.zeros((len(states), mujoco.mj_stateSize(model, _STATE)))
         before[:, 1 : 1 + model.nq + model.nv] = self._to_mujoco(model, states)
         after, sensed = self._rollout.rollout(model, self._data[group], before, held)
+        assert after is not None and sensed is not None
         moved = after[:, -1, 1 : 1 + model.nq + model.nv]
         return self._from_mujoco(model, moved), sensed[:, -1] > LEAST_FORCE
 
@@ -132,7 +133,6 @@ class MujocoPhysics:
         states[:, robot.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, v[:, 3:6])
         states[:, robot.LINEAR_VELOCITY] = v[:, :3]
         states[:, robot.JOINT_VELOCITY] = v[:, self._v]
-        # What MuJoCo gives up on it sets back to its own start, with a warning on the way.
         return states
 
 
@@ -143,6 +143,8 @@ def make_model(station: StationConfig) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
+    # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     angle = math.radians(station.slope)
     spec.option.gravity = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
     for geometry in spec.geoms:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram
 
@@ -58,25 +57,6 @@ def push(diagram: Diagram, context: Context, velocity: Array) -> None:
     plant, plant_context = _find_plant(diagram, context)
     state = plant.GetPositionsAndVelocities(plant_context)
     state[robot.LINEAR_VELOCITY] += velocity
-    plant.SetPositionsAndVelocities(plant_context, state)
-
-
-def normalize_attitude(diagram: Diagram, context: Context) -> None:
-    """Gives the quaternion of the robot's trunk the length 1 again.
-
-    A discrete plant adds rates to it, step by step, and within a minute it is a tenth too long: by
-    that feet seem higher than they are, since the task takes it for a unit quaternion.
-
-    Args:
-        diagram: What `MakeLocomotion` built, or a larger diagram that holds it.
-        context: Its own context, or the root context that its context is part of; to be changed.
-
-    Raises:
-        InputError: if the context is of another diagram.
-    """
-    plant, plant_context = _find_plant(diagram, context)
-    state = plant.GetPositionsAndVelocities(plant_context)
-    state[robot.QUATERNION] /= np.linalg.norm(state[robot.QUATERNION])
     plant.SetPositionsAndVelocities(plant_context, state)
 
 

@@ -1,7 +1,7 @@
 """The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -37,6 +37,8 @@ from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import NOMINAL, Friction
 
+Engine = Literal["drake", "mujoco"]
+
 Coordinate = Annotated[float, Ge(-1.0), Le(1.0)]
 
 ContactSolver = Literal["sap", "similar", "lagged"]
@@ -54,6 +56,9 @@ MOST_STEPS = 2000
 GRAVITY = 9.81
 """Acceleration by gravity (m/s²)."""
 
+OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
+"""Settings of a station that MuJoCo has no counterpart of."""
+
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
 
@@ -67,22 +72,24 @@ class StationConfig(Settings):
     Attributes:
         time_step: Period of the plant's discrete updates (s); 0 makes the plant continuous, to be
             advanced by an error-controlled integrator.
-        contact_solver: Drake's `discrete_contact_approximation`.
+        contact_solver: Drake's `discrete_contact_approximation`; of Drake alone.
         friction: Coulomb friction of the feet on the ground, static and dynamic.
-        slope: Angle at which the ground rises along the world's x axis (°). The world's z axis
-            stays normal to the ground, and gravity leans.
-        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m); by default
-            Drake's own, which lets a robot at rest sink in by a fraction of a millimetre.
+        payload: Mass welded to the trunk (kg).
         relaxation_time: Time in which a contact lets penetration relax (s), for SAP alone. Drake's
             own 0.2 s is longer than a stance: feet would stay as deep in the ground as they landed.
-        dissipation: Hunt and Crossley's dissipation of a contact (s/m), for `similar`, `lagged` and
-            the continuous plant; by default Drake's own.
-        payload: Mass welded to the trunk (kg).
+        dissipation: Hunt and Crossley's dissipation of a contact (s/m), for Drake's `similar`,
+            `lagged` and the continuous plant; by default Drake's own.
+        ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), of Drake alone;
+            by default Drake's own, which lets a robot at rest sink in by a fraction of a
+            millimetre.
+        slope: Angle at which the ground rises along the world's x axis (°). The world's z axis
+            stays normal to the ground, and gravity leans.
         payload_position: Where the payload's centre is in the trunk's frame (m).
         motor_strength: Factor on the torque that every motor gives, and on its limit.
         stiffness: Gain of the joints' position control (N·m/rad), before that factor.
         damping: Gain of the joints' velocity control (N·m·s/rad), before that factor.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
+        engine: Who computes it: Drake, or MuJoCo for many robots in batch.
     """
 
     title: ClassVar[str] = "station"
@@ -90,16 +97,34 @@ class StationConfig(Settings):
     time_step: Annotated[float, Ge(0)] = 0.01
     contact_solver: ContactSolver = "sap"
     friction: Friction = 1.0
-    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
-    ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
+    payload: Annotated[float, Ge(0), Le(100.0)] = 0.0
     relaxation_time: Annotated[float, Ge(0)] = 0.01
     dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
-    payload: Annotated[float, Ge(0), Le(100.0)] = 0.0
+    ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
+    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
     payload_position: Place = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
     stiffness: Annotated[float, Ge(0), Le(1000.0)] = robot.STIFFNESS
     damping: Annotated[float, Ge(0), Le(100.0)] = robot.DAMPING
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
+    engine: Engine = "drake"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.engine == "drake":
+            return
+        if self.time_step == 0:
+            raise InputError(
+                f"{self.title}: time_step is 0, and only Drake's plants are continuous; give a "
+                "step such as 0.002, or leave engine out"
+            )
+        defaults = {own.name: own.default for own in fields(self)}
+        for name in OF_DRAKE:
+            if getattr(self, name) != defaults[name]:
+                raise InputError(
+                    f"{self.title}: {name} is Drake's, and engine is {self.engine!r}; leave one of "
+                    "them out"
+                )
 
     def plant_steps(self) -> int:
         """Returns how many steps a discrete plant takes in a control period.
@@ -134,7 +159,15 @@ def AddA1Station(  # noqa: N802
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
         takes 12 joint positions (rad) and 12 velocities (rad/s).
+
+    Raises:
+        InputError: if the station is not Drake's.
     """
+    if config.engine != "drake":
+        raise InputError(
+            f"{config.title}: engine is {config.engine!r}, which steps robots in batch; a diagram "
+            "needs Drake, so leave engine out"
+        )
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=config.time_step,

@@ -15,6 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.gym import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.physics import PhysicsStep
 from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, StationConfig
@@ -46,7 +47,7 @@ def training_and_physics(
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
-    physics = _BarePhysics(config.stations())
+    physics = _BarePhysics(config.stations(np.random.default_rng(config.seed)))
     recorded = _record_steps(run)
     run.update()
     rows = []
@@ -107,11 +108,11 @@ def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
     recorded: list[tuple[Array, Array]] = []
     step = physics.step
 
-    def recording_step(states: Array, targets: Array) -> Array:
+    def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
         recorded.append((states.copy(), targets.copy()))
-        return step(states, targets)
+        return step(states, targets, **late)
 
-    physics.step = recording_step
+    setattr(physics, "step", recording_step)  # noqa: B010
     return recorded
 
 

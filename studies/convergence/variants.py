@@ -24,12 +24,20 @@ class Variant:
     scenario: Scenario
 
 
-def _discrete(family: str, solver: ContactSolver, *steps: float, **station: float) -> list[Variant]:
+def _discrete(
+    family: str,
+    solver: ContactSolver,
+    *steps: float,
+    relaxation_time: float = StationConfig.relaxation_time,
+) -> list[Variant]:
     return [
         Variant(
             family,
             step,
-            Scenario(f"{family} {1000 * step:g} ms", StationConfig(step, solver, **station)),
+            Scenario(
+                f"{family} {1000 * step:g} ms",
+                StationConfig(step, solver, relaxation_time=relaxation_time),
+            ),
         )
         for step in steps
     ]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
@@ -53,7 +53,7 @@ def collect(
     n = len(episodes)
     simulator = BatchSimulator(
         task,
-        BatchPhysics(scenario.station),
+        make_physics(scenario.station),
         n_robots=n,
         generator=generator,
         estimator=None if scenario.true_body_state else policy.estimator,

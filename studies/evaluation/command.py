@@ -42,6 +42,7 @@ class Evaluate(Settings):
             alone, at the speeds of distillation.
         scenario: Where to roll out: names of scenarios that ship, or `all` of them, and paths of
             scenario files; `students` are rolled out in one, the training world by default.
+            `--worlds` is another name for it.
         rollouts: How robots are rolled out.
         workers: Where rollouts run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
@@ -55,7 +56,9 @@ class Evaluate(Settings):
 
     gait: Gaits = ("trot",)
     policy: str = "expert"
-    scenario: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = ALL_SCENARIOS
+    scenario: Annotated[
+        tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
+    ] = ALL_SCENARIOS
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )

@@ -10,10 +10,8 @@ from threading import Event
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram
 
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import normalize_attitude
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -95,10 +93,6 @@ def _until_fallen(
     simulator: Simulator, pushed: Callable[[], None], stopped: Callable[[], bool]
 ) -> Rollout:
     def ended() -> bool:
-        # Without this a bound would fall after 50 s, for no reason of its own.
-        diagram = simulator.get_system()
-        assert isinstance(diagram, Diagram)
-        normalize_attitude(diagram, simulator.get_mutable_context())
         pushed()
         return stopped()
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import SliderCommand
+from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -44,7 +44,7 @@ def _roll_out_batch(
     generator = np.random.default_rng(config.seed)
     simulator = BatchSimulator(
         task,
-        BatchPhysics(scenario.station),
+        make_physics(scenario.station),
         n_robots=n,
         generator=generator,
         estimator=None if scenario.true_body_state else policy.estimator,

@@ -49,7 +49,7 @@ class Learner:
             distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
         )
         if reflection is not None:
-            actor.mlp = Mirrored(actor.mlp, reflection, REFLECT_JOINTS)
+            setattr(actor, "mlp", Mirrored(actor.mlp, reflection, REFLECT_JOINTS))  # noqa: B010
         critic = MLPModel(
             observations, OBSERVATION_GROUPS, "critic", 1, hidden_dims=ppo.critic_layers
         )

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.common import Parallelism
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
@@ -21,12 +22,15 @@ from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import FAILURES, TerminationLimits
 
 
-def make_simulator(gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, **task):
+def make_simulator(
+    gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, estimator=None, **task
+):
     return BatchSimulator(
         TaskConfig(gait, randomization, **task),
         BatchPhysics(*[StationConfig()] * n_groups),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
+        estimator=estimator,
     )
 
 
@@ -43,7 +47,7 @@ def standing_batch(count):
 def test_robots_stand(physics):
     states, targets = standing_batch(3)
     for _ in range(50):
-        states = physics.step(states, targets)
+        states = physics.step(states, targets).states
     assert np.all(states[:, 6] > 0.24)
     np.testing.assert_allclose(states[0], states[2])
 
@@ -52,18 +56,18 @@ def test_robots_stand(physics):
 def test_one_robots_nan_never_spoils_another(physics, where):
     states, targets = standing_batch(4)
     states[:, 19] = [0.1, 0.2, 0.3, 0.4]
-    alone = physics.step(states, targets)
+    alone = physics.step(states, targets).states
     (states if where == "state" else targets)[1, 8] = np.nan
-    after = physics.step(states, targets)
+    after = physics.step(states, targets).states
     assert np.isnan(after[1]).all()
     np.testing.assert_array_equal(after[[0, 2, 3]], alone[[0, 2, 3]])
 
 
 def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
     states, targets = standing_batch(5)
-    alone = physics.step(states, targets)
+    alone = physics.step(states, targets).states
     states[3, 19:] = 1e200
-    after = physics.step(states, targets)
+    after = physics.step(states, targets).states
     assert not np.isfinite(after[3]).all()
     np.testing.assert_array_equal(after[[0, 1, 2, 4]], alone[[0, 1, 2, 4]])
 
@@ -86,7 +90,7 @@ def test_slippery_groups_slide_further(trot):
     states, targets = standing_batch(4)
     states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
     for _ in range(15):
-        states = physics.step(states, targets)
+        states = physics.step(states, targets).states
     slid = states[:, 4]
     assert slid[0] == slid[1]
     assert slid[2] == slid[3]
@@ -229,6 +233,66 @@ def test_state_survives_being_taken_apart(trot):
 
 def test_the_estimator_fills_the_body_state(trot):
     simulator = make_simulator(trot)
-    observation = simulator.observe(lambda own: np.full((len(own), 7), 9.0))
-    assert np.all(observation[:, -7:] == 9.0)
     np.testing.assert_array_equal(simulator.observe()[:, -7:], simulator.body_state())
+    blind = make_simulator(trot, estimator=lambda own: np.full((len(own), 7), 9.0))
+    assert np.all(blind.observe()[:, -7:] == 9.0)
+
+
+def test_the_machine_reads_the_heights_that_were_estimated_a_step_before(trot):
+    told = []
+
+    def estimator(own):
+        told.append(np.full((len(own), 7), 0.1 * len(told)))
+        return told[-1]
+
+    simulator = make_simulator(trot, estimator=estimator)
+    read = []
+    step = simulator.machine.step
+
+    def listening(*values, foot_height, **named):
+        read.append(foot_height[0, 0])
+        return step(*values, foot_height=foot_height, **named)
+
+    simulator.machine.step = listening
+    for _ in range(3):
+        simulator.step(np.zeros((6, 12)))
+    np.testing.assert_allclose(read, [0.0, 0.1, 0.2])
+
+
+def test_robots_of_one_group_get_their_targets_each_at_its_time():
+    physics = BatchPhysics(StationConfig(time_step=0.005))
+    states, targets = standing_batch(4)
+    states[:, 6] += 0.2
+    moved = targets + 0.3
+    late = np.array([0.0, 0.005, 0.015, 0.02])
+    after = physics.step(states, moved, previous_targets=targets, latency=late).states
+    for robot_index, latency in enumerate(late):
+        expected = states[robot_index : robot_index + 1]
+        fine = StationConfig(time_step=0.005)
+        # A quarter of the control period at a time, with nothing but the targets of that time.
+        expected = _by_quarters(fine, expected, targets[:1], moved[:1], round(latency / 0.005))
+        np.testing.assert_array_equal(after[robot_index], expected[0])
+
+
+def _by_quarters(station, state, old, new, delay):
+    quarter = BatchPhysics(station)._groups[0]
+    for step in range(4):
+        state = quarter._advance(state, old if step < delay else new, 1, Parallelism(1))
+    return state
+
+
+def test_latencies_are_drawn_for_each_episode(trot):
+    simulator = make_simulator(trot, randomization=replace(NOMINAL, latency=(0.0, 0.02)))
+    before = simulator.state.latency
+    assert np.all((before >= 0) & (before <= 0.02)) and len(set(before)) == 6
+    simulator.step(np.zeros((6, 12)))
+    np.testing.assert_array_equal(simulator.state.latency, before)
+    simulator.reset(np.array([2]))
+    assert (simulator.state.latency != before).tolist() == [False, False, True] + 3 * [False]
+
+
+def test_contacts_are_misread_at_the_share_that_was_asked_for(trot, generator):
+    contact = generator.random((4000, 4)) < 0.5
+    sensed = replace(NOMINAL, contact_flips=0.01).sensed_contact(contact, generator)
+    assert np.mean(sensed != contact) == pytest.approx(0.01, abs=0.004)
+    assert NOMINAL.sensed_contact(contact, generator) is contact

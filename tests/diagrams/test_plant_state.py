@@ -8,13 +8,12 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.plant_state import (
     find_locomotion,
-    normalize_attitude,
     push,
     set_plant_state,
 )
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeA1Station
-from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
@@ -58,14 +57,3 @@ def test_diagrams_of_no_robot_or_of_two_are_refused(n_robots, trot, make_policy)
         builder.AddNamedSystem(f"robot {i}", diagram)
     with pytest.raises(InputError, match=f"holds {n_robots} of what MakeLocomotion builds"):
         find_locomotion(builder.Build())
-
-
-def test_an_attitude_of_another_length_is_made_a_unit_quaternion(trot):
-    diagram = MakeLocomotion(trot, CALM)
-    context = diagram.CreateDefaultContext()
-    state = kinematics.standing_state(robot.DEFAULT_STANCE)
-    longer = state.copy()
-    longer[robot.QUATERNION] *= 1.1
-    set_plant_state(diagram, context, longer)
-    normalize_attitude(diagram, context)
-    np.testing.assert_allclose(diagram.GetOutputPort("state").Eval(context), state, atol=1e-15)

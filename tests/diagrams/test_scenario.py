@@ -34,6 +34,23 @@ SHIPPED = {
     "push_1.0": Scenario("pushes of 1 m/s", pushes=Pushes(1.0)),
     "payload_2kg": Scenario("trunk + 2 kg", StationConfig(payload=2.0)),
     "true_body_state": Scenario("true body state", true_body_state=True),
+    "latency_10ms": Scenario("each action 10 ms late", latency=0.01),
+    "latency_20ms": Scenario("each action 20 ms late", latency=0.02),
+    "weak_motors": Scenario("motors at 80 %", StationConfig(motor_strength=0.8)),
+    "strong_motors": Scenario("motors at 120 %", StationConfig(motor_strength=1.2)),
+    "soft_gains": Scenario("joint gains at 80 %", StationConfig(stiffness=16.0, damping=0.4)),
+    "stiff_gains": Scenario("joint gains at 120 %", StationConfig(stiffness=24.0, damping=0.6)),
+    "rotor_inertia": Scenario("rotors of 0.01 kg·m²", StationConfig(armature=0.01)),
+    "payload_front": Scenario(
+        "2 kg, 10 cm ahead", StationConfig(payload=2.0, payload_position=(0.1, 0.0, 0.0))
+    ),
+    "soft_ground": Scenario(
+        "soft ground", StationConfig(ground_stiffness=5000.0, relaxation_time=0.03)
+    ),
+    "slope_5deg": Scenario("slope of 5°", StationConfig(slope=5.0)),
+    "slope_10deg": Scenario("slope of 10°", StationConfig(slope=10.0)),
+    "contact_flips": Scenario("1 % of contacts misread", contact_flips=0.01),
+    "mujoco": Scenario("MuJoCo 2 ms", StationConfig(time_step=0.002, engine="mujoco")),
 }
 
 

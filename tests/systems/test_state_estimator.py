@@ -8,7 +8,8 @@ from glassgait.systems.state_estimator import StateEstimator
 
 def test_ports(port_sizes, feedthrough):
     system = StateEstimator(lambda own: own[:7], 42)
-    assert port_sizes(system) == ({"proprioception": 42}, {"body_state": 7})
+    outputs = {"body_state": 7, "previous_foot_height": 4}
+    assert port_sizes(system) == ({"proprioception": 42}, outputs)
     assert feedthrough(system) == {("proprioception", "body_state")}
 
 
@@ -17,6 +18,17 @@ def test_gives_what_its_function_estimates(fix_inputs):
     context = fix_inputs(system, proprioception=np.arange(42.0))
     port = system.get_body_state_output_port()
     np.testing.assert_array_equal(port.Eval(context), 2 * np.arange(7.0))
+
+
+def test_remembers_the_foot_heights_of_the_instant_before(fix_inputs, latch):
+    system = StateEstimator(lambda own: own[:7], 42)
+    context = fix_inputs(system, proprioception=np.arange(42.0))
+    clone = context.Clone()
+    port = system.get_previous_foot_height_output_port()
+    assert port.Eval(context).tolist() == [0, 0, 0, 0]
+    latch(system, context)
+    assert port.Eval(context).tolist() == [3, 4, 5, 6]
+    assert port.Eval(clone).tolist() == [0, 0, 0, 0]
 
 
 def test_contexts_share_the_function_but_not_the_observation(fix_inputs):

@@ -121,7 +121,7 @@ def test_shipped_policies_act_the_same_on_what_the_robot_observes(gait, kind):
     policy = student(gait, kind)
     scenario = Scenario(command=FixedCommand(), sensor_noise=0.0)
     diagram = MakeLocomotion(load_gait(gait), scenario, policy=policy)
-    seen = record(make_simulator(diagram), 150, stop_on_failure=False)["observations"]
+    seen = record(make_simulator(diagram), 300, stop_on_failure=False)["observations"]
     states = seen[:, machine_state_entries(policy.observation_names)]
     assert len(np.unique(states, axis=0)) > 1
     assert_acts_as(policy, seen)

@@ -1,0 +1,159 @@
+"""The second simulator: the same robot, behind the same face."""
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'")
+
+STATION = StationConfig(time_step=0.002, engine="mujoco")
+DRAKE = StationConfig(time_step=0.002)
+
+
+def standing(count, lift=0.0):
+    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
+    states[:, 6] += lift
+    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+
+
+def after(station, states, targets, n_steps=1):
+    physics = make_physics(station)
+    for _ in range(n_steps):
+        step = physics.step(states, targets)
+        states = step.states
+    return step
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"payload": 2.0, "payload_position": (0.1, 0.02, 0.0)},
+        {"motor_strength": 0.8},
+        {"stiffness": 16.0, "damping": 0.4},
+        {"armature": 0.01},
+        {"slope": 5.0},
+    ],
+)
+def test_both_engines_move_a_flying_robot_alike(change, random_states, generator):
+    states = random_states(5)
+    states[:, 6] = 5.0
+    states[:, robot.JOINT_POSITION] = robot.DEFAULT_STANCE
+    states[:, robot.N_POSITIONS :] = generator.normal(size=(5, 18))
+    targets = robot.DEFAULT_STANCE + 0.2 * generator.normal(size=(5, 12))
+    # Both converge to the same motion, from steps that are far from exact.
+    fine = {"time_step": 0.00025}
+    fields = vars(STATION) | change | fine, vars(DRAKE) | change | fine
+    ours, theirs = (
+        after(StationConfig(**one), states, targets, n_steps=3).states for one in fields
+    )
+    still = np.abs(theirs - states).max()
+    assert still > 0.1
+    np.testing.assert_allclose(ours[:, :19], theirs[:, :19], atol=0.002)
+    np.testing.assert_allclose(ours[:, 19:], theirs[:, 19:], atol=0.08)
+
+
+def test_robots_stand_on_their_feet():
+    states, targets = standing(3)
+    step = after(STATION, states, targets, n_steps=50)
+    assert np.all(step.states[:, 6] > 0.24)
+    assert step.touching.all()
+    np.testing.assert_array_equal(step.states[0], step.states[2])
+
+
+def test_feet_in_the_air_do_not_touch():
+    states, targets = standing(2, lift=0.3)
+    assert not after(STATION, states, targets).touching.any()
+
+
+@pytest.mark.parametrize("where", ["state", "target"])
+def test_one_robots_nan_never_spoils_another(where):
+    states, targets = standing(3)
+    alone = after(STATION, states, targets).states
+    (states if where == "state" else targets)[1, 8] = np.nan
+    found = after(STATION, states, targets).states
+    assert np.isnan(found[1]).all()
+    np.testing.assert_array_equal(found[[0, 2]], alone[[0, 2]])
+
+
+def test_what_cannot_be_advanced_does_not_start_anew():
+    states, targets = standing(2)
+    states[1, 19:] = 1e200
+    found = after(STATION, states, targets).states
+    assert np.isfinite(found[0]).all()
+    assert not np.isfinite(found[1]).all() or np.abs(found[1]).max() > 1e6
+
+
+def test_targets_come_late():
+    physics = make_physics(STATION)
+    states, targets = standing(3, lift=0.3)
+    moved = targets + 0.3
+    step = physics.step(
+        states, moved, previous_targets=targets, latency=np.array([0.0, 0.01, 0.02])
+    )
+    knees = step.states[:, 9] - states[:, 9]
+    assert knees[0] > 2 * knees[1] > 10 * abs(knees[2])
+
+
+def test_slippery_groups_slide_further():
+    physics = make_physics(STATION, STATION)
+    physics.set_friction(np.array([0.05, 1.0]))
+    states, targets = standing(4)
+    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
+    for _ in range(15):
+        states = physics.step(states, targets).states
+    assert states[0, 4] == states[1, 4] > states[2, 4] + 0.05
+
+
+def test_an_expert_trots_there(trot):
+    expert = load_expert("trot")
+    task = TaskConfig.of_scenario(trot, load_scenario("mujoco"))
+    simulator = BatchSimulator(
+        task,
+        make_physics(STATION),
+        n_robots=4,
+        generator=np.random.default_rng(0),
+        estimator=expert.estimator,
+    )
+    fired = np.zeros(4)
+    for _ in range(200):
+        step = simulator.step(expert(simulator.observe()))
+        assert not step.terminated.any()
+        fired += step.fired
+    assert fired.min() > 10
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"contact_solver": "similar"}, "contact_solver is Drake's"),
+        ({"relaxation_time": 0.02}, "relaxation_time is Drake's"),
+        ({"ground_stiffness": 5000.0}, "ground_stiffness is Drake's"),
+        ({"dissipation": 1.0}, "dissipation is Drake's"),
+        ({"time_step": 0.0}, "only Drake's plants are continuous"),
+    ],
+)
+def test_what_is_drakes_alone_is_refused(settings, told):
+    with pytest.raises(InputError, match=told):
+        StationConfig(**{"time_step": 0.002, "engine": "mujoco"} | settings)
+
+
+def test_a_diagram_is_drakes(trot):
+    with pytest.raises(InputError, match="a diagram needs Drake"):
+        MakeLocomotion(trot, Scenario(station=STATION))
+
+
+def test_one_batch_has_one_engine():
+    with pytest.raises(InputError, match="drake and mujoco"):
+        make_physics(DRAKE, STATION)
+    assert isinstance(make_physics(DRAKE), BatchPhysics)

@@ -1,0 +1,180 @@
+"""Left-right symmetry of gaits, observations and actions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.formula import parse_formula
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.symmetry import (
+    MIRRORED_LEGS,
+    REFLECT_JOINTS,
+    mirrored_states,
+    reflect_observation,
+)
+
+EXPECTED = {
+    "trot": (1, 0),
+    "pace": (1, 0),
+    "bound": (0, 1),
+    "walk": (2, 3, 0, 1),
+    "three_one": (2, 3, 0, 1),
+    "half_bound": (2, 3, 0, 1, 4),
+}
+MIRROR_LEGS = [robot.LEGS.index(MIRRORED_LEGS[leg]) for leg in robot.LEGS]
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_the_machines_that_ship_are_their_own_mirror_images(name):
+    assert mirrored_states(load_gait(name)) == EXPECTED[name]
+
+
+@pytest.mark.parametrize("change", ["dwell", "grace", "when", "target"])
+def test_a_machine_that_favours_a_side_has_no_mirror_image(change):
+    gait = load_gait("walk")
+    first, *others = gait.transitions
+    changed = {
+        "dwell": replace(first, dwell=0.5),
+        "grace": replace(first, grace=3),
+        "when": replace(first, when=parse_formula("FR & RL & ~FL")),
+        "target": replace(first, target="q3"),
+    }
+    lopsided = replace(gait, transitions=(changed[change], *others))
+    assert mirrored_states(lopsided) is None
+
+
+def test_a_sink_is_its_own_mirror_image():
+    gait = load_gait("trot")
+    edges = (replace(edge, target="lost", grace=20) for edge in gait.transitions)
+    fatal = replace(gait, states=("q0", "q1", "lost"), transitions=(*gait.transitions, *edges))
+    assert mirrored_states(replace(fatal, sink="lost")) == (1, 0, 2)
+    # As a sink, one of two mirror images has none.
+    assert mirrored_states(replace(gait, sink="q1")) is None
+
+
+@given(
+    steps=st.lists(st.tuples(st.integers(0, 15), st.floats(0.0, 0.1)), min_size=1, max_size=60),
+    name=st.sampled_from(sorted(EXPECTED)),
+)
+def test_a_mirrored_robot_runs_through_the_mirrored_states(steps, name):
+    gait = load_gait(name)
+    image = np.array(mirrored_states(gait))
+    machine = RewardMachine(gait)
+    own = machine.initial()
+    other = own._replace(state=image[own.state])
+    for code, height in steps:
+        contact = np.array([bool(code >> i & 1) for i in range(4)])
+        heights = np.where(contact, 0.0, height)
+        own = machine.step(
+            own, foot_contact=contact, foot_height=heights, commanded_dwell=6
+        ).machine
+        other = machine.step(
+            other,
+            foot_contact=contact[MIRROR_LEGS],
+            foot_height=heights[MIRROR_LEGS],
+            commanded_dwell=6,
+        ).machine
+        assert other.state == image[own.state]
+        assert other.iterations == own.iterations
+
+
+def _mirrored_plant(state):
+    """Mirrors plant states (n, 37) at the plane of x and z."""
+    image = state.copy()
+    image[:, robot.QUATERNION] *= [1, -1, 1, -1]
+    image[:, robot.POSITION] *= [1, -1, 1]
+    image[:, robot.ANGULAR_VELOCITY] *= [-1, 1, -1]
+    image[:, robot.LINEAR_VELOCITY] *= [1, -1, 1]
+    for joints in (robot.JOINT_POSITION, robot.JOINT_VELOCITY):
+        image[:, joints] = REFLECT_JOINTS(state[:, joints])
+    return image
+
+
+def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_states, generator):
+    state = random_states(20)
+    action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
+    states, n = EXPECTED["walk"], 4
+
+    def observe(state, command, action, number):
+        own = proprioception(
+            command=command,
+            joint_position=state[:, robot.JOINT_POSITION],
+            joint_velocity=state[:, robot.JOINT_VELOCITY],
+            previous_action=action,
+            rm_state=np.eye(n)[number],
+            rm_iterations=np.arange(20.0),
+            commanded_dwell=np.full(20, 7.0),
+        )
+        return np.concatenate([own, body_state(state)], axis=1)
+
+    numbers = generator.integers(n, size=20)
+    seen = observe(state, command, action, numbers)
+    seen_in_mirror = observe(
+        _mirrored_plant(state), command * [1, -1], REFLECT_JOINTS(action), np.array(states)[numbers]
+    )
+    reflect = reflect_observation(ObservationLayout(n).names, states)
+    np.testing.assert_allclose(reflect(seen), seen_in_mirror, atol=1e-12)
+    np.testing.assert_array_equal(reflect(reflect(seen)), seen)
+
+
+def test_a_mirrored_robots_feet_are_the_mirrored_feet(random_states):
+    state = random_states(20)
+    own, image = (
+        kinematics.foot_positions(x[:, robot.JOINT_POSITION])
+        for x in (state, _mirrored_plant(state))
+    )
+    np.testing.assert_allclose(image, own[:, MIRROR_LEGS] * [1, -1, 1], atol=1e-12)
+
+
+def _expert(generator, mirrored):
+    names = ObservationLayout(2).names
+
+    def network(n_in, n_out):
+        sizes = [(16, n_in), (n_out, 16)]
+        return Network(
+            tuple(generator.normal(size=size) for size in sizes),
+            tuple(generator.normal(size=size[0]) for size in sizes),
+        )
+
+    return NeuralPolicy("trot", names, network(49, 12), network(42, 7), mirrored)
+
+
+def test_an_experts_mirror_image_acts_as_the_expert_does(generator, tmp_path):
+    expert = _expert(generator, (1, 0))
+    reflect = reflect_observation(expert.observation_names, (1, 0))
+    own, body = reflect.split(42)
+    observation = generator.normal(size=(30, 49))
+    np.testing.assert_allclose(
+        REFLECT_JOINTS(expert(reflect(observation))), expert(observation), atol=1e-12
+    )
+    seen = observation[:, :42]
+    np.testing.assert_allclose(
+        body(expert.estimator(own(seen))), expert.estimator(seen), atol=1e-12
+    )
+    plain = _expert(generator, None)
+    assert np.abs(REFLECT_JOINTS(plain(reflect(observation))) - plain(observation)).max() > 0.1
+
+
+def test_a_saved_expert_is_still_mirrored(generator, tmp_path):
+    expert = _expert(generator, (1, 0))
+    expert.save(tmp_path / "trot.safetensors")
+    arrays, values = expert.to_arrays()
+    again = NeuralPolicy.from_arrays("trot", expert.observation_names, arrays, values)
+    assert isinstance(again, Policy)
+    assert again.mirrored_states == (1, 0)
+    assert again.digest() == expert.digest() != _expert(generator, None).digest()
+
+
+@pytest.mark.parametrize("states", [(0,), (1, 1), (1, 2), "10", (1.0, 0.0), 5])
+def test_states_that_are_no_mirror_images_are_refused(generator, states):
+    with pytest.raises(InputError, match="neural policy: mirrored_states is"):
+        _expert(generator, states)

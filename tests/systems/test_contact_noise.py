@@ -1,0 +1,41 @@
+"""Contact sensors that are wrong now and then."""
+
+import numpy as np
+import pytest
+
+from glassgait.systems.contact_noise import ContactNoise
+
+
+def sensed(system, context):
+    return system.get_sensed_contact_output_port().Eval(context).tolist()
+
+
+def test_ports_and_feedthrough(port_sizes, feedthrough):
+    system = ContactNoise(0.1)
+    inputs = {"foot_contact": 4, "uniform_noise": 4}
+    assert port_sizes(system) == (inputs, {"sensed_contact": 4})
+    assert feedthrough(system) == {(name, "sensed_contact") for name in inputs}
+
+
+def test_flips_where_the_noise_is_below_the_share(fix_inputs):
+    system = ContactNoise(0.1)
+    context = fix_inputs(system, foot_contact=[1, 1, 0, 0], uniform_noise=[0.05, 0.1, 0.09, 0.5])
+    assert sensed(system, context) == [0, 1, 1, 0]
+
+
+def test_contexts_share_nothing(fix_inputs):
+    system = ContactNoise(0.5)
+    context = fix_inputs(system, foot_contact=np.ones(4), uniform_noise=np.zeros(4))
+    clone = fix_inputs(system, context.Clone(), uniform_noise=np.ones(4))
+    assert sensed(system, context) == [0, 0, 0, 0]
+    assert sensed(system, clone) == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_refuses_what_is_no_share(share):
+    with pytest.raises(ValueError, match="must be from 0 to 1"):
+        ContactNoise(share)
+
+
+def test_refuses_wrong_sizes(assert_sizes_are_checked):
+    assert_sizes_are_checked(ContactNoise(0.1))
