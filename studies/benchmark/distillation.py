@@ -72,7 +72,7 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
         untrained_student(expert.gait, expert.observation_names),
         plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
         speeds=np.array(config.speeds),
-        scenario=Scenario(),
+        worlds=Scenario(),
         generator=np.random.default_rng(0),
     )
 

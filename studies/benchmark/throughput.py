@@ -47,7 +47,7 @@ def training_and_physics(
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
-    physics = _BarePhysics(config.stations(np.random.default_rng(config.seed)))
+    physics = _BarePhysics(config.worlds.stations(np.random.default_rng(config.seed)))
     recorded = _record_steps(run)
     run.update()
     rows = []

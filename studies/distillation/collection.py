@@ -6,6 +6,7 @@ from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
@@ -26,7 +27,7 @@ def collect(
     *,
     plan: Round,
     speeds: Array,
-    scenario: Scenario,
+    worlds: Worlds | Scenario,
     generator: np.random.Generator,
 ) -> Dataset:
     """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
@@ -40,23 +41,29 @@ def collect(
         student: The student.
         plan: The round.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
-        scenario: The world, but for its commands.
+        worlds: The worlds, of which every round draws some anew; or one, but for its commands.
         generator: Source of randomness.
 
     Raises:
         InputError: if a sample is not finite.
     """
-    task = TaskConfig.of_scenario(gait, scenario, episode_steps=plan.steps)
+    n = len(plan.episodes)
+    if isinstance(worlds, Scenario):
+        task = TaskConfig.of_scenario(gait, worlds, episode_steps=plan.steps)
+        stations, blind = [worlds.station], not worlds.true_body_state
+    else:
+        task = TaskConfig(gait, worlds.randomization, episode_steps=plan.steps)
+        drawn, blind = worlds.stations(generator), True
+        stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
     policy = AlternatingPolicy(expert, student, plan.period)
     episodes = np.array(plan.episodes)
     own_speeds = speeds[(episodes - 1) % len(speeds)]
-    n = len(episodes)
     simulator = BatchSimulator(
         task,
-        make_physics(scenario.station),
+        make_physics(*stations),
         n_robots=n,
         generator=generator,
-        estimator=None if scenario.true_body_state else policy.estimator,
+        estimator=policy.estimator if blind else None,
     )
     observations, labels = [], []
     for step in range(plan.steps):

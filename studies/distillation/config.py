@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 from annotated_types import Ge, MinLen
 
-from glassgait.diagrams.scenario import TRAINING
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
@@ -46,8 +46,9 @@ class DistillationConfig(Settings):
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's.
-        scenario: Name of a scenario that ships, or path of a scenario file: the world in which
-            samples are collected, but for its commands.
+        worlds: The worlds in which samples are collected: those that experts learn in.
+        scenario: Name of a scenario that ships, or path of a scenario file: the one world in which
+            they are collected instead, but for its commands.
         settings: Settings of the students' fits.
         compact: Round the leaves and tables of trees and additive models to single precision, as
             those that ship are.
@@ -68,7 +69,8 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
-    scenario: str = TRAINING
+    worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = field(default_factory=Worlds)
+    scenario: str | None = None
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )

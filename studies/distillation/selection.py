@@ -7,7 +7,8 @@ from typing import Any
 import pandas as pd
 from joblib import delayed
 
-from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.a1 import robot
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -25,8 +26,16 @@ WORTH_A_FALL = 0.97
 WORTH_A_TERM = 0.99
 """The same, to be preferred because it is simpler."""
 
-SELECTION_SEEDS = (500, 501)
-"""Seeds of the rollouts that select, none of those that evaluate."""
+ROUGH = Scenario(
+    "rough",
+    StationConfig(friction=0.6, payload=1.5),
+    latency=0.01,
+    pushes=Pushes(speed=1.0, interval=5.0),
+)
+"""A world that most falls happen in: slippery, loaded, late and pushed at once."""
+
+SELECTION = ((500, Scenario()), (501, ROUGH))
+"""Seeds and worlds of the rollouts that select, none of those that evaluate."""
 
 
 def rank_alone(
@@ -46,22 +55,23 @@ def rank_alone(
         n_jobs: Candidates that are rolled out at once.
 
     Returns:
-        A row a candidate, the best first, with its means over 52 robots.
+        A row a candidate, the best first, with its means over 52 robots, half of them in the
+        training world and half in a rough one.
     """
     config = RolloutConfig(n_steps=n_steps).at_distilled_speeds(gait)
-    runs = [(label, seed) for label in candidates for seed in SELECTION_SEEDS]
+    runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
     work = (
         delayed(roll_out)(
             gait,
             AlternatingPolicy(expert, candidates[label], 0),
-            Scenario(),
+            world,
             replace(config, seed=seed),
         )
-        for label, seed in runs
+        for label, seed, world in runs
     )
     scores = [
-        score_rollouts(log, robot.MASS).assign(candidate=label)
-        for (label, _), log in zip(runs, run_parallel(work, n_jobs), strict=True)
+        score_rollouts(log, robot.MASS + world.station.payload).assign(candidate=label)
+        for (label, _, world), log in zip(runs, run_parallel(work, n_jobs), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
     return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")

@@ -10,6 +10,7 @@ import pandas as pd
 from sklearn.model_selection import train_test_split
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
@@ -72,8 +73,11 @@ def distill(
             that is damaged.
     """
     config = config.for_gait(gait)
-    scenario = load_scenario(config.scenario)
-    inputs = {"gait": gait.digest(), "expert": expert.digest(), "scenario": scenario.digest()}
+    inputs = {"gait": gait.digest(), "expert": expert.digest()}
+    worlds: Worlds | Scenario = config.worlds
+    if config.scenario is not None:
+        worlds = load_scenario(config.scenario)
+        inputs["scenario"] = worlds.digest()
     with open_run(
         folder,
         study="distill",
@@ -82,7 +86,7 @@ def distill(
         resume=resume,
         free=("students", "n_jobs"),  # Students are independent of one another.
     ) as run:
-        work = _Distillation(config, gait, expert, scenario, folder, run, report)
+        work = _Distillation(config, gait, expert, worlds, folder, run, report)
         rows = []
         for kind in config.students:
             rows.append(work.student(kind))
@@ -97,7 +101,7 @@ class _Distillation:
     config: DistillationConfig
     gait: Gait
     expert: NeuralPolicy
-    scenario: Scenario
+    worlds: Worlds | Scenario
     folder: Path
     run: str
     report: Report
@@ -155,7 +159,7 @@ class _Distillation:
             student,
             plan=plan,
             speeds=np.minimum(config.speeds, self.gait.max_speed),
-            scenario=self.scenario,
+            worlds=self.worlds,
             generator=np.random.default_rng([config.seed, plan.number]),
         )
         return replace(samples, minutes=(time.monotonic() - started) / 60)

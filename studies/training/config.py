@@ -1,16 +1,14 @@
 """The settings of a training run: its command line and its record."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-import numpy as np
 import tyro
-from annotated_types import Ge, Le, MaxLen, MinLen
+from annotated_types import Le, MaxLen, MinLen
 
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.settings import (
-    FEW,
     IN_ORDER,
     Count,
     Natural,
@@ -20,7 +18,6 @@ from glassgait.models.settings import (
     Settings,
     Share,
 )
-from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
@@ -117,63 +114,6 @@ class EstimatorConfig(Settings):
     num_minibatches: Count = 4
 
 
-@dataclass(frozen=True)
-class GroupRanges(Settings):
-    """Ranges from which the station of each group of robots is drawn.
-
-    Every range is cut into as many parts as there are groups, and each group draws from another
-    part, so that few groups cover the ranges.
-
-    Attributes:
-        payload: Mass on the trunk (kg).
-        payload_offset: Greatest distance of that mass from the trunk's centre, along each
-            horizontal axis (m).
-        motor_strength: Factor on the torque of the motors.
-        gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
-        armature: Inertia of the motors' rotors (kg·m²).
-        relaxation_time: Time in which a contact lets penetration relax (s).
-    """
-
-    title: ClassVar[str] = "training: groups"
-
-    payload: Range = (0.0, 2.5)
-    payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
-    motor_strength: Range = (0.8, 1.2)
-    gains: Range = (0.8, 1.2)
-    armature: Range = (0.0, 0.01)
-    relaxation_time: Range = (0.005, 0.03)
-
-    def draw(
-        self, station: StationConfig, count: int, generator: np.random.Generator
-    ) -> list[StationConfig]:
-        """Draws the stations of `count` groups, which are else as `station` is."""
-
-        def spread(least: float, greatest: float) -> list[float]:
-            shares = (generator.permutation(count) + generator.random(count)) / count
-            return (least + (greatest - least) * shares).tolist()
-
-        masses, strengths = spread(*self.payload), spread(*self.motor_strength)
-        stiffness, damping = spread(*self.gains), spread(*self.gains)
-        rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
-        x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
-        return [
-            replace(
-                station,
-                payload=masses[i],
-                payload_position=(x[i], y[i], 0.0),
-                motor_strength=strengths[i],
-                stiffness=station.stiffness * stiffness[i],
-                damping=station.damping * damping[i],
-                armature=rotors[i],
-                relaxation_time=relaxation_times[i],
-            )
-            for i in range(count)
-        ]
-
-
-HARSH = Randomization(push_speed=1.2, push_interval=5.0, contact_flips=0.01, latency=(0.0, 0.02))
-"""What robots meet while they learn: more than what they are to stand later."""
-
 EXACT = RewardWeights(forward_tracking=1.5, yaw_tracking=1.0)
 """The task's weights, but for more of what makes robots go and turn as they are told."""
 
@@ -187,16 +127,11 @@ class TrainingConfig(Settings):
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
-        n_groups: Groups of robots, each with a station and a friction of its own.
-        groups: What differs between the groups' stations.
-        fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
-            only works in the coarse physics of the other groups is not learned.
+        worlds: The worlds that they train in.
         friction_updates: Updates between two draws of the frictions.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.
-        station: Physics that the groups' stations vary.
-        randomization: What differs between robots and episodes.
         weights: Weights of the reward.
         limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
@@ -210,14 +145,10 @@ class TrainingConfig(Settings):
     seed: Seed = 0
     updates: Count = 800
     n_robots: Count = 256
-    n_groups: Count = 16
-    groups: GroupRanges = field(default_factory=GroupRanges)
-    fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
+    worlds: Annotated[Worlds, tyro.conf.arg(name="")] = field(default_factory=Worlds)
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     mirrored: bool = True
-    station: StationConfig = field(default_factory=StationConfig)
-    randomization: Randomization = HARSH
     weights: RewardWeights = EXACT
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
@@ -226,20 +157,11 @@ class TrainingConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.fine_steps) > self.n_groups:
+        n_groups = self.worlds.n_groups
+        if n_groups > self.n_robots:
             raise InputError(
-                f"training: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
-                f"{self.n_groups}; raise n_groups or name fewer"
-            )
-        if self.n_groups > self.n_robots:
-            raise InputError(
-                f"training: n_robots is {self.n_robots}, fewer than n_groups = {self.n_groups}, "
-                "and a group would have none; raise n_robots or lower n_groups"
-            )
-        if any(step >= self.station.time_step for step in self.fine_steps):
-            raise InputError(
-                f"training: fine_steps is {self.fine_steps}; name steps that are shorter than the "
-                f"station's time_step, {self.station.time_step}"
+                f"training: n_robots is {self.n_robots}, fewer than n_groups = {n_groups}, and a "
+                "group would have none; raise n_robots or lower n_groups"
             )
         self._check_batch()
 
@@ -247,15 +169,6 @@ class TrainingConfig(Settings):
     def steps_per_update(self) -> int:
         """Control steps of all robots between two updates."""
         return self.n_robots * self.ppo.steps_per_update
-
-    def stations(self, generator: np.random.Generator) -> list[StationConfig]:
-        """Draws the physics of every group of robots."""
-        drawn = self.groups.draw(self.station, self.n_groups, generator)
-        fine = [
-            replace(station, time_step=step)
-            for station, step in zip(drawn, self.fine_steps, strict=False)
-        ]
-        return [*drawn[len(fine) :], *fine]
 
     def _check_batch(self) -> None:
         # PPO divides by the spread of an update's advantages, which one step does not have.

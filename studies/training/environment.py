@@ -59,9 +59,12 @@ class TrainingEnvironment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
-        stations = config.stations(generator)
+        worlds = config.worlds
+        stations = worlds.stations(generator)
         self.simulator = BatchSimulator(
-            TaskConfig(gait, config.randomization, weights=config.weights, limits=config.limits),
+            TaskConfig(
+                gait, config.worlds.randomization, weights=config.weights, limits=config.limits
+            ),
             BatchPhysics(*stations),
             n_robots=config.n_robots,
             generator=generator,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.files import write_record
 from glassgait.models.policies.library import load_expert
 from glassgait.studies.benchmark import distillation
@@ -28,7 +29,7 @@ from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 def test_training_and_physics_are_timed_over_the_same_steps():
     config = TrainingConfig(
-        n_robots=4, n_groups=1, payloads=(), fine_steps=(), ppo=PpoConfig(steps_per_update=8)
+        n_robots=4, worlds=Worlds(n_groups=1, fine_steps=()), ppo=PpoConfig(steps_per_update=8)
     )
     rows = training_and_physics(config, None, n_updates=1, repeats=3)
     assert len(rows) == 3

@@ -19,7 +19,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"])
     assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
     assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"])
-    assert "do not fit in n_groups" in refused(["train", "--n-groups", "2"])
+    assert "do not fit in n_groups" in refused(["train", "--n-groups", "1"])
     assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
     )
@@ -43,14 +43,15 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
 
 REFUSED = {
     "train --n-robots 0": "n_robots is 0; it must be 1 or more",
-    "train --n-robots 4": "n_robots is 4, fewer than n_groups = 8",
+    "train --n-robots 4": "n_robots is 4, fewer than n_groups = 16",
     "train --updates -3": "updates is -3; it must be 1 or more",
     "train --seed -1": "seed is -1; it must be 0 or more",
     "train --seed 4294967296": "seed is 4294967296; it must be less than",
     "train --friction-updates 0": "friction_updates is 0",
     "train --checkpoint-updates 0": "checkpoint_updates is 0",
-    "train --payloads -1": "payloads is (-1.0,); it must be 0 or more",
-    "train --payloads nan": "payloads is (nan,); it must be a finite number",
+    "train --groups.payload -1 2": "payload is (-1.0, 2.0); it must be 0 or more",
+    "train --groups.gains 0.8 nan": "gains is (0.8, nan); it must be a finite number",
+    "train --groups.motor-strength 1.2 0.8": "it must be the least, then the greatest",
     "train --fine-steps 0": "fine_steps is (0.0,); it must be more than 0",
     "train --fine-steps 0.02": "name steps that are shorter than the station's",
     "train --curriculum.initial-difficulty 0": "initial_difficulty is 0.0; it must be more than 0",
@@ -65,7 +66,7 @@ REFUSED = {
     "train --ppo.actor-layers 2000000000": "it must be 4096 or less",
     "train --ppo.critic-layers 4097": "it must be 4096 or less",
     f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
-    f"train --payloads {'0.1 ' * 101}": "it must be of 100 values at most",
+    f"train --fine-steps {'0.001 ' * 101}": "it must be of 100 values at most",
     f"train --fine-steps {'0.005 ' * 101}": "it must be of 100 values at most",
     f"pareto --lengths {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
     f"distill --speeds {'0.5 ' * 101}": "it must be of 100 values at most",
@@ -170,7 +171,7 @@ def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
 
 def test_train_refuses_to_overwrite_a_run(tmp_path, refused):
     small = ["--updates", "1", "--n-robots", "4", "--n-groups", "1"]
-    small += ["--payloads", "--fine-steps"]
+    small += ["--fine-steps"]
     run = ["train", *small, "--output", str(tmp_path)]
     main(run)
     assert "continue it with --resume" in refused(run)

@@ -23,7 +23,7 @@ def test_labels_are_the_experts_whoever_acts(expert):
         student,
         plan=Round(number=2, period=3, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
-        scenario=Scenario(),
+        worlds=Scenario(),
         generator=np.random.default_rng(0),
     )
     np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
@@ -54,6 +54,6 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
             untrained_student("trot", expert.observation_names),
             plan=Round(number=1, period=1, episodes=range(1, 3), steps=3),
             speeds=np.array([0.0, 0.5]),
-            scenario=Scenario(),
+            worlds=Scenario(),
             generator=np.random.default_rng(0),
         )

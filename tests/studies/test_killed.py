@@ -33,7 +33,7 @@ main(sys.argv[1:])
 """
 
 LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2"]
-LEARN += ["--n-robots", "8", "--n-groups", "2", "--payloads", "2", "--fine-steps"]
+LEARN += ["--n-robots", "8", "--n-groups", "2", "--fine-steps"]
 COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-jobs", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
 FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]

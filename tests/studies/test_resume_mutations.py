@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
@@ -28,9 +29,7 @@ DISTILLATION = DistillationConfig(
 TRAINING = TrainingConfig(
     updates=1,
     n_robots=4,
-    n_groups=1,
-    payloads=(),
-    fine_steps=(),
+    worlds=Worlds(n_groups=1, fine_steps=()),
     ppo=PpoConfig(steps_per_update=4, actor_layers=(4,), critic_layers=(4,), epochs=1),
 )
 JOBS = scorecard_jobs(

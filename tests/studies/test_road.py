@@ -24,7 +24,7 @@ transitions:
 SMALL = ["--n-robots", "2", "--n-steps", "40", "--n-seeds", "1"]
 ROAD = {
     "gait": ["gaits/hop.yaml"],
-    "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--payloads", "--fine-steps"],
+    "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
     "evaluate": [*SMALL, "--policy", "statewise_linear", "--scenario", "training"],
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],

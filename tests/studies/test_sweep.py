@@ -19,7 +19,7 @@ from glassgait.studies.run_folder import LOCK_NAME
 from glassgait.studies.sweep import SweepConfig, gaits_named, jobs_of, run_sweep
 
 HERE = SweepConfig(n_workers=1)
-SMALL = ["--n-robots", "8", "--n-groups", "1", "--payloads", "--fine-steps", "--updates", "4"]
+SMALL = ["--n-robots", "8", "--n-groups", "1", "--fine-steps", "--updates", "4"]
 SMALL += ["--checkpoint-updates", "2"]
 
 

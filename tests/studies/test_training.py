@@ -11,6 +11,7 @@ import pytest
 import torch
 import yaml
 
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
@@ -23,9 +24,7 @@ from glassgait.studies.training.study import TrainingRun
 TINY = TrainingConfig(
     updates=4,
     n_robots=8,
-    n_groups=4,
-    payloads=(2.0,),
-    fine_steps=(0.005,),
+    worlds=Worlds(n_groups=4, fine_steps=(0.005,)),
     friction_updates=2,
     checkpoint_updates=2,
     ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),
@@ -152,8 +151,8 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
     training_run(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
     shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
-    assert shipped.fine_steps == (0.005, 0.0025)
-    assert len(shipped.stations()) == 8
+    assert shipped.worlds.fine_steps == (0.005, 0.0025)
+    assert len(shipped.worlds.stations(np.random.default_rng(0))) == 16
     assert shipped.ppo.actor_layers == (256, 128, 64)
 
 
