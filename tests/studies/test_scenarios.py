@@ -175,7 +175,7 @@ def samples_in(scenario, expert):
         untrained_student("trot", expert.observation_names),
         plan=Round(number=1, period=1, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
-        scenario=scenario,
+        worlds=scenario,
         generator=np.random.default_rng(0),
     )
 

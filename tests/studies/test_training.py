@@ -162,7 +162,7 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
         ("gait: trot", "has no key 'config'"),
         ("config: {gate: trot}", "unknown key 'gate'"),
         ("config: {seed: many}", "key 'seed' is 'many'; it must be a whole number"),
-        ("config: {station: {friction: -1.0}}", "friction'? is -1.0"),
+        ("config: {worlds: {station: {friction: -1.0}}}", "friction'? is -1.0"),
         ("config: [", "not valid YAML"),
     ],
 )
