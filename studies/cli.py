@@ -28,6 +28,10 @@ COMMANDS = {
         "glassgait.studies.evaluation.command:Evaluate",
         "Roll policies out in closed loop and score them.",
     ),
+    "robustness": (
+        "glassgait.studies.robustness.command:Robustness",
+        "Let the expert and every student walk alone in every world, and tell who falls where.",
+    ),
     "convergence": (
         "glassgait.studies.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",

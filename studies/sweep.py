@@ -48,6 +48,11 @@ class WorkersConfig(Settings):
     backend: Backend = "loky"
     n_workers: Jobs = -1
 
+    @property
+    def processes(self) -> int | None:
+        """Jobs that run at once; None for as many as there are cores."""
+        return None if self.n_workers < 0 else self.n_workers
+
 
 @dataclass(frozen=True)
 class SweepConfig(WorkersConfig):
@@ -172,6 +177,26 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
     tell_refused(sorted(refused), len(jobs))
     console.print(f"{len(jobs)} jobs are done")
     return [results[place] for place in range(len(jobs))]
+
+
+def run_each(names: Sequence[str], run: Callable[[str], Any]) -> None:
+    """Runs a study of each gait, one after the other; one that is refused stops no other.
+
+    Args:
+        names: Names of gaits, or paths of gait files.
+        run: Runs the study of one.
+
+    Raises:
+        InputError: after all others are done, if gaits were refused.
+    """
+    refused = []
+    for name in names:
+        try:
+            run(name)
+        except InputError as error:
+            say(f"{name}: refused")
+            refused.append(f"{name}: {error}")
+    tell_refused(refused, len(names))
 
 
 def tell_refused(sentences: Sequence[str], n_jobs: int) -> None:

@@ -15,7 +15,7 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console, say
+from glassgait.studies.console import console
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
@@ -24,7 +24,7 @@ from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import distillation_folder, find_student, load_students
-from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, tell_refused
+from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
 from glassgait.studies.tables import print_table
 
 ALL_SCENARIOS = ("all",)
@@ -79,27 +79,22 @@ class Evaluate(Settings):
         if len(names) == 1:
             self._score(self._alternation(names[0], *scenarios.values()), scenarios)
             return
-        refused = []
-        for name in names:
-            output = self.output / load_gait(name).name if self.output else None
-            try:
-                replace(self, gait=(name,), output=output).run()
-            except InputError as error:
-                say(f"{name}: refused")
-                refused.append(str(error))
-        tell_refused(refused, len(names))
+        run_each(names, self._run_alone)
+
+    def _run_alone(self, name: str) -> None:
+        output = self.output / load_gait(name).name if self.output else None
+        replace(self, gait=(name,), output=output).run()
 
     def _score(self, jobs: list[RolloutJob], scenarios: Mapping[str, Scenario]) -> None:
         name, gaits = Path(self.policy).stem, "_".join(Path(name).stem for name in self.gait)
         folder = self.output or Path("runs/evaluation") / gaits / name
-        n_workers = None if self.workers.n_workers < 0 else self.workers.n_workers
         with (
             open_run(
                 folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
             ),
             parallel_backend(self.workers.backend),
         ):
-            scores = run_jobs(jobs, folder / "rollouts", processes=n_workers)
+            scores = run_jobs(jobs, folder / "rollouts", processes=self.workers.processes)
             table = self._write(scores, scenarios, folder)
         print_table(f"{gaits}: {name}", table)
         console.print(f"written to {folder}")

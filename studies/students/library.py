@@ -47,12 +47,28 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
     students = {kind: load_policy(student_path(folder, kind)) for kind in kept_students(folder)}
-    for student in students.values():
-        student.check(gait=expert.gait, observation_names=expert.observation_names)
     if not students:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
         )
+    return _checked(students, expert)
+
+
+def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of the expert's gait that ship with the project, by kind.
+
+    They are in the order of tables; of a gait without any there are none.
+
+    Raises:
+        InputError: if a student does not fit the expert.
+    """
+    kinds = [kind for kind in STUDENTS if kind in shipped_students(expert.gait)]
+    return _checked({kind: load_student(expert.gait, kind) for kind in kinds}, expert)
+
+
+def _checked(students: dict[str, Policy], expert: NeuralPolicy) -> dict[str, Policy]:
+    for student in students.values():
+        student.check(gait=expert.gait, observation_names=expert.observation_names)
     return students
 
 

@@ -103,6 +103,8 @@ REFUSED = {
     "evaluate --speed-range 0 inf": "it must be a finite number",
     "evaluate --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
     "evaluate --scenario training training": "it must be a list that names nothing twice",
+    "robustness --worlds training training": "it must be a list that names nothing twice",
+    "robustness --n-robots 0": "n_robots is 0; it must be 1 or more",
     "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
     "report --gait trot trot": "it must be a list that names nothing twice",
     "report --gait": "gait is empty; name one or more",

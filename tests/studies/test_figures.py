@@ -26,6 +26,7 @@ from glassgait.studies.figures import save_figure, subplots
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
 from glassgait.studies.pareto.figures import pareto_figure
+from glassgait.studies.robustness.figures import fall_map
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
@@ -79,6 +80,8 @@ def titled_figures(curve):
     front = pd.DataFrame({"family": ["linear"], "nodes": [9.0], "share": [0.9]})
     front = front.assign(fall_rate=0.0, r2=0.9)
     curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
+    world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
+    falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "reward": reward_figure(scores, HOSTILE),
@@ -88,6 +91,7 @@ def titled_figures(curve):
         "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
         "pareto": pareto_figure(front, HOSTILE),
         "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
+        "falls": fall_map(falls, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }
 

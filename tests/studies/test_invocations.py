@@ -185,6 +185,7 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
 TAKES_EXPERT = ["distill", "evaluate", "pareto", "curricula", "importance", "rollout", "explain"]
+TAKES_EXPERT += ["robustness"]
 
 
 @pytest.mark.parametrize("path", FILES)

@@ -55,6 +55,7 @@ COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
     "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
+    "robustness": [*ROLL_OUT, "--worlds", "training", "push_1.0", "--distillation", "{distilled}"],
     "pareto": [*ROLL_OUT, "--lengths", "2", "6", "--samples", "{distilled}/statewise_symbolic"],
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],

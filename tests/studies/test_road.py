@@ -27,6 +27,7 @@ ROAD = {
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
     "evaluate": [*SMALL, "--policy", "statewise_linear", "--scenario", "training"],
+    "robustness": [*SMALL, "--worlds", "training", "--distillation", "runs/distillation/hop"],
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
     "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
@@ -59,6 +60,7 @@ def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
     student = load_policy(runs / "distillation" / "hop" / "statewise_linear.safetensors")
     assert student.gait == "hop"
     assert yaml.safe_load((runs / "training" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
-    for study in ("training", "distillation", "evaluation", "rollout", "importance", "pareto"):
+    measured = ("evaluation", "robustness", "importance", "pareto")
+    for study in ("training", "distillation", "rollout", *measured):
         assert (runs / study / "hop").is_dir()
     assert list(runs.rglob("index.html"))

@@ -1,0 +1,1 @@
+"""Where policies fall: the expert and every student alone, in every world."""

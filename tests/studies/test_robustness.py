@@ -1,0 +1,296 @@
+"""Who falls where: intervals, the order of the worlds, the map, and the command."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.patches import Rectangle
+
+import glassgait.studies.rollouts.jobs
+from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.scenario import Scenario, load_scenarios
+from glassgait.models.errors import InputError
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.robustness.command import Robustness
+from glassgait.studies.robustness.figures import COLORS, fall_map, readable_on
+from glassgait.studies.robustness.tables import (
+    fall_table,
+    policies_of,
+    wilson_interval,
+    worst_first,
+    worst_table,
+)
+from glassgait.studies.robustness.worlds import world_jobs
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.scores import SCORES
+from glassgait.studies.students.library import student_path
+from glassgait.studies.students.linear import untrained_student
+
+WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
+
+
+def scores_of(falls, robots=10):
+    """Makes scores from the falls of each policy in each world; fallen robots earn half."""
+    rows = []
+    for (policy, world), fallen in falls.items():
+        count = 1 if world == "late" else robots
+        for robot in range(count):
+            row = dict.fromkeys(SCORES, 1.0) | {"policy": policy, "scenario": world}
+            fell = robot < fallen
+            row |= {"robot": robot, "fell": fell, "reward": (5.0 if fell else 10.0) + robot}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def table():
+    # In the order of jobs, where the slow worlds come first and the expert is not first everywhere.
+    falls = {("linear", "late"): 1, ("expert", "late"): 0, ("gbm", "late"): 0}
+    falls |= {("expert", "training"): 0, ("linear", "training"): 0, ("gbm", "training"): 0}
+    falls |= {("expert", "icy"): 2, ("linear", "icy"): 8, ("gbm", "icy"): 3}
+    falls |= {("expert", "calm"): 0, ("linear", "calm"): 0, ("gbm", "calm"): 0}
+    return fall_table(scores_of(falls), WORLDS)
+
+
+@pytest.mark.parametrize(("falls", "robots"), [(0, 26), (1, 26), (13, 26), (26, 26), (1, 1)])
+def test_intervals_of_falls_are_wilsons(falls, robots):
+    share = falls / robots
+    low, high = wilson_interval(falls, robots)
+    # A share at an end would be just as far from what was seen as chance allows in 95 of 100.
+    for end in (low, high):
+        reach = 1.959964 * np.sqrt(end * (1 - end) / robots)
+        assert abs(share - end) == pytest.approx(reach, abs=1e-6)
+    assert 0.0 <= low < high <= 1.0
+
+
+def test_worlds_are_ordered_worst_first_and_policies_expert_first(table):
+    # Worlds without a fall stay in the order that they were named in.
+    assert table["scenario"].unique().tolist() == ["late", "icy", "training", "calm"]
+    assert table["policy"].tolist() == ["expert", "linear", "gbm"] * 4
+    assert worst_first(table.sample(frac=1.0, random_state=3))[:2] == ["late", "icy"]
+
+
+def test_of_worlds_with_an_equal_worst_that_with_the_greater_mean_comes_first():
+    falls = {("expert", "training"): 1, ("linear", "training"): 4}
+    falls |= {("expert", "icy"): 2, ("linear", "icy"): 4}
+    table = fall_table(scores_of(falls), {"training": "home", "icy": "ice"})
+    assert worst_first(table) == ["icy", "training"]
+
+
+def test_students_are_set_against_the_expert_in_the_same_world(table):
+    row = table.set_index(["scenario", "policy"]).loc[("icy", "linear")]
+    assert (row["robots"], row["falls"], row["fall_rate"]) == (10, 8, 0.8)
+    assert row["points_more"] == pytest.approx(60.0)
+    assert row["fall_rate_low"] < 0.8 < row["fall_rate_high"]
+    # Robots of the expert earn 135 together, those of the student 105.
+    assert row["share"] == pytest.approx(105 / 135)
+    assert row["share_ci"] > 0.0
+    experts = table[table["policy"] == "expert"]
+    assert (experts["share"] == 1.0).all() and (experts["points_more"] == 0.0).all()
+
+
+def test_one_fallen_robot_is_no_worst_world_beside_many(table):
+    worst = worst_table(table).set_index("policy")
+    assert worst.loc["Linear", "its worst world"] == "ice"
+    assert worst.loc["Linear", "falls there"] == "8 of 10"
+    assert worst.loc["Linear", "points more than the expert"] == "+60"
+    assert worst.loc["Linear", "worlds without a fall"] == "2 of 4"
+    assert worst["falls at home"].tolist() == ["0 of 10"] * 3
+
+
+def test_a_policy_that_never_fell_has_no_worst_world():
+    scores = scores_of({("expert", "icy"): 0})
+    (row,) = worst_table(fall_table(scores, {"icy": "ice"})).to_dict(orient="records")
+    assert row["its worst world"] == row["falls there"] == row["falls at home"] == "–"
+
+
+def cells_of(figure):
+    """Returns the cells of a map, apart from the frame around the training world."""
+    patches = [patch for patch in figure.axes[0].patches if isinstance(patch, Rectangle)]
+    return [patch for patch in patches if patch.get_width() == 1]
+
+
+def numbers_of(figure, n_columns):
+    """Returns the texts of a map's cells, row by row."""
+    texts = sorted(figure.axes[0].texts, key=lambda text: text.get_position()[::-1])
+    told = [text.get_text() for text in texts]
+    return [told[i : i + n_columns] for i in range(0, len(told), n_columns)]
+
+
+def test_the_map_has_a_cell_for_each_policy_and_world(table):
+    figure = fall_map(table, "trot")
+    assert len(cells_of(figure)) == len(table) == 12
+    assert numbers_of(figure, 3) == [["·", "1", "·"], ["2", "8", "3"], ["·"] * 3, ["·"] * 3]
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels == ["delay (1 robot)", "ice", "home", "calm"]
+    columns = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert columns == ["Neural\nexpert", "Linear", "GBM"]
+    expert, first, second = figure.axes[0].get_xticks()
+    assert first - expert > second - first
+    assert "10 robots of each policy" in figure.get_supxlabel()
+    assert figure.axes[1].get_ylabel() == "share of robots that fall"
+
+
+def test_the_training_world_is_marked(table):
+    axes = fall_map(table, "trot").axes[0]
+    weights = {label.get_text(): label.get_fontweight() for label in axes.get_yticklabels()}
+    assert [name for name, weight in weights.items() if weight == "bold"] == ["home"]
+    (frame,) = [patch for patch in axes.patches if patch.get_width() != 1]
+    assert frame.get_y() + 0.5 == list(weights).index("home")
+
+
+def test_what_was_not_rolled_out_is_hatched_and_not_white(table):
+    figure = fall_map(
+        table.drop(index=table.query("scenario == 'icy' and policy == 'gbm'").index), ""
+    )
+    (missing,) = [cell for cell in cells_of(figure) if cell.get_hatch()]
+    assert max(missing.get_facecolor()[:3]) < 0.95
+    assert len(cells_of(figure)) == 12
+    assert "hatched: not rolled out" in figure.get_supxlabel().replace("\n", " ")
+    assert "hatched" not in fall_map(table, "").get_supxlabel()
+
+
+def test_numbers_stand_out_from_their_cells():
+    def luminance(color):
+        channels = np.array(to_rgb(color))
+        linear = np.where(
+            channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
+        )
+        return float(linear @ (0.2126, 0.7152, 0.0722))
+
+    shades = [COLORS(share)[:3] for share in np.linspace(0, 1, 27)]
+    brightness = [luminance(shade) for shade in shades]
+    # One that sees no colours sees the order.
+    assert brightness == sorted(brightness, reverse=True)
+    assert brightness[0] > 0.85
+    for shade, own in zip(shades, brightness, strict=True):
+        pair = sorted([own + 0.05, luminance(readable_on(shade)) + 0.05])
+        # As WCAG 2 asks of text.
+        assert pair[1] / pair[0] >= 4.5
+
+
+def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(expert):
+    own = Scenario("own speeds", command=DrawnCommands((0.1, 0.2)))
+    scenarios = {**load_scenarios(("training", "cenic_1e-5")), "own": own}
+    students = {"linear": untrained_student("trot", expert.observation_names)}
+    config = RolloutConfig(n_seeds=2)
+    jobs = world_jobs(load_gait("trot"), expert, students, scenarios, config)
+    assert len(jobs) == 3 * 2 * 2
+    assert jobs[0].labels == {"policy": "expert", "scenario": "cenic_1e-5"}
+    by_policy = {
+        policy: [(job.scenario, job.config) for job in jobs if job.labels["policy"] == policy]
+        for policy in ("expert", "linear")
+    }
+    assert by_policy["expert"] == by_policy["linear"]
+    speeds = {job.labels["scenario"]: job.config.speed_range for job in jobs}
+    assert speeds == {"cenic_1e-5": (0.0, 0.75), "training": (0.0, 0.75), "own": None}
+    periods = {job.labels["policy"]: job.policy.period for job in jobs}
+    assert periods == {"expert": 1, "linear": 0}
+
+
+@pytest.fixture
+def run(expert, tmp_path):
+    """Runs the command on one small student in two worlds, one of them of a single robot."""
+    untrained_student("trot", expert.observation_names).save(student_path(tmp_path, "linear"))
+    (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
+    worlds = ["--worlds", "training", str(tmp_path / "lonely.yaml")]
+    source, folder = ["--distillation", str(tmp_path)], tmp_path / "run"
+
+    def start(*more):
+        main(["robustness", *small, *worlds, *source, "--output", str(folder), *more])
+        return folder
+
+    return start
+
+
+def test_command_writes_table_metrics_and_map(run, capsys):
+    folder = run()
+    written = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    worlds = {f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")}
+    assert written == {"config.yaml", "metrics.json", "rollouts"} | worlds
+    table = pd.read_csv(folder / "worlds.csv")
+    assert table[["policy", "world", "robots"]].to_numpy().tolist() == [
+        ["Neural expert", "SAP 10 ms (training)", 2],
+        ["Linear", "SAP 10 ms (training)", 2],
+        ["Neural expert", "lonely", 1],
+        ["Linear", "lonely", 1],
+    ]
+    assert table["share of the expert's reward"].tolist()[::2] == [1.0, 1.0]
+    metrics = pd.DataFrame(json.loads((folder / "metrics.json").read_text()))
+    assert policies_of(metrics) == ["expert", "linear"]
+    # The map can be drawn anew from what the run wrote.
+    assert len(cells_of(fall_map(metrics, "trot"))) == 4
+    assert "where each falls most" in capsys.readouterr().out
+
+
+def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
+    folder = run()
+    before = (folder / "metrics.json").read_bytes()
+    kept = sorted((folder / "rollouts").iterdir())
+    assert len(kept) == 4
+    kept[0].unlink()
+    (folder / "metrics.json").unlink()
+    rolled_out = []
+    original = glassgait.studies.rollouts.jobs.roll_out
+    monkeypatch.setattr(
+        glassgait.studies.rollouts.jobs,
+        "roll_out",
+        lambda *job: rolled_out.append(job) or original(*job),
+    )
+    run("--resume")
+    assert len(rolled_out) == 1
+    assert (folder / "metrics.json").read_bytes() == before
+    assert "continue it with --resume" in refused(["robustness", "--output", str(folder)])
+
+
+def test_refuses_what_it_cannot_roll_out(refused, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lacking = ["robustness", "--distillation", str(tmp_path), "--students", "gbm", "ebm"]
+    assert "no student gbm, ebm of the trot: there are linear; name others" in refused(lacking)
+    (tmp_path / "empty").mkdir()
+    assert "holds no students" in refused(["robustness", "--distillation", "empty"])
+    several = ["robustness", "--gait", "trot", "walk", "--distillation", str(tmp_path)]
+    assert "several gaits take no files of your own" in refused(several)
+    assert "unknown scenario 'mars'" in refused(["robustness", "--worlds", "mars"])
+    assert "no gait ships with a student open_loop" in refused(
+        ["robustness", "--gait", "all", "--students", "open_loop"]
+    )
+    assert "name speeds of the trot" in refused(["robustness", "--speed-range", "0", "3"])
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_kind_that_is_missing_is_told_and_the_others_walk(run, capsys):
+    run("--students", "linear", "ebm")
+    assert "there is no student ebm; the others walk" in capsys.readouterr().out
+
+
+@pytest.fixture
+def studied(monkeypatch):
+    """Has the study of a gait do nothing but note it, and refuse the walk."""
+    noted = []
+
+    def note(command, scenarios):
+        (gait,) = command.gait
+        noted.append((gait, command.output))
+        if gait == "walk":
+            raise InputError("too slow")
+
+    monkeypatch.setattr(Robustness, "_run_one", note)
+    return noted
+
+
+def test_several_gaits_have_a_run_each_and_one_that_is_refused_stops_no_other(
+    studied, refused, tmp_path
+):
+    told = refused(["robustness", "--gait", "walk", "trot", "--output", str(tmp_path)])
+    assert "1 of 2 jobs were refused, the others are done: walk: too slow" in told
+    assert studied == [("walk", tmp_path / "walk"), ("trot", tmp_path / "trot")]
+
+
+def test_all_gaits_are_those_with_the_students_that_are_named(studied):
+    main(["robustness", "--gait", "all", "--students", "symbolic"])
+    assert [gait for gait, _ in studied] == ["pace", "trot"]
