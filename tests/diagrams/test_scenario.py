@@ -238,6 +238,28 @@ def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
     assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("latency: 0.005", "latency is 0.005, no multiple of station.time_step, 0.01"),
+        ("latency: 0.03", "'latency' is 0.03; it must be 0.02 or less"),
+        ("latency: -0.01", "'latency' is -0.01; it must be 0 or more"),
+        ("contact_flips: 1.5", "'contact_flips' is 1.5; it must be 1 or less"),
+        ("station: {slope: 60}", "is 60"),
+        ("station: {motor_strength: 0}", "is 0"),
+        ("station: {ground_stiffness: 5}", "is 5"),
+        ("station: {payload_position: [0, 0]}", "payload_position"),
+        ("station: {engine: bullet}", "'bullet'"),
+        ("station: {engine: mujoco, contact_solver: lagged}", "contact_solver is Drake's"),
+    ],
+)
+def test_worlds_that_cannot_be_are_refused(written, text, told):
+    with pytest.raises(InputError, match=re.escape(told)) as refused:
+        load_scenario(written(text))
+    assert "icy.yaml" in str(refused.value) or "scenario 'icy'" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
 def test_scenarios_of_one_title_are_refused(tmp_path):
     for name, friction in (("one", 0.3), ("two", 0.4)):
         (tmp_path / f"{name}.yaml").write_text(f"title: x\nstation: {{friction: {friction}}}\n")
