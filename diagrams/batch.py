@@ -93,7 +93,7 @@ class BatchSimulator:
         self.difficulty = difficulty
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states)
-        self._weights = task.weights.as_array()
+        self._weights = task.weights
         self._everyone = np.arange(n_robots)
         self._state: TaskState = self._fresh(n_robots)
         self.resample_friction()

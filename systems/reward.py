@@ -46,7 +46,7 @@ class RewardSystem(LeafSystem):
 
     def __init__(self, weights: RewardWeights | None = None) -> None:
         super().__init__()
-        self._weights = (weights or RewardWeights()).as_array()
+        self._weights = weights or RewardWeights()
         self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(robot.N_LEGS, -CONTROL_PERIOD))

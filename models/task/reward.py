@@ -8,11 +8,8 @@ from numpy.typing import NDArray
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.settings import Settings
+from glassgait.models.settings import Positive, Settings
 from glassgait.models.task import CONTROL_PERIOD
-
-TRACKING_WIDTH = 0.25
-"""Squared width of the tracking terms ((m/s)², (rad/s)²)."""
 
 SOFT_LIMIT_FRACTION = 0.9
 """Share of a joint's range, about its middle, that costs nothing."""
@@ -29,7 +26,7 @@ _HALF_RANGE = 0.5 * (robot.UPPER_LIMITS - robot.LOWER_LIMITS)
 
 @dataclass(frozen=True)
 class RewardWeights(Settings):
-    """Weights of the terms, each per control step before the factor of 0.02 s.
+    """Weights of the terms, each per control step before the factor of 0.02 s, and their width.
 
     Attributes:
         forward_tracking: Weight of going at the commanded forward speed, a Gaussian of the error.
@@ -41,6 +38,8 @@ class RewardWeights(Settings):
         action_change: Weight of the squared change of the action.
         joint_limits: Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
         air_time: Weight of the time in the air of the feet that land, above its target (1/s).
+        tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
+            one tells apart small errors.
     """
 
     title: ClassVar[str] = "reward weights"
@@ -54,13 +53,16 @@ class RewardWeights(Settings):
     action_change: float = -0.01
     joint_limits: float = -10.0
     air_time: float = 1.0
+    tracking_width: Positive = 0.25
 
     def as_array(self) -> Array:
         """Returns the weights (9) in the order of `REWARD_TERMS`."""
         return np.array([getattr(self, name) for name in REWARD_TERMS])
 
 
-REWARD_TERMS = tuple(field.name for field in fields(RewardWeights))
+REWARD_TERMS = tuple(
+    field.name for field in fields(RewardWeights) if field.name != "tracking_width"
+)
 
 
 class Reward(NamedTuple):
@@ -86,7 +88,7 @@ def step_reward(
     command: Array,
     foot_contact: NDArray[np.bool_],
     air_time: Array,
-    weights: Array,
+    weights: RewardWeights,
 ) -> Reward:
     """Rewards the step that led to `state`.
 
@@ -98,7 +100,7 @@ def step_reward(
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
         foot_contact: Whether each foot touches, now or at the previous step (..., 4).
         air_time: Time each foot had been in the air before the step (..., 4; s).
-        weights: `RewardWeights.as_array()` (9).
+        weights: Weights of the terms.
     """
     linear, angular = kinematics.base_velocity(state)
     joint_position = state[..., robot.JOINT_POSITION]
@@ -115,8 +117,8 @@ def step_reward(
     flight = np.sum((air_time - AIR_TIME_TARGET) * landed, axis=-1) * moving
 
     values = (
-        np.exp(-np.square(command[..., 0] - linear[..., 0]) / TRACKING_WIDTH),
-        np.exp(-np.square(command[..., 1] - angular[..., 2]) / TRACKING_WIDTH),
+        np.exp(-np.square(command[..., 0] - linear[..., 0]) / weights.tracking_width),
+        np.exp(-np.square(command[..., 1] - angular[..., 2]) / weights.tracking_width),
         np.square(linear[..., 2]),
         np.sum(np.square(angular[..., :2]), axis=-1),
         np.sum(np.square(torque), axis=-1),
@@ -125,6 +127,6 @@ def step_reward(
         np.sum(np.maximum(excursion, 0.0), axis=-1),
         flight,
     )
-    terms = np.stack(values, axis=-1) * weights
+    terms = np.stack(values, axis=-1) * weights.as_array()
     plain = np.maximum(terms.sum(axis=-1) * CONTROL_PERIOD, 0.0)
     return Reward(terms=terms, plain=plain, air_time=np.where(foot_contact, 0.0, air_time))

@@ -7,8 +7,6 @@ from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
-WEIGHTS = RewardWeights().as_array()
-
 
 def reward(state, **changes):
     arguments = {
@@ -19,7 +17,7 @@ def reward(state, **changes):
         "command": np.zeros(2),
         "foot_contact": np.ones(4, dtype=bool),
         "air_time": np.zeros(4),
-        "weights": WEIGHTS,
+        "weights": RewardWeights(),
     }
     outcome = step_reward(**(arguments | changes))
     return outcome, dict(zip(REWARD_TERMS, outcome.terms, strict=True))
@@ -36,6 +34,13 @@ def test_standing_still_as_commanded_earns_the_tracking_terms(standing):
 def test_tracking_falls_with_the_squared_error(standing):
     _, terms = reward(standing, command=np.array([0.5, -0.5]))
     assert terms["forward_tracking"] == pytest.approx(np.exp(-1))
+    assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
+
+
+def test_a_narrow_width_tells_small_errors_apart(standing):
+    weights = RewardWeights(tracking_width=0.04)
+    _, terms = reward(standing, command=np.array([0.1, 0.2]), weights=weights)
+    assert terms["forward_tracking"] == pytest.approx(np.exp(-0.25))
     assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
 
 
@@ -89,10 +94,11 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "command": generator.normal(size=(5, 2)),
         "air_time": generator.random((5, 4)),
     }
-    batch = step_reward(states, foot_contact=contact, weights=WEIGHTS, **arguments)
+    weights = RewardWeights()
+    batch = step_reward(states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}
-        single = step_reward(states[i], foot_contact=contact[i], weights=WEIGHTS, **own)
+        single = step_reward(states[i], foot_contact=contact[i], weights=weights, **own)
         np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
         np.testing.assert_allclose(batch.air_time[i], single.air_time)
 

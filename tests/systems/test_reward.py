@@ -56,7 +56,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
         command=np.array([0.3, 0.1]),
         foot_contact=np.ones(4, dtype=bool),
         air_time=np.array([0, 0, 0, 0.02]),
-        weights=RewardWeights().as_array(),
+        weights=RewardWeights(),
     )
     np.testing.assert_array_equal(
         system.get_reward_terms_output_port().Eval(context), expected.terms
