@@ -50,11 +50,11 @@ def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -
         panel.set(xlim=(0.7 * LEAST, 2 * greatest), ylim=(0.7 * LEAST, 2 * greatest))
         panel.set_aspect("equal")
     for panel in panels[:, 0]:
-        panel.set_ylabel("right legs")
+        panel.set_ylabel("importance of right legs")
     for panel in panels.flat[max(0, len(table) - columns) : len(table)]:
-        panel.set_xlabel("left legs")
+        panel.set_xlabel("importance of left legs")
         panel.tick_params(labelbottom=True)
-    figure.legend(handles=_legend(), loc="outside upper center", ncols=5, title=title)
+    figure.legend(handles=_legend(), loc="outside upper center", ncols=4, title=title)
     return figure
 
 
@@ -89,6 +89,5 @@ def _legend() -> list[Line2D]:
     handles = [
         Line2D([], [], marker=marker, label=joint, **style) for joint, marker in MARKERS.items()
     ]
-    handles.append(Line2D([], [], marker="o", label="intervals overlap", **style))
     hollow = {**style, "markerfacecolor": "white"}
-    return [*handles, Line2D([], [], marker="o", label="they do not", **hollow)]
+    return [*handles, Line2D([], [], marker="D", label="hollow: intervals apart", **hollow)]

@@ -28,6 +28,7 @@ from glassgait.studies.importance.figures import faithfulness_figure, importance
 from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
 from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.symmetry.figures import symmetry_figure
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
@@ -79,6 +80,8 @@ def titled_figures(curve):
     front = pd.DataFrame({"family": ["linear"], "nodes": [9.0], "share": [0.9]})
     front = front.assign(fall_rate=0.0, r2=0.9)
     curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
+    sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
+    sides = sides.assign(left_ci=0.2, right_ci=0.0, agree=True)
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "reward": reward_figure(scores, HOSTILE),
@@ -88,6 +91,7 @@ def titled_figures(curve):
         "faithfulness": faithfulness_figure(ranks, lost, HOSTILE),
         "pareto": pareto_figure(front, HOSTILE),
         "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
+        "symmetry": symmetry_figure(sides[["policy"]].assign(r2=0.5), sides, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }
 
