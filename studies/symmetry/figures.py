@@ -26,7 +26,7 @@ def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -
 
     Args:
         table: A row a policy, as `measure_symmetry` returns it.
-        left_right: A row for each policy, joint type and kind of observation.
+        left_right: What `left_right_table` returned for every policy.
         title: Title of the figure.
     """
     columns = min(3, len(table))

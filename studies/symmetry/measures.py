@@ -1,6 +1,7 @@
 """How alike a policy treats left and right: of its actions, and of what it looks at."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,9 @@ from glassgait.studies.importance.methods import permutation_importance
 from glassgait.studies.students.dataset import Dataset
 
 LEFT_LEGS = ("FL", "RL")
+
+SIDES = ("own", "other")
+"""Where the legs are that are observed, seen from the joint that acts."""
 
 NORMAL_QUANTILE = 1.96
 """Standard errors that half of a 95 % interval takes."""
@@ -101,24 +105,28 @@ def left_right_table(
         reflect: The mirror of observations.
 
     Returns:
-        A row for each joint type and kind of observation that legs have: `left` and `right`, added
-        up over two legs and averaged over the type's four joints, with half their 95 % intervals,
-        `left_ci` and `right_ci`; `left_share`, the left's share of both, NaN where both are 0; and
-        `agree`, whether the intervals overlap.
+        A row for each joint type, kind of observation that legs have, and `side`, the legs being on
+        the joints' `own` side or on the `other`: `left` and `right`, added up over the observations
+        of two legs and averaged over two joints, with half their 95 % intervals, `left_ci` and
+        `right_ci`; `left_share`, the left's share of both, NaN where both are 0; and `agree`,
+        whether the intervals overlap.
     """
     images = importances[:, REFLECT_JOINTS.index][:, :, reflect.index]
     entries = entries_of(names)
     kinds = dict.fromkeys(entry.merged_name for entry in entries if entry.leg is not None)
     rows = []
-    for place, joint in enumerate(robot.LEG_JOINTS):
-        joints = slice(place, None, len(robot.LEG_JOINTS))
-        for kind in kinds:
-            columns = [entry.merged_name == kind and entry.leg in LEFT_LEGS for entry in entries]
-            left, right = (
-                values[:, joints, columns].sum(axis=-1).mean(axis=-1)
-                for values in (importances, images)
-            )
-            rows.append({"joint": joint, "observation": kind, **_compared(left, right)})
+    for joint, kind, side in product(robot.LEG_JOINTS, kinds, SIDES):
+        joints = [
+            name.endswith(joint) and (name[:2] in LEFT_LEGS) == (side == "own")
+            for name in robot.JOINTS
+        ]
+        columns = [entry.merged_name == kind and entry.leg in LEFT_LEGS for entry in entries]
+        left, right = (
+            values[:, joints][:, :, columns].sum(axis=2).mean(axis=1)
+            for values in (importances, images)
+        )
+        place = {"joint": joint, "observation": kind, "side": side}
+        rows.append({**place, **_compared(left, right)})
     return pd.DataFrame(rows)
 
 

@@ -51,14 +51,12 @@ def weights_of(*pairs):
     return weights
 
 
-def row_of(policy, generator, joint, observation):
+def row_of(policy, generator, joint, observation, side):
     samples = samples_of(generator)
     importances = drawn_importances(policy, samples, generator, n_samples=200, repeats=6)
     table = left_right_table(importances, NAMES, REFLECT)
-    (row,) = table[(table["joint"] == joint) & (table["observation"] == observation)].to_dict(
-        orient="records"
-    )
-    return row
+    table = table.set_index(["joint", "observation", "side"])
+    return table.loc[(joint, observation, side)]
 
 
 @pytest.mark.parametrize("gait", ["trot", "bound", "walk", "half_bound"])
@@ -95,34 +93,49 @@ def test_the_interval_is_of_robots(generator):
 
 
 PAIRS = [
-    ("FL_hip", "DoF Pos FL Hip", "FR_hip", "DoF Pos FR Hip"),
-    ("FL_hip", "DoF Pos RR Hip", "FR_hip", "DoF Pos RL Hip"),
-    ("RR_thigh", "Foot Height FL", "RL_thigh", "Foot Height FR"),
-    ("RL_calf", "Prev Action RL Thigh", "RR_calf", "Prev Action RR Thigh"),
+    ("FL_hip", "DoF Pos FL Hip", "FR_hip", "DoF Pos FR Hip", "DoF Pos Hip", "own"),
+    ("FL_hip", "DoF Pos RR Hip", "FR_hip", "DoF Pos RL Hip", "DoF Pos Hip", "other"),
+    ("RR_thigh", "Foot Height FL", "RL_thigh", "Foot Height FR", "Foot Height", "other"),
+    ("RL_calf", "DoF Vel RL Thigh", "RR_calf", "DoF Vel RR Thigh", "DoF Vel Thigh", "own"),
 ]
 
 
-@pytest.mark.parametrize(("joint", "name", "image_joint", "image_name"), PAIRS)
+@pytest.mark.parametrize(("joint", "name", "image_joint", "image_name", "merged", "side"), PAIRS)
 def test_joints_and_observations_are_paired_by_the_mirror(
-    joint, name, image_joint, image_name, generator
+    joint, name, image_joint, image_name, merged, side, generator
 ):
-    merged = {"Foot Height FL": "Foot Height"}.get(name) or name.replace(name.split()[2] + " ", "")
-    kind = joint.split("_")[1]
+    place = (joint.split("_")[1], merged, side)
     both = linear(weights_of((joint, name), (image_joint, image_name)))
-    row = row_of(both, generator, kind, merged)
+    row = row_of(both, generator, *place)
     assert row["agree"]
     assert row["left_share"] == pytest.approx(0.5, abs=0.1)
-    one = linear(weights_of((joint, name)))
-    row = row_of(one, generator, kind, merged)
+    row = row_of(linear(weights_of((joint, name))), generator, *place)
     of_left_leg = " FL" in name or " RL" in name
     assert row["left_share"] == (1.0 if of_left_leg else 0.0)
     assert not row["agree"]
 
 
+def test_looking_across_is_no_image_of_looking_at_the_own_side(generator):
+    policy = linear(weights_of(("FL_hip", "DoF Pos FL Hip"), ("RL_hip", "DoF Pos RR Hip")))
+    own, other = (row_of(policy, generator, "hip", "DoF Pos Hip", s) for s in ("own", "other"))
+    assert (own["left_share"], other["left_share"]) == (1.0, 0.0)
+
+
 def test_a_share_of_nothing_is_none(generator):
-    row = row_of(linear(weights_of(("FL_hip", "DoF Pos FL Hip"))), generator, "calf", "Foot Height")
+    policy = linear(weights_of(("FL_hip", "DoF Pos FL Hip")))
+    row = row_of(policy, generator, "calf", "Foot Height", "own")
     assert (row["left"], row["right"], row["agree"]) == (0.0, 0.0, True)
     assert np.isnan(row["left_share"])
+
+
+def test_every_pair_is_told_once(generator):
+    importances = generator.uniform(size=(3, 12, N))
+    table = left_right_table(importances, NAMES, REFLECT)
+    assert len(table) == 60
+    of_legs = [" FL" in name or " RL" in name for name in NAMES]
+    whole = importances.mean(axis=0)[:, of_legs].sum()
+    # Each row is the mean of two joints.
+    assert 2 * table["left"].sum() == pytest.approx(whole)
 
 
 def test_importances_are_of_the_policys_own_actions_and_repeat_with_their_seed(generator):
@@ -157,9 +170,9 @@ def test_command_writes_tables_and_figure_and_resumes_to_the_same(tmp_path, caps
     table = pd.read_csv(output / "symmetry.csv")
     assert table["policy"].tolist()[0] == "expert"
     assert set(table["policy"][1:]) == set(shipped_students("walk"))
-    assert (table["pairs"] == 30).all()
+    assert (table["pairs"] == 60).all()
     left_right = pd.read_csv(output / "left_right.csv")
-    assert len(left_right) == 30 * len(table)
+    assert len(left_right) == 60 * len(table)
     metrics = (output / "metrics.json").read_text()
     assert set(json.loads(metrics, parse_constant=pytest.fail)) == {"symmetry", "left_right"}
     assert "continue it with --resume" in refused(command)
