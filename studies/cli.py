@@ -48,6 +48,10 @@ COMMANDS = {
         "glassgait.studies.importance.command:Importance",
         "Measure what each student looks at, and take it away to see whether that is true.",
     ),
+    "symmetry": (
+        "glassgait.studies.symmetry.command:Symmetry",
+        "Measure whether an expert and its students treat left and right alike.",
+    ),
     "explain": (
         "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",

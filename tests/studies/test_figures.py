@@ -29,6 +29,7 @@ from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.robustness.figures import fall_map
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
 from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.symmetry.figures import symmetry_figure
 from glassgait.studies.training.figures import curriculum_curves, learning_curves
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
@@ -82,6 +83,8 @@ def titled_figures(curve):
     curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
+    sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
+    sides = sides.assign(left_ci=0.2, right_ci=0.0, agree=True)
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "reward": reward_figure(scores, HOSTILE),
@@ -92,6 +95,7 @@ def titled_figures(curve):
         "pareto": pareto_figure(front, HOSTILE),
         "curricula": curricula_figure(curricula.assign(share_ci=0.1, fall_rate=0.0), HOSTILE),
         "falls": fall_map(falls, HOSTILE),
+        "symmetry": symmetry_figure(sides[["policy"]].assign(r2=0.5), sides, HOSTILE),
         "learning": learning_curves({HOSTILE: curve}),
     }
 

@@ -184,8 +184,9 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
-TAKES_EXPERT = ["distill", "evaluate", "pareto", "curricula", "importance", "rollout", "explain"]
-TAKES_EXPERT += ["robustness"]
+TAKES_EXPERT = ["distill", "evaluate", "pareto", "curricula", "importance", "symmetry", "rollout"]
+TAKES_EXPERT += ["explain", "robustness"]
+SOURCES = [["train", "--like"], ["importance", "--distillation"], ["symmetry", "--distillation"]]
 
 
 @pytest.mark.parametrize("path", FILES)
@@ -198,7 +199,7 @@ def test_an_expert_that_is_none_is_refused_before_any_work(command, path, places
 
 
 @pytest.mark.parametrize("path", FILES)
-@pytest.mark.parametrize("flag", [["train", "--like"], ["importance", "--distillation"]])
+@pytest.mark.parametrize("flag", SOURCES)
 def test_a_source_that_is_none_is_refused_before_any_work(flag, path, places, capsys):
     check([*flag, path], capsys)
     with pytest.raises(SystemExit):

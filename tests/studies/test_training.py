@@ -15,9 +15,12 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.mirror import Mirrored
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.study import TrainingRun
 
@@ -100,11 +103,16 @@ def test_checkpoints_hold_everything(tmp_path):
             np.testing.assert_array_equal(value, found_arrays[name], err_msg=name)
 
 
-def test_the_expert_acts_as_the_network_that_was_trained(tmp_path):
-    run = training_run(TINY, tmp_path)
+@pytest.mark.parametrize(
+    ("gait", "mirrored", "states"),
+    [("trot", True, (1, 0)), ("walk", True, (2, 3, 0, 1)), ("trot", False, None)],
+)
+def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states, tmp_path):
+    run = training_run(replace(TINY, gait=gait, mirrored=mirrored), tmp_path)
     run.update()
     run.save()
-    policy = load_policy(tmp_path / "trot.safetensors")
+    policy = load_policy(tmp_path / f"{gait}.safetensors")
+    assert policy.mirrored_states == states
     observations = run.environment.observe()
     with torch.no_grad():
         expected = run.learner.ppo.actor(observations).numpy()
@@ -113,6 +121,60 @@ def test_the_expert_acts_as_the_network_that_was_trained(tmp_path):
     np.testing.assert_allclose(policy.estimator(own), estimate, atol=1e-5)
     seen = np.concatenate([own, estimate.astype(float)], axis=1)
     np.testing.assert_allclose(policy(seen), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("mirrored", [True, False])
+def test_a_trained_experts_image_acts_as_it_does_only_if_it_is_mirrored(mirrored, tmp_path):
+    run = training_run(replace(TINY, mirrored=mirrored), tmp_path)
+    run.update()
+    run.save()
+    policy = load_policy(tmp_path / "trot.safetensors")
+    reflect = reflect_observation(policy.observation_names, mirrored_states(load_gait("trot")))
+    seen = run.environment.simulator.observe()
+    difference = np.abs(REFLECT_JOINTS(policy(reflect(seen))) - policy(seen)).max()
+    assert (difference < 1e-12) == mirrored
+
+
+def random_network(n_in, n_out, size, seed):
+    network = torch.nn.Sequential(
+        torch.nn.Linear(n_in, 16), torch.nn.ELU(), torch.nn.Linear(16, n_out)
+    )
+    generator = torch.Generator().manual_seed(seed)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=size, generator=generator)
+    return network.double()
+
+
+@pytest.mark.parametrize("gait", ["trot", "walk", "half_bound"])
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+def test_a_mirrored_network_treats_sides_alike_whatever_its_weights_are(gait, size, generator):
+    machine = load_gait(gait)
+    names = ObservationLayout(machine.n_states).names
+    reflect = reflect_observation(names, mirrored_states(machine))
+    network = random_network(len(names), 12, size, seed=3)
+    mirrored = Mirrored(network, reflect, REFLECT_JOINTS)
+    x = generator.normal(size=(20, len(names)))
+
+    def act(module, observations):
+        with torch.no_grad():
+            return module(torch.from_numpy(observations)).numpy()
+
+    own = act(mirrored, x)
+    np.testing.assert_allclose(REFLECT_JOINTS(act(mirrored, reflect(x))), own, rtol=1e-9)
+    # What treats sides alike already is left as it is; what does not, is not.
+    again = Mirrored(mirrored, reflect, REFLECT_JOINTS)
+    np.testing.assert_allclose(act(again, x), own, rtol=1e-9)
+    assert not np.allclose(act(network, x), own)
+
+
+def test_a_gait_that_favours_a_side_trains_without_a_mirror(tmp_path):
+    path = tmp_path / "lopsided.yaml"
+    text = (GAIT_DIRECTORY / "walk.yaml").read_text()
+    path.write_text(text.replace("when: FR & RL & RR & ~FL", "when: RL & RR & ~FL"))
+    config = replace(TINY, gait=str(path), updates=1)
+    assert config.mirrored
+    training_run(config, tmp_path / "run").run(silent)
+    assert load_policy(tmp_path / "run" / "lopsided.safetensors").mirrored_states is None
 
 
 def test_the_record_tells_how_the_expert_was_trained(tmp_path):

@@ -1,0 +1,1 @@
+"""Do policies treat left and right alike?"""
