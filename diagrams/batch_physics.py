@@ -18,6 +18,9 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import touches_ground
 
+FEW_ROBOTS = 2
+"""Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
+
 
 class BatchPhysics:
     """Steps the states of many stations in parallel.
@@ -40,7 +43,7 @@ class BatchPhysics:
         # the threads: with a group after another, threads would wait at the end of each.
         n_workers = min(len(stations), n_threads)
         self._workers = ThreadPoolExecutor(n_workers)
-        self._parallelism = Parallelism(n_threads // n_workers)
+        self._parallelism = Parallelism(n_threads // n_workers) if n_threads > 1 else None
         # The slowest group starts first, or the others would be waiting for it in the end.
         self._order = sorted(range(len(stations)), key=lambda i: stations[i].time_step)
 
@@ -124,6 +127,8 @@ class _Group:
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
+        port = self._diagram.GetInputPort("desired_state")
+        self._desired = port.FixValue(self._context, np.zeros(2 * robot.N_JOINTS))
         self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
 
     def set_friction(self, friction: float) -> None:
@@ -135,7 +140,8 @@ class _Group:
         steps = np.rint(latency / CONTROL_PERIOD * self._n_steps).astype(np.int64)
         return np.clip(steps, 0, self._n_steps)
 
-    def step(self, states: Array, held: _Held, parallelism: Parallelism) -> Array:
+    def step(self, states: Array, held: _Held, parallelism: Parallelism | None) -> Array:
+        """Advances robots by a control period, in Drake's threads or, for None, in Python's."""
         if len(states) == 0:
             return states
         try:
@@ -149,7 +155,7 @@ class _Group:
                 [self.step(states[part], held.of(part), parallelism) for part in parts]
             )
 
-    def _evaluate(self, states: Array, held: _Held, parallelism: Parallelism) -> Array:
+    def _evaluate(self, states: Array, held: _Held, parallelism: Parallelism | None) -> Array:
         # From one robot's change of targets to the next's, all targets stay.
         changes = np.unique([0, *held.delay, self._n_steps]).tolist()
         for start, stop in pairwise(changes):
@@ -159,10 +165,13 @@ class _Group:
         return states
 
     def _advance(
-        self, states: Array, targets: Array, n_steps: int, parallelism: Parallelism
+        self, states: Array, targets: Array, n_steps: int, parallelism: Parallelism | None
     ) -> Array:
         desired = np.zeros((len(states), 2 * robot.N_JOINTS))
         desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
+        if parallelism is None or len(states) <= FEW_ROBOTS:
+            pairs = zip(states, desired, strict=True)
+            return np.array([self._advance_one(state, own, n_steps) for state, own in pairs])
         return BatchEvalUniquePeriodicDiscreteUpdate(
             self._diagram,
             self._context,
@@ -173,3 +182,11 @@ class _Group:
             num_time_steps=n_steps,
             parallelize=parallelism,
         ).T
+
+    def _advance_one(self, state: Array, desired: Array, n_steps: int) -> Array:
+        self._desired.GetMutableData().get_mutable_value().SetFromVector(desired)
+        for _ in range(n_steps):
+            self._context.SetDiscreteState(state)
+            update = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context)
+            state = update.get_vector(0).get_value()
+        return state.copy()

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 
 from glassgait.models.a1 import robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.reward import Reward, RewardWeights, step_reward
+from glassgait.models.task.reward import REWARD_TERMS, Reward, RewardWeights, step_reward
 
 
 class RewardSystem(LeafSystem):
@@ -91,7 +91,7 @@ class RewardSystem(LeafSystem):
         )
         self._reward_terms_port = self.DeclareVectorOutputPort(
             name="reward_terms",
-            size=len(self._weights),
+            size=len(REWARD_TERMS),
             calc=self._calc_reward_terms,
             prerequisites_of_calc=of_step,
         )

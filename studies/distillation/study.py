@@ -1,13 +1,15 @@
 """The distillation study: Algorithm 1 of the paper for each student, one round at a time."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from joblib import delayed
 from sklearn.model_selection import train_test_split
+from threadpoolctl import threadpool_limits
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.worlds import Worlds
@@ -23,13 +25,14 @@ from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
 from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.parallel.loop import run_parallel, runs_here
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.dataset import Dataset, r2_scores
 from glassgait.studies.students.formula_pages import write_formulas
 from glassgait.studies.students.library import student_path
 from glassgait.studies.students.linear import untrained_student
 from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.students.student import StudentSettings, TrainingSet
+from glassgait.studies.students.student import Student, StudentSettings, TrainingSet
 from glassgait.studies.tables import write_table
 
 SHUFFLED_TEST_SHARE = 0.2
@@ -87,11 +90,12 @@ def distill(
         free=("students", "n_jobs"),  # Students are independent of one another.
     ) as run:
         work = _Distillation(config, gait, expert, worlds, folder, run, report)
-        rows = []
-        for kind in config.students:
-            rows.append(work.student(kind))
-            finished(pd.DataFrame(rows))
-        return pd.DataFrame(rows)
+        rows: dict[str, dict] = {}
+        for kind, row in work.rows():
+            rows[kind] = row
+            table = pd.DataFrame([rows[kind] for kind in config.students if kind in rows])
+            finished(table)
+        return table
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,34 @@ class _Distillation:
     run: str
     report: Report
 
+    def rows(self) -> Iterator[tuple[str, dict]]:
+        """Makes the students and yields what is known of each.
+
+        Those that share samples are made in one process, one after the other. On this machine
+        different processes make the others at once; on a cluster, whose nodes need not see the
+        folder, the joints of one student after the other are fitted at once.
+        """
+        jobs = self._jobs()
+        if len(jobs) == 1 or not runs_here():
+            for kind in self.config.students:
+                yield kind, self.student(kind)
+            return
+        registry = dict(STUDENTS)
+        calls = (delayed(_make)(self, kinds, registry) for kinds in jobs)
+        for rows in run_parallel(calls, self.config.n_jobs, in_order=False, ahead=1):
+            yield from rows.items()
+
+    def _jobs(self) -> list[list[str]]:
+        """Groups the students by who collects their samples.
+
+        The last come first: in the registry they stand behind what is quick, and what takes long
+        had better not be begun last.
+        """
+        groups: dict[str, list[str]] = {}
+        for kind in reversed(self.config.students):
+            groups.setdefault(self.config.collector_of(kind), []).append(kind)
+        return list(groups.values())
+
     def student(self, kind: str) -> dict:
         """Collects, fits and records one student, or reads its record if that is done."""
         path, record_path = student_path(self.folder, kind), self.folder / kind / "record.json"
@@ -117,9 +149,11 @@ class _Distillation:
                     "it anew"
                 )
         else:
-            dataset = self._collect(self.config.collector_of(kind))
-            started = time.monotonic()
-            row = self._fit_final(kind, dataset)
+            # With one thread each, sums have the same last bits in whatever process they are made.
+            with threadpool_limits(1, user_api="blas"):
+                dataset = self._collect(self.config.collector_of(kind))
+                started = time.monotonic()
+                row = self._fit_final(kind, dataset)
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
             row["digest"] = digest(path)
             write_record(record_path, row, of=f"{self.run} {kind}")
@@ -229,3 +263,9 @@ class _Distillation:
             dataset.actions,
             dataset.starts,
         )
+
+
+def _make(work: _Distillation, kinds: Sequence[str], registry: Mapping[str, Student]) -> dict:
+    """Makes students in another process, whose registry has no entries made at run time."""
+    STUDENTS.update(registry)
+    return {kind: work.student(kind) for kind in kinds}

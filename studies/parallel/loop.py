@@ -55,6 +55,11 @@ def parallel_backend(backend: Backend) -> Iterator[None]:
         _backend.reset(token)
 
 
+def runs_here() -> bool:
+    """Returns whether parallel loops run on this machine, as far as they are not told otherwise."""
+    return _backend.get() == "loky"
+
+
 def run_parallel(
     work: Iterable[Any],
     n_jobs: int,

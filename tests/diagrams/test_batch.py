@@ -1,10 +1,9 @@
-"""The batch simulator: physics, groups, resets, and robots that go wrong."""
+"""The batch simulator: resets, estimates, and robots that go wrong."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.common import Parallelism
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
@@ -34,44 +33,6 @@ def make_simulator(
     )
 
 
-@pytest.fixture(scope="module")
-def physics():
-    return BatchPhysics(StationConfig())
-
-
-def standing_batch(count):
-    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
-    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
-
-
-def test_robots_stand(physics):
-    states, targets = standing_batch(3)
-    for _ in range(50):
-        states = physics.step(states, targets).states
-    assert np.all(states[:, 6] > 0.24)
-    np.testing.assert_allclose(states[0], states[2])
-
-
-@pytest.mark.parametrize("where", ["state", "target"])
-def test_one_robots_nan_never_spoils_another(physics, where):
-    states, targets = standing_batch(4)
-    states[:, 19] = [0.1, 0.2, 0.3, 0.4]
-    alone = physics.step(states, targets).states
-    (states if where == "state" else targets)[1, 8] = np.nan
-    after = physics.step(states, targets).states
-    assert np.isnan(after[1]).all()
-    np.testing.assert_array_equal(after[[0, 2, 3]], alone[[0, 2, 3]])
-
-
-def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
-    states, targets = standing_batch(5)
-    alone = physics.step(states, targets).states
-    states[3, 19:] = 1e200
-    after = physics.step(states, targets).states
-    assert not np.isfinite(after[3]).all()
-    np.testing.assert_array_equal(after[[0, 1, 2, 4]], alone[[0, 1, 2, 4]])
-
-
 def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
     simulator = make_simulator(trot)
     action = np.zeros((6, 12))
@@ -82,25 +43,6 @@ def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
     assert step.reward[2] == 0
     assert all(np.isfinite(values).all() for values in simulator.state.as_arrays().values())
     assert np.isfinite(simulator.observe()).all()
-
-
-def test_slippery_groups_slide_further(trot):
-    physics = BatchPhysics(StationConfig(), StationConfig())
-    physics.set_friction(np.array([0.05, 1.0]))
-    states, targets = standing_batch(4)
-    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
-    for _ in range(15):
-        states = physics.step(states, targets).states
-    slid = states[:, 4]
-    assert slid[0] == slid[1]
-    assert slid[2] == slid[3]
-    assert slid[0] > slid[2] + 0.05
-
-
-def test_steps_that_do_not_divide_the_control_period_are_refused():
-    for step in (0.0, 0.015):
-        with pytest.raises(InputError, match="must divide the control period"):
-            BatchPhysics(StationConfig(time_step=step))
 
 
 def test_reset_starts_the_given_robots_alone(trot, generator):
@@ -204,7 +146,7 @@ def test_pushes_add_to_the_base_velocity(trot):
         for randomization in (always, replace(always, push_speed=0.0))
     )
     for simulator in (pushed, quiet):
-        states, _ = standing_batch(6)
+        states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (6, 1)))
         simulator.start_at(states, Command(np.zeros((6, 2)), np.full(6, 8.0)))
         simulator.step(np.zeros((6, 12)))
     difference = (pushed.state.plant - quiet.state.plant)[:, robot.LINEAR_VELOCITY]
@@ -257,28 +199,6 @@ def test_the_machine_reads_the_heights_that_were_estimated_a_step_before(trot):
     for _ in range(3):
         simulator.step(np.zeros((6, 12)))
     np.testing.assert_allclose(read, [0.0, 0.1, 0.2])
-
-
-def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = BatchPhysics(StationConfig(time_step=0.005))
-    states, targets = standing_batch(4)
-    states[:, 6] += 0.2
-    moved = targets + 0.3
-    late = np.array([0.0, 0.005, 0.015, 0.02])
-    after = physics.step(states, moved, previous_targets=targets, latency=late).states
-    for robot_index, latency in enumerate(late):
-        expected = states[robot_index : robot_index + 1]
-        fine = StationConfig(time_step=0.005)
-        # A quarter of the control period at a time, with nothing but the targets of that time.
-        expected = _by_quarters(fine, expected, targets[:1], moved[:1], round(latency / 0.005))
-        np.testing.assert_array_equal(after[robot_index], expected[0])
-
-
-def _by_quarters(station, state, old, new, delay):
-    quarter = BatchPhysics(station)._groups[0]
-    for step in range(4):
-        state = quarter._advance(state, old if step < delay else new, 1, Parallelism(1))
-    return state
 
 
 def test_latencies_are_drawn_for_each_episode(trot):

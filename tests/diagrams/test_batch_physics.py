@@ -1,0 +1,110 @@
+"""Batch physics: groups, threads, latencies, and robots that cannot be advanced."""
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["one thread", "two threads"])
+def physics(request):
+    return BatchPhysics(StationConfig(), n_threads=request.param)
+
+
+def standing_batch(count):
+    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
+    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+
+
+def test_robots_stand(physics):
+    states, targets = standing_batch(3)
+    for _ in range(50):
+        states = physics.step(states, targets).states
+    assert np.all(states[:, 6] > 0.24)
+    np.testing.assert_allclose(states[0], states[2])
+
+
+@pytest.mark.parametrize("where", ["state", "target"])
+def test_one_robots_nan_never_spoils_another(physics, where):
+    states, targets = standing_batch(4)
+    states[:, 19] = [0.1, 0.2, 0.3, 0.4]
+    alone = physics.step(states, targets).states
+    (states if where == "state" else targets)[1, 8] = np.nan
+    after = physics.step(states, targets).states
+    assert np.isnan(after[1]).all()
+    np.testing.assert_array_equal(after[[0, 2, 3]], alone[[0, 2, 3]])
+
+
+def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
+    states, targets = standing_batch(5)
+    alone = physics.step(states, targets).states
+    states[3, 19:] = 1e200
+    after = physics.step(states, targets).states
+    assert not np.isfinite(after[3]).all()
+    np.testing.assert_array_equal(after[[0, 1, 2, 4]], alone[[0, 1, 2, 4]])
+
+
+def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
+    loop, threads = (BatchPhysics(StationConfig(), n_threads=count) for count in (1, 2))
+    states, targets = standing_batch(7)
+    ends = []
+    for physics in (loop, threads):
+        physics.set_friction(np.array([0.4]))
+        moved, noise = states, np.random.default_rng(5)
+        for _ in range(20):
+            moved = physics.step(moved, targets + 0.4 * noise.normal(size=(7, 12))).states
+        ends.append(moved)
+    np.testing.assert_array_equal(*ends)
+
+
+def test_as_few_as_python_steps_are_as_all_that_drake_steps():
+    physics = BatchPhysics(StationConfig(), n_threads=2)
+    states, targets = standing_batch(5)
+    states[:, 6] += np.linspace(0.0, 0.1, 5)
+    together = physics.step(states, targets).states
+    alone = [physics.step(states[[i]], targets[[i]]).states[0] for i in range(5)]
+    np.testing.assert_array_equal(alone, together)
+
+
+def test_slippery_groups_slide_further():
+    physics = BatchPhysics(StationConfig(), StationConfig())
+    physics.set_friction(np.array([0.05, 1.0]))
+    states, targets = standing_batch(4)
+    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
+    for _ in range(15):
+        states = physics.step(states, targets).states
+    slid = states[:, 4]
+    assert slid[0] == slid[1]
+    assert slid[2] == slid[3]
+    assert slid[0] > slid[2] + 0.05
+
+
+def test_steps_that_do_not_divide_the_control_period_are_refused():
+    for step in (0.0, 0.015):
+        with pytest.raises(InputError, match="must divide the control period"):
+            BatchPhysics(StationConfig(time_step=step))
+
+
+def test_robots_of_one_group_get_their_targets_each_at_its_time():
+    physics = BatchPhysics(StationConfig(time_step=0.005))
+    states, targets = standing_batch(4)
+    states[:, 6] += 0.2
+    moved = targets + 0.3
+    late = np.array([0.0, 0.005, 0.015, 0.02])
+    after = physics.step(states, moved, previous_targets=targets, latency=late).states
+    for robot_index, latency in enumerate(late):
+        expected = states[robot_index : robot_index + 1]
+        fine = StationConfig(time_step=0.005)
+        # A quarter of the control period at a time, with nothing but the targets of that time.
+        expected = _by_quarters(fine, expected, targets[:1], moved[:1], round(latency / 0.005))
+        np.testing.assert_array_equal(after[robot_index], expected[0])
+
+
+def _by_quarters(station, state, old, new, delay):
+    quarter = BatchPhysics(station)._groups[0]
+    for step in range(4):
+        state = quarter._advance(state, old if step < delay else new, 1, None)
+    return state
