@@ -188,5 +188,5 @@ class _Group:
         for _ in range(n_steps):
             self._context.SetDiscreteState(state)
             update = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context)
-            state = update.get_vector(0).get_value()
-        return state.copy()
+            state = np.array(update.get_vector(0).get_value())
+        return state
