@@ -211,16 +211,18 @@ class _Distillation:
             write_formulas(student, self.folder / f"{kind}_formulas")
         scores = r2_scores(student, held_out)
 
-        # The paper's split shuffles steps: neighbours of a held-out step are then in the fit.
-        index = np.arange(len(dataset.episodes))
+        # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are
+        # then in the fit.
+        paper = dataset.subset(dataset.episodes <= self.config.episodes)
+        index = np.arange(len(paper.episodes))
         shares = train_test_split(
             index, test_size=SHUFFLED_TEST_SHARE, random_state=self.config.seed
         )
         train, test = (np.asarray(share) for share in shares)
         shuffled = self._fit(
-            kind, settings.for_shuffled_split(), self._training(dataset).subset(train)
+            kind, settings.for_shuffled_split(), self._training(paper).subset(train)
         )
-        tested = dataset.subset(np.isin(index, test))
+        tested = paper.subset(np.isin(index, test))
         return {
             "student": kind,
             "samples": len(seen.actions),
