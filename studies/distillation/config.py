@@ -52,7 +52,7 @@ class DistillationConfig(Settings):
         settings: Settings of the students' fits.
         compact: Round the leaves and tables of trees and additive models to single precision, as
             those that ship are.
-        n_jobs: Joints that are fitted at once.
+        n_jobs: Students that are made at once; of one, joints that are fitted at once.
     """
 
     title: ClassVar[str] = "distillation"

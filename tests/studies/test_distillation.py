@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -71,6 +72,21 @@ def test_the_same_seed_gives_the_same_metrics(finished, expert, tmp_path):
     folder, _ = finished
     write_r2_table(distill(TINY, GAIT, expert, tmp_path, lambda line: None), "trot", tmp_path)
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
+
+
+def test_students_that_are_made_side_by_side_are_the_same(finished, expert, tmp_path):
+    folder, whole = finished
+    kinds, told = ("linear", "histogram_gbm", "gbm", "symbolic"), []
+    config = replace(TINY, students=kinds, n_jobs=2)
+    r2 = distill(config, GAIT, expert, tmp_path, print, finished=told.append)
+    assert r2["student"].tolist() == told[-1]["student"].tolist() == list(kinds)
+    assert all(len(table) <= len(later) for table, later in pairwise(told))
+    columns = [name for name in r2 if name != "minutes"]
+    alone = whole.set_index("student").loc[list(kinds)].reset_index()
+    pd.testing.assert_frame_equal(r2[columns], alone[columns], check_exact=True)
+    for kind in kinds:
+        name = f"{kind}.safetensors"
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
 def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):

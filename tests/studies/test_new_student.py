@@ -100,7 +100,7 @@ def run(folder):
 
 @pytest.fixture(scope="module")
 def distilled(run, folder):
-    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-jobs", "1"]
+    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-jobs", "2"]
     run("distill", "--students", "stiff", "linear", "--stiff.ridge", "2.0", *short)
     return folder / "runs" / "distillation" / "trot"
 
