@@ -11,7 +11,7 @@ from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction
-from glassgait.diagrams.physics import PhysicsStep
+from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
@@ -22,11 +22,8 @@ FEW_ROBOTS = 2
 """Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
 
 
-class BatchPhysics:
-    """Steps the states of many stations in parallel.
-
-    Robots are split evenly, in order, into groups; each group has a station of its own.
-    """
+class BatchPhysics(Physics):
+    """Steps the states of many stations in parallel; each group has a station of its own."""
 
     def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
         """
@@ -51,10 +48,6 @@ class BatchPhysics:
     def n_groups(self) -> int:
         """Number of groups."""
         return len(self._groups)
-
-    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
-        """Returns the robots of each group."""
-        return np.array_split(np.arange(n_robots), self.n_groups)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""

@@ -12,7 +12,7 @@ from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.physics import PhysicsStep
+from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import GRAVITY, PAYLOAD_BOX, StationConfig
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
@@ -28,7 +28,7 @@ their ranges, which counts as a failure."""
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
-class MujocoPhysics:
+class MujocoPhysics(Physics):
     """Steps the states of many robots in parallel; every group has a model of its own."""
 
     def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
@@ -53,10 +53,6 @@ class MujocoPhysics:
     def n_groups(self) -> int:
         """Number of groups."""
         return len(self._models)
-
-    def members(self, n_robots: int) -> list[NDArray[np.int64]]:
-        """Returns the robots of each group."""
-        return np.array_split(np.arange(n_robots), self.n_groups)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""

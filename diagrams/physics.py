@@ -29,8 +29,8 @@ class Physics(Protocol):
         ...
 
     def members(self, n_robots: int) -> list[NDArray[np.int64]]:
-        """Returns the robots of each group."""
-        ...
+        """Returns the robots of each group: they are split evenly, in order."""
+        return np.array_split(np.arange(n_robots), self.n_groups)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
