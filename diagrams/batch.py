@@ -26,7 +26,7 @@ from glassgait.models.task.observation import (
     body_state,
     proprioception,
 )
-from glassgait.models.task.reward import step_reward
+from glassgait.models.task.reward import step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
@@ -192,6 +192,7 @@ class BatchSimulator:
             command=s.command.velocity,
             foot_contact=feet.contact,
             air_time=s.air_time,
+            tracked=s.tracked,
             weights=self._weights,
         )
         plain = np.where(lost, 0.0, reward.plain)
@@ -202,6 +203,7 @@ class BatchSimulator:
             machine=machine.machine,
             touching=feet.touching,
             air_time=reward.air_time,
+            tracked=reward.tracked,
             action=action,
             joint_noise=task.randomization.joint_noise(self.n_robots, self.generator),
             latency=s.latency,
@@ -259,6 +261,7 @@ class BatchSimulator:
             machine=start.machine,
             touching=feet.touching,
             air_time=np.zeros((count, robot.N_LEGS)),
+            tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
             action=np.zeros((count, robot.N_JOINTS)),
             joint_noise=randomization.joint_noise(count, self.generator),
             latency=randomization.latencies(count, self.generator),

@@ -25,6 +25,7 @@ class TaskState:
         machine: The reward machines' states.
         touching: Whether each foot touches (n, 4).
         air_time: Time each foot has been in the air (n, 4; s).
+        tracked: Speeds that were compared with the command (n, 2; m/s, rad/s).
         action: Actions of the last step (n, 12).
         joint_noise: Noise on joint positions, then velocities (n, 24; rad, rad/s).
         latency: Time from an observation until its action reaches the joints (n,; s).
@@ -38,6 +39,7 @@ class TaskState:
     machine: MachineState
     touching: BoolArray
     air_time: Array
+    tracked: Array
     action: Array
     joint_noise: Array
     latency: Array
@@ -55,6 +57,7 @@ class TaskState:
             "machine_age": self.machine.age,
             "touching": self.touching,
             "air_time": self.air_time,
+            "tracked": self.tracked,
             "action": self.action,
             "joint_noise": self.joint_noise,
             "latency": self.latency,
@@ -73,6 +76,7 @@ class TaskState:
             ),
             touching=arrays["touching"],
             air_time=arrays["air_time"],
+            tracked=arrays["tracked"],
             action=arrays["action"],
             joint_noise=arrays["joint_noise"],
             latency=arrays["latency"],

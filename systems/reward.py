@@ -40,8 +40,9 @@ class RewardSystem(LeafSystem):
     Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (9),
     weighted, in the order of `REWARD_TERMS`.
     They mean something from the end of the first control step on.
-    State: joint velocities and the feet's air times at the previous control step, latched every
-    20 ms (unrestricted update). Feedthrough: all inputs; reward_multiplier to reward alone.
+    State: joint velocities, the feet's air times, and the speeds that were compared with the
+    command, at the previous control step, latched every 20 ms (unrestricted update). Feedthrough:
+    all inputs; reward_multiplier to reward alone.
     """
 
     def __init__(self, weights: RewardWeights | None = None) -> None:
@@ -50,6 +51,7 @@ class RewardSystem(LeafSystem):
         self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(robot.N_LEGS, -CONTROL_PERIOD))
+        self._tracked = self.DeclareDiscreteState(2)
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
         self._command_port = declare("command", 2)
@@ -144,6 +146,7 @@ class RewardSystem(LeafSystem):
             command=self._command_port.Eval(context),
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
             air_time=context.get_discrete_state(self._air_time).value(),
+            tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
         )
         output.set_value(reward)
@@ -163,6 +166,7 @@ class RewardSystem(LeafSystem):
 
     def _latch(self, context: Context, state: State) -> None:
         velocity = self._state_port.Eval(context)[robot.JOINT_VELOCITY]
-        air_time = self._eval_reward(context).air_time
+        reward = self._eval_reward(context)
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
-        state.get_mutable_discrete_state(self._air_time).SetFromVector(air_time)
+        state.get_mutable_discrete_state(self._air_time).SetFromVector(reward.air_time)
+        state.get_mutable_discrete_state(self._tracked).SetFromVector(reward.tracked)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.settings import Positive, Settings
+from glassgait.models.settings import NotNegative, Positive, Settings
 from glassgait.models.task import CONTROL_PERIOD
 
 SOFT_LIMIT_FRACTION = 0.9
@@ -40,6 +40,8 @@ class RewardWeights(Settings):
         air_time: Weight of the time in the air of the feet that land, above its target (1/s).
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
             one tells apart small errors.
+        tracking_time: Time over which speeds are averaged, older ones counting less, before they
+            are compared with the command (s); 0 compares those of the instant.
     """
 
     title: ClassVar[str] = "reward weights"
@@ -54,6 +56,7 @@ class RewardWeights(Settings):
     joint_limits: float = -10.0
     air_time: float = 1.0
     tracking_width: Positive = 0.25
+    tracking_time: NotNegative = 0.0
 
     def as_array(self) -> Array:
         """Returns the weights (9) in the order of `REWARD_TERMS`."""
@@ -61,7 +64,7 @@ class RewardWeights(Settings):
 
 
 REWARD_TERMS = tuple(
-    field.name for field in fields(RewardWeights) if field.name != "tracking_width"
+    field.name for field in fields(RewardWeights) if not field.name.startswith("tracking_")
 )
 
 
@@ -72,11 +75,32 @@ class Reward(NamedTuple):
         terms: Weighted terms (..., 9), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
         air_time: Time each foot has now been in the air (..., 4; s).
+        tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
     """
 
     terms: Array
     plain: Array
     air_time: Array
+    tracked: Array
+
+
+def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array:
+    """Averages the speeds that are compared with the command, as a low-pass of the first order.
+
+    Args:
+        state: The plant's state x (..., 37).
+        before: What this returned a control step before (..., 2; m/s, rad/s).
+        weights: What tells the time of the average.
+
+    Returns:
+        Forward speed and yaw rate (..., 2; m/s, rad/s).
+    """
+    linear, angular = kinematics.base_velocity(state)
+    now = np.stack([linear[..., 0], angular[..., 2]], axis=-1)
+    if weights.tracking_time == 0.0:
+        return now
+    kept = np.exp(-CONTROL_PERIOD / weights.tracking_time)
+    return kept * before + (1.0 - kept) * now
 
 
 def step_reward(
@@ -88,6 +112,7 @@ def step_reward(
     command: Array,
     foot_contact: NDArray[np.bool_],
     air_time: Array,
+    tracked: Array,
     weights: RewardWeights,
 ) -> Reward:
     """Rewards the step that led to `state`.
@@ -100,6 +125,7 @@ def step_reward(
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
         foot_contact: Whether each foot touches, now or at the previous step (..., 4).
         air_time: Time each foot had been in the air before the step (..., 4; s).
+        tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
     """
     linear, angular = kinematics.base_velocity(state)
@@ -116,9 +142,11 @@ def step_reward(
     moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
     flight = np.sum((air_time - AIR_TIME_TARGET) * landed, axis=-1) * moving
 
+    tracked = tracked_speeds(state, tracked, weights)
+    exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
     values = (
-        np.exp(-np.square(command[..., 0] - linear[..., 0]) / weights.tracking_width),
-        np.exp(-np.square(command[..., 1] - angular[..., 2]) / weights.tracking_width),
+        exactness[..., 0],
+        exactness[..., 1],
         np.square(linear[..., 2]),
         np.sum(np.square(angular[..., :2]), axis=-1),
         np.sum(np.square(torque), axis=-1),
@@ -129,4 +157,5 @@ def step_reward(
     )
     terms = np.stack(values, axis=-1) * weights.as_array()
     plain = np.maximum(terms.sum(axis=-1) * CONTROL_PERIOD, 0.0)
-    return Reward(terms=terms, plain=plain, air_time=np.where(foot_contact, 0.0, air_time))
+    air_time = np.where(foot_contact, 0.0, air_time)
+    return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)

@@ -20,6 +20,7 @@ from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
+from glassgait.models.task.reward import RewardWeights
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
@@ -134,6 +135,7 @@ WORLDS = {
     ),
     "slope": replace(CALM, station=StationConfig(slope=6.0)),
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
+    "speeds averaged": replace(CALM, weights=RewardWeights(tracking_time=0.3)),
 }
 
 

@@ -17,6 +17,7 @@ def reward(state, **changes):
         "command": np.zeros(2),
         "foot_contact": np.ones(4, dtype=bool),
         "air_time": np.zeros(4),
+        "tracked": np.zeros(2),
         "weights": RewardWeights(),
     }
     outcome = step_reward(**(arguments | changes))
@@ -42,6 +43,28 @@ def test_a_narrow_width_tells_small_errors_apart(standing):
     _, terms = reward(standing, command=np.array([0.1, 0.2]), weights=weights)
     assert terms["forward_tracking"] == pytest.approx(np.exp(-0.25))
     assert terms["yaw_tracking"] == pytest.approx(0.5 * np.exp(-1))
+
+
+def test_averaged_speeds_are_what_a_robot_did_of_late(standing):
+    weights = RewardWeights(tracking_time=0.3)
+    state = standing.copy()
+    state[robot.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
+    tracked, told = np.zeros(2), []
+    for _ in range(30):
+        outcome, terms = reward(
+            state, tracked=tracked, weights=weights, command=np.array([0.5, 0.0])
+        )
+        tracked = outcome.tracked
+        told.append(terms["forward_tracking"])
+    # 0.6 s are two time constants.
+    assert tracked[0] == pytest.approx(0.5 * (1 - np.exp(-2.0)))
+    assert np.all(np.diff(told) > 0)
+    assert told[-1] == pytest.approx(np.exp(-np.square(0.5 * np.exp(-2.0)) / 0.25))
+
+
+def test_speeds_of_the_instant_forget_those_before(standing):
+    outcome, _ = reward(standing, tracked=np.array([7.0, 7.0]))
+    np.testing.assert_array_equal(outcome.tracked, np.zeros(2))
 
 
 def test_penalties(standing):
@@ -93,14 +116,16 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "previous_action": generator.normal(size=(5, 12)),
         "command": generator.normal(size=(5, 2)),
         "air_time": generator.random((5, 4)),
+        "tracked": generator.normal(size=(5, 2)),
     }
-    weights = RewardWeights()
+    weights = RewardWeights(tracking_time=0.2)
     batch = step_reward(states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}
         single = step_reward(states[i], foot_contact=contact[i], weights=weights, **own)
         np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
         np.testing.assert_allclose(batch.air_time[i], single.air_time)
+        np.testing.assert_allclose(batch.tracked[i], single.tracked)
 
 
 def test_a_weight_that_is_not_finite_is_refused():

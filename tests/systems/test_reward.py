@@ -56,6 +56,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
         command=np.array([0.3, 0.1]),
         foot_contact=np.ones(4, dtype=bool),
         air_time=np.array([0, 0, 0, 0.02]),
+        tracked=np.zeros(2),
         weights=RewardWeights(),
     )
     np.testing.assert_array_equal(
@@ -84,6 +85,18 @@ def test_its_weights_weigh_the_terms(standing, fix_inputs):
         once[factor] = system.get_reward_terms_output_port().Eval(context)
     assert once[2.0][0] == 2 * once[1.0][0] > 0
     np.testing.assert_array_equal(once[2.0][1:], once[1.0][1:])
+
+
+def test_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
+    weights = RewardWeights(tracking_time=0.1)
+    system = RewardSystem(weights)
+    standing[robot.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
+    context = fix_inputs(system, **inputs(standing))
+    for _ in range(4):
+        latch(system, context)
+    reached = 0.4 * (1 - np.exp(-5 * 0.02 / 0.1))
+    terms = system.get_reward_terms_output_port().Eval(context)
+    np.testing.assert_allclose(terms[0], np.exp(-np.square(0.3 - reached) / 0.25), rtol=1e-12)
 
 
 def test_refuses_wrong_sizes(assert_sizes_are_checked):
