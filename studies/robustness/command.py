@@ -44,7 +44,8 @@ class Robustness(Settings):
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
         distillation: Folder of a distillation whose students walk; those that ship by default.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert, which without a distillation walks without students; the
+            shipped one by default.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/robustness/<gait> by default.
     """
@@ -98,11 +99,12 @@ class Robustness(Settings):
         console.print(f"written to {folder}")
 
     def _students(self, gait: Gait, expert: NeuralPolicy) -> dict[str, Policy]:
-        """Loads the students that walk; of a gait without any, the expert walks alone."""
+        """Loads the students that walk; where there are none, the expert walks alone."""
         if self.distillation:
             there = load_students(self.distillation, expert)
         else:
-            there = load_shipped_students(expert)
+            # Those that ship observe with the estimator of the expert that ships.
+            there = {} if self.expert else load_shipped_students(expert)
         students = {kind: own for kind, own in there.items() if kind in (self.students or there)}
         if self.students and not students:
             raise InputError(
@@ -113,8 +115,6 @@ class Robustness(Settings):
         missing = [kind for kind in self.students if kind not in students]
         if missing:
             say(f"{gait.name}: there is no student {', '.join(missing)}; the others walk")
-        if self.expert and not self.distillation and students:
-            say(f"{gait.name}: its students are of the shipped expert, not of {self.expert}")
         return students
 
     def _gaits(self) -> tuple[str, ...]:
