@@ -143,7 +143,7 @@ def test_every_option_is_one_of_some_command(parsed, option):
 
     words = option.split()
     # Of a kind that takes a value, one that it may take.
-    values = [["x"], ["100"], ["0.5"], ["64", "64"]] if len(words) == 1 else []
+    values = [["x"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]] if len(words) == 1 else []
     assert any(
         takes(name, *words) or any(takes(name, *words, *value) for value in values)
         for name in COMMANDS

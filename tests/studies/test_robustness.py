@@ -247,6 +247,16 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     assert "continue it with --resume" in refused(["robustness", "--output", str(folder)])
 
 
+def test_an_expert_of_ones_own_walks_without_the_students_of_another(expert, tmp_path, refused):
+    path, folder = tmp_path / "own.safetensors", tmp_path / "run"
+    expert.save(path)
+    own = ["robustness", "--expert", str(path), "--worlds", "training"]
+    small = ["--n-robots", "1", "--n-steps", "20", "--n-workers", "1", "--output", str(folder)]
+    main([*own, *small])
+    assert pd.read_csv(folder / "worlds.csv")["policy"].tolist() == ["Neural expert"]
+    assert "no student ebm of the trot: there are none" in refused([*own, "--students", "ebm"])
+
+
 def test_refuses_what_it_cannot_roll_out(refused, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lacking = ["robustness", "--distillation", str(tmp_path), "--students", "gbm", "ebm"]
