@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.library import load_student, shipped_students
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
@@ -17,8 +16,8 @@ from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.rounds import Round
 from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.library import load_students
-from glassgait.studies.students.registry import STUDENTS, student_title
+from glassgait.studies.students.library import load_shipped_students, load_students
+from glassgait.studies.students.registry import student_title
 from glassgait.studies.symmetry.measures import drawn_importances, left_right_table, mirror_r2
 
 RESAMPLES = 1000
@@ -46,10 +45,7 @@ def policies_of(
     if distillation is not None:
         students = load_students(distillation, expert)
     elif shipped:
-        kept = shipped_students(expert.gait)
-        students = {kind: load_student(expert.gait, kind) for kind in STUDENTS if kind in kept}
-    for student in students.values():
-        student.check(gait=expert.gait, observation_names=expert.observation_names)
+        students = load_shipped_students(expert)
     return {"expert": expert, **students}
 
 
