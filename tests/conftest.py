@@ -2,19 +2,26 @@
 
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.formula import parse_formula
+from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.ending import BAD_INPUT
+
+# How long an example takes says how busy the machine is, nothing else.
+settings.register_profile("no deadline")
+settings.load_profile("no deadline")
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
@@ -24,6 +31,24 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 @pytest.fixture
 def trot() -> Gait:
     return load_gait("trot")
+
+
+@pytest.fixture
+def unforgiving() -> Gait:
+    """The half-bound, but the wrong rear foot leads into a sink once the episode has begun."""
+    gait = load_gait("half_bound")
+    wrong = {"q0": "RR", "q1": "RL", "q2": "RL", "q3": "RR"}
+    missed = tuple(
+        Transition(source, "missed", parse_formula(foot), dwell=0.0, grace=20)
+        for source, foot in wrong.items()
+    )
+    return replace(
+        gait,
+        name="unforgiving",
+        states=(*gait.states, "missed"),
+        sink="missed",
+        transitions=(*gait.transitions, *missed),
+    )
 
 
 @pytest.fixture

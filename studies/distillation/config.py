@@ -50,8 +50,6 @@ class DistillationConfig(Settings):
         scenario: Name of a scenario that ships, or path of a scenario file: the one world in which
             they are collected instead, but for its commands.
         settings: Settings of the students' fits.
-        compact: Round the leaves and tables of trees and additive models to single precision, as
-            those that ship are.
         n_jobs: Students that are made at once; of one, joints that are fitted at once.
     """
 
@@ -74,7 +72,6 @@ class DistillationConfig(Settings):
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )
-    compact: bool = False
     n_jobs: Jobs = 2
 
     def __post_init__(self) -> None:

@@ -204,8 +204,8 @@ class _Distillation:
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
         settings, student = self._choose(kind, self._training(seen))
-        if self.config.compact:
-            student = student.compact()
+        # What is scored is what is saved, rounded to single precision where that halves a file.
+        student = student.compact()
         student.save(student_path(self.folder, kind))
         if isinstance(student, FormulaPolicy):
             write_formulas(student, self.folder / f"{kind}_formulas")

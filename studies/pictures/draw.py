@@ -27,11 +27,19 @@ from glassgait.studies.console import say
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollout.stills import gait_strip
 from glassgait.studies.students.linear import untrained_student
-from glassgait.studies.training.figures import curriculum_curves, learning_curves
+from glassgait.studies.training.figures import ablation_curves, learning_curves
 
 FOLDER = Path(__file__).parent
-ABLATION = EXPERT_DIRECTORY / "ablation" / "bound_without_curriculum.csv"
-"""Curve of a bound that was trained as the paper trains."""
+ABLATIONS = EXPERT_DIRECTORY / "ablation"
+"""Records and curves of runs that lack an ingredient."""
+
+TROT_ABLATIONS = {
+    "short": "mirrored, with latency",
+    "without_mirror": "not mirrored",
+    "without_latency": "without latency",
+    "without_either": "neither",
+}
+"""Short trainings of the trot, and what they are called in the figure."""
 
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
@@ -55,8 +63,16 @@ def draw_all() -> None:
     say("drawing the learning curves")
     curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
-    figure = curriculum_curves(curves["bound"], pd.read_csv(ABLATION))
+    without = pd.read_csv(ABLATIONS / "bound_without_curriculum.csv")
+    figure = ablation_curves({"with the curriculum": curves["bound"], "without (paper)": without})
     save_figure(figure, FOLDER / "curriculum", extensions=("png",))
+    figure = ablation_curves(
+        {
+            title: pd.read_csv(ABLATIONS / f"trot_{name}.csv")
+            for name, title in TROT_ABLATIONS.items()
+        }
+    )
+    save_figure(figure, FOLDER / "ablation", extensions=("png",))
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:

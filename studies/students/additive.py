@@ -37,10 +37,10 @@ class EbmSettings(StudentSettings):
     title: ClassVar[str] = "distillation: ebm"
 
     outer_bags: Count = 4
-    interactions: Natural = 200
+    interactions: Natural = 60
     round_interactions: Natural = 60
-    max_bins: Bins = 256
-    max_interaction_bins: Bins = 24
+    max_bins: Bins = 128
+    max_interaction_bins: Bins = 16
     max_rounds: Count = 100
     learning_rate: Share = 0.2
     smoothing_rounds: Natural = 20

@@ -32,7 +32,7 @@ class GbmSettings(StudentSettings):
 
     title: ClassVar[str] = "distillation: gbm"
 
-    n_trees: Count = 200
+    n_trees: Count = 140
     depth: Depth = 7
     learning_rate: Share = 0.1
     subsample: Share = 0.25

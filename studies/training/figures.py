@@ -1,4 +1,4 @@
-"""Figures of training: learning curves, and what the curriculum is worth."""
+"""Figures of training: learning curves, and what single ingredients are worth."""
 
 from collections.abc import Mapping
 
@@ -33,10 +33,13 @@ def learning_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
 
 
 @styled
-def curriculum_curves(with_it: pd.DataFrame, without: pd.DataFrame) -> Figure:
-    """Draws a run with the reward machine's curriculum beside one without, over equal budgets."""
-    budget = min(with_it["control_steps"].max(), without["control_steps"].max())
-    curves = {"with the curriculum": with_it, "without (paper)": without}
+def ablation_curves(curves: Mapping[str, pd.DataFrame]) -> Figure:
+    """Draws runs that differ in an ingredient, over equal budgets.
+
+    Args:
+        curves: Curves as training writes them, by the name of their line.
+    """
+    budget = min(curve["control_steps"].max() for curve in curves.values())
     same = {name: curve[curve["control_steps"] <= budget] for name, curve in curves.items()}
     return _curves(same, ("plain_reward", "rhythm", "difficulty", "failure_rate"))
 

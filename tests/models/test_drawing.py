@@ -71,10 +71,10 @@ def unquoted(text: str) -> str:
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
-def test_graphviz_can_draw_it():
-    text = to_graphviz(load_gait("half_bound"))
+def test_graphviz_can_draw_it(unforgiving):
+    text = to_graphviz(unforgiving)
     drawn = subprocess.run(
         ["dot", "-Tsvg"], input=text, text=True, check=True, capture_output=True
     ).stdout
     assert "<svg" in drawn
-    assert all(f">{state}<" in drawn for state in load_gait("half_bound").states)
+    assert all(f">{state}<" in drawn for state in unforgiving.states)

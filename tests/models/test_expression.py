@@ -44,7 +44,7 @@ def extend(children):
 EXPRESSIONS = st.recursive(leaves(), extend, max_leaves=12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(EXPRESSIONS)
 def test_text_comes_back_with_the_same_values(expression):
     again = parse_expression(expression.to_text(NAMES), NAMES)
@@ -53,7 +53,7 @@ def test_text_comes_back_with_the_same_values(expression):
     np.testing.assert_array_equal(tape[:, 0], tape[:, 1])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(EXPRESSIONS)
 def test_compiled_values_are_sympys(expression):
     symbols = sympy.symbols(NAMES)
@@ -63,7 +63,7 @@ def test_compiled_values_are_sympys(expression):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(EXPRESSIONS, st.integers(0, 2))
 def test_derivatives_are_sympys(expression, variable):
     symbols = sympy.symbols(NAMES)
@@ -85,7 +85,7 @@ def test_every_function_is_differentiated(function):
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(EXPRESSIONS)
 def test_terms_add_up_to_the_formula(expression):
     rows = np.random.default_rng(0).normal(size=(5, 3))

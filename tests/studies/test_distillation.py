@@ -243,14 +243,9 @@ def test_formulas_are_readable(finished):
     assert "x1" not in text
 
 
-def test_compact_students_are_what_is_scored_and_saved(finished, expert, tmp_path):
-    folder, whole = finished
-    config = replace(TINY, students=("gbm", "ebm"), compact=True)
-    r2 = distill(config, GAIT, expert, tmp_path, lambda line: None)
-    expected = whole.set_index("student").loc[["gbm", "ebm"], "r2"]
-    np.testing.assert_allclose(r2["r2"], expected, atol=1e-3)
-    for kind in config.students:
-        policy = load_policy(tmp_path / f"{kind}.safetensors")
-        assert policy.digest() == policy.compact().digest()
-        sizes = [(place / f"{kind}.safetensors").stat().st_size for place in (tmp_path, folder)]
-        assert sizes[0] < sizes[1]
+def test_students_are_saved_and_scored_as_compact_ones(finished):
+    folder, r2 = finished
+    assert set(r2["student"]) >= {"gbm", "ebm", "histogram_gbm"}
+    for kind in r2["student"]:
+        policy = load_policy(folder / f"{kind}.safetensors")
+        assert policy.digest() == policy.compact().digest(), kind

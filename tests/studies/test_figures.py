@@ -30,7 +30,7 @@ from glassgait.studies.robustness.figures import fall_map
 from glassgait.studies.rollout.stills import gait_strip, last_cycle
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.symmetry.figures import symmetry_figure
-from glassgait.studies.training.figures import curriculum_curves, learning_curves
+from glassgait.studies.training.figures import ablation_curves, learning_curves
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
 
@@ -168,7 +168,7 @@ def test_learning_curves_have_a_line_for_each_run(curve):
 
 
 def test_curricula_are_compared_over_equal_budgets(curve):
-    figure = curriculum_curves(curve, curve.head(100))
+    figure = ablation_curves({"with it": curve, "without": curve.head(100)})
     for panel in figure.axes:
         ends = {line.get_xdata()[-1] for line in panel.get_lines()}
         assert ends == {curve["control_steps"][99] / 1e6}

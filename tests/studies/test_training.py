@@ -197,8 +197,8 @@ def test_difficulty_rises_only_while_the_rhythm_is_kept(tmp_path):
     assert run.environment.simulator.difficulty == 1.0
 
 
-def test_an_episode_ends_where_nothing_can_be_earned(tmp_path):
-    environment = training_run(replace(TINY, gait="half_bound"), tmp_path).environment
+def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tmp_path):
+    environment = TrainingRun(TINY, unforgiving, tmp_path).environment
     simulator = environment.simulator
     simulator.reset()
     simulator.state.machine.state[:3] = simulator.task.gait.states.index("missed")
