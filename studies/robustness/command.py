@@ -19,7 +19,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
-from glassgait.studies.robustness.figures import fall_map
+from glassgait.studies.robustness.figures import fall_map, fall_overview
 from glassgait.studies.robustness.tables import fall_table, readable_table, worst_table
 from glassgait.studies.robustness.worlds import world_jobs
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -29,6 +29,8 @@ from glassgait.studies.students.library import load_shipped_students, load_stude
 from glassgait.studies.students.settings import StudentKind
 from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
 from glassgait.studies.tables import print_table, write_metrics, write_table
+
+OUTPUT = Path("runs/robustness")
 
 
 @dataclass(frozen=True)
@@ -72,20 +74,25 @@ class Robustness(Settings):
         if len(names) == 1:
             replace(self, gait=names)._run_one(scenarios)
             return
+        folder = self.output or OUTPUT
+        tables = {}
 
         def run_alone(name: str) -> None:
-            output = self.output / load_gait(name).name if self.output else None
-            replace(self, gait=(name,), output=output)._run_one(scenarios)
+            gait = load_gait(name).name
+            one = replace(self, gait=(name,), output=folder / gait)
+            tables[gait] = one._run_one(scenarios)
 
         run_each(names, run_alone)
+        _write_overview(tables, folder)
+        console.print(f"all gaits side by side: {folder / 'worlds.png'}")
 
-    def _run_one(self, scenarios: Mapping[str, Scenario]) -> None:
+    def _run_one(self, scenarios: Mapping[str, Scenario]) -> pd.DataFrame:
         """Runs the study of the only gait."""
         gait = load_gait(self.gait[0])
         expert = load_expert(gait, self.expert)
         students = self._students(gait, expert)
         jobs = world_jobs(gait, expert, students, scenarios, self.rollouts)
-        folder = self.output or Path("runs/robustness") / gait.name
+        folder = self.output or OUTPUT / gait.name
         run = {"study": "robustness", "settings": self, "resume": self.resume}
         with (
             open_run(folder, **run, inputs=inputs_of(jobs)),
@@ -97,6 +104,7 @@ class Robustness(Settings):
             _write(table, gait, folder)
         print_table(f"{gait.name}: where each falls most", worst_table(table))
         console.print(f"written to {folder}")
+        return table
 
     def _students(self, gait: Gait, expert: NeuralPolicy) -> dict[str, Policy]:
         """Loads the students that walk; where there are none, the expert walks alone."""
@@ -135,6 +143,14 @@ class Robustness(Settings):
                 "--distillation that made it"
             )
         return gaits
+
+
+def _write_overview(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
+    """Writes the tables of all gaits as one, and their maps side by side."""
+    parts = [readable_table(table).assign(gait=gait) for gait, table in tables.items()]
+    whole = pd.concat(parts, ignore_index=True)
+    write_table(whole[["gait", *whole.columns.drop("gait")]], folder / "worlds")
+    save_figure(fall_overview(tables), folder / "worlds")
 
 
 def _write(table: pd.DataFrame, gait: Gait, folder: Path) -> None:

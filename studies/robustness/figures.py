@@ -1,6 +1,8 @@
 """The map of falls: who falls in which world."""
 
 import textwrap
+from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import matplotlib as mpl
@@ -26,6 +28,9 @@ GAP = 0.25
 
 COLUMN, ROW = 0.55, 0.19
 """Size of a cell (inches)."""
+
+NARROW_COLUMN = 0.24
+"""The same, of a column where the maps of several gaits stand side by side."""
 
 LEAST_ROWS = 7
 """Rows that a figure has room for at least: its colour bar needs them."""
@@ -65,6 +70,47 @@ def fall_map(table: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
+@styled
+def fall_overview(tables: Mapping[str, pd.DataFrame]) -> Figure:
+    """Draws the maps of several gaits side by side, a column a gait and policy, worst world first.
+
+    Args:
+        tables: What `fall_table` returned, by the gait.
+    """
+    whole = pd.concat([table.assign(gait=gait) for gait, table in tables.items()])
+    worlds = worst_first(whole)
+    robots = whole.groupby("scenario")["robots"].min()
+    named = whole.drop_duplicates("scenario").set_index("scenario")["world"]
+    counts = [len(policies_of(table)) for table in tables.values()]
+    size = (2.0 + NARROW_COLUMN * (sum(counts) + len(counts)), 1.8 + ROW * len(worlds))
+    figure, panels = subplots(
+        1, len(tables), figsize=size, squeeze=False, sharey=True, width_ratios=counts
+    )
+    for axes, (gait, table) in zip(panels[0], tables.items(), strict=True):
+        policies = policies_of(table)
+        cells = {(cell["scenario"], cell["policy"]): cell for cell in table.to_dict("records")}
+        for (row, world), (x, policy) in product(enumerate(worlds), enumerate(policies)):
+            _draw_cell(axes, x, row, cells.get((world, policy)))
+        if TRAINING in worlds:
+            _frame(axes, worlds.index(TRAINING), len(policies) - 1)
+        axes.set(xlim=(-0.55, len(policies) - 0.45), ylim=(len(worlds) - 0.45, -0.55))
+        _plain(axes)
+        titles = [policy_title(name) for name in policies]
+        axes.set_xticks(range(len(policies)), titles, fontsize=6.5, rotation=90)
+        axes.set_title(gait.replace("_", "-"), fontsize=8)
+    most = int(whole["robots"].max())
+    _name_rows(
+        panels[0, 0], worlds, [named[world] + _fewer(robots[world], most) for world in worlds]
+    )
+    missing = any(
+        len(table) < len(worlds) * count
+        for table, count in zip(tables.values(), counts, strict=True)
+    )
+    caption = _caption(whole, TRAINING in worlds, missing)
+    figure.supxlabel(textwrap.fill(caption, round(17 * size[0])), fontsize=7)
+    return figure
+
+
 def readable_on(color: tuple[float, float, float]) -> str:
     """Returns black or white, whichever stands out more from a colour."""
     # Relative luminance as WCAG 2 defines it; 0.179 contrasts as much with black as with white.
@@ -96,15 +142,24 @@ def _name_rows_and_columns(
     axes: Axes, table: pd.DataFrame, worlds: list[str], policies: list[str], at: list[float]
 ) -> None:
     axes.set(xlim=(-0.55, at[-1] + 0.55), ylim=(len(worlds) - 0.45, -0.55))
+    _plain(axes)
+    axes.set_xticks(at, [textwrap.fill(policy_title(name), 11) for name in policies], fontsize=6.5)
+    named = table.drop_duplicates("scenario").set_index("scenario").loc[worlds]
+    robots = [_fewer(count, table["robots"].max()) for count in named["robots"]]
+    _name_rows(
+        axes, worlds, [f"{name}{count}" for name, count in zip(named["world"], robots, strict=True)]
+    )
+
+
+def _plain(axes: Axes) -> None:
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     axes.xaxis.tick_top()
-    axes.set_xticks(at, [textwrap.fill(policy_title(name), 11) for name in policies], fontsize=6.5)
-    named = table.drop_duplicates("scenario").set_index("scenario").loc[worlds]
-    robots = [_fewer(count, table["robots"].max()) for count in named["robots"]]
-    labels = [f"{title}{count}" for title, count in zip(named["world"], robots, strict=True)]
-    axes.set_yticks(range(len(worlds)), [textwrap.fill(label, 40) for label in labels])
+
+
+def _name_rows(axes: Axes, worlds: list[str], names: list[str]) -> None:
+    axes.set_yticks(range(len(worlds)), [textwrap.fill(name, 40) for name in names])
     for label, world in zip(axes.get_yticklabels(), worlds, strict=True):
         label.set_fontweight("bold" if world == TRAINING else "normal")
 

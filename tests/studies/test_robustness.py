@@ -8,6 +8,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
+import glassgait.studies.robustness.command
 import glassgait.studies.rollouts.jobs
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario, load_scenarios
@@ -280,7 +281,7 @@ def test_a_kind_that_is_missing_is_told_and_the_others_walk(run, capsys):
 
 @pytest.fixture
 def studied(monkeypatch):
-    """Has the study of a gait do nothing but note it, and refuse the walk."""
+    """Has the study of a gait do nothing but note it, and refuse the walk; none is drawn."""
     noted = []
 
     def note(command, scenarios):
@@ -290,6 +291,7 @@ def studied(monkeypatch):
             raise InputError("too slow")
 
     monkeypatch.setattr(Robustness, "_run_one", note)
+    monkeypatch.setattr(glassgait.studies.robustness.command, "_write_overview", lambda *of: None)
     return noted
 
 

@@ -1,0 +1,62 @@
+"""The maps of several gaits side by side, and the command that draws them."""
+
+import pandas as pd
+import pytest
+
+from glassgait.studies.cli import main
+from glassgait.studies.robustness.figures import fall_overview
+
+
+def table_of(falls, robots=10):
+    rows = [
+        {
+            "scenario": world,
+            "world": world,
+            "policy": policy,
+            "falls": count,
+            "robots": robots,
+            "fall_rate": count / robots,
+        }
+        for (world, policy), count in falls.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_gaits_stand_side_by_side_and_share_their_rows():
+    trot = table_of({("training", "expert"): 0, ("ice", "expert"): 1, ("ice", "gbm"): 2})
+    pace = table_of({("training", "expert"): 9, ("ice", "expert"): 3}, robots=20)
+    figure = fall_overview({"trot": trot, "three_one": pace})
+    first, second = figure.axes
+    assert [axes.get_title() for axes in figure.axes] == ["trot", "three-one"]
+    # Falls of the training world are a greater share under the second gait's expert.
+    assert [text.get_text() for text in second.texts] == ["9", "3"]
+    assert [label.get_text() for label in first.get_yticklabels()] == [
+        "training (10 robots)",
+        "ice (10 robots)",
+    ]
+    assert [label.get_text() for label in first.get_xticklabels()] == ["Neural expert", "GBM"]
+    hatched = [cell for cell in first.patches if cell.get_hatch()]
+    assert len(hatched) == 1
+
+
+def test_command_draws_all_its_gaits(tmp_path):
+    small = ["--n-robots", "2", "--n-steps", "10", "--n-workers", "1", "--worlds", "training"]
+    students = ["--students", "statewise_symbolic"]
+    main(["robustness", "--gait", "trot", "pace", *small, *students, "--output", str(tmp_path)])
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("trot", "pace"),
+        *(f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")),
+    }
+    whole = pd.read_csv(tmp_path / "worlds.csv")
+    assert whole["gait"].tolist() == ["trot", "trot", "pace", "pace"]
+    parts = [pd.read_csv(tmp_path / gait / "worlds.csv") for gait in ("trot", "pace")]
+    pd.testing.assert_frame_equal(whole.drop(columns="gait"), pd.concat(parts, ignore_index=True))
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_missing_cells_are_told(missing):
+    falls = {("training", "expert"): 0, ("ice", "expert"): 1, ("ice", "gbm"): 2}
+    if not missing:
+        falls["training", "gbm"] = 0
+    caption = fall_overview({"trot": table_of(falls)}).get_supxlabel()
+    assert ("hatched" in caption) == missing
