@@ -3,7 +3,12 @@
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.policies.library import load_policy, load_student, shipped_students
+from glassgait.models.policies.library import (
+    load_expert,
+    load_policy,
+    load_student,
+    shipped_students,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.studies.console import say
@@ -106,12 +111,13 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    student = _load_student(name, expert.gait, folder)
+    student = _load_student(name, expert, folder)
     student.check(gait=expert.gait, observation_names=expert.observation_names)
     return student
 
 
-def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
+def _load_student(name: str, expert: NeuralPolicy, folder: Path | None) -> Policy:
+    gait = expert.gait
     if name not in STUDENTS:
         if Path(name).suffix != ".safetensors":
             raise InputError(
@@ -125,6 +131,12 @@ def _load_student(name: str, gait: str, folder: Path | None) -> Policy:
             say(f"{name}: that of {path.parent}, in place of the shipped one")
         return load_policy(path)
     if folder is None and name in shipped_students(gait):
+        if expert.digest() != load_expert(gait).digest():
+            raise InputError(
+                f"the shipped student {name!r} of the {gait} sees what the shipped expert's "
+                "estimator tells, and this is another expert; distil one with "
+                f"'glassgait distill --gait {gait} --students {name} --expert <its file>'"
+            )
         return load_student(gait, name)
     raise InputError(
         f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
