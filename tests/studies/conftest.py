@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.rollout import Rollout
+from glassgait.models.a1 import robot
 from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
@@ -56,6 +57,15 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
 def expert() -> NeuralPolicy:
     """The trot's expert that ships."""
     return load_expert("trot")
+
+
+@pytest.fixture(scope="module")
+def other_expert(expert) -> NeuralPolicy:
+    """An expert of the trot that never moves, with the estimator of the one that ships."""
+    still = Network(
+        (np.zeros((robot.N_JOINTS, len(expert.observation_names))),), (np.ones(robot.N_JOINTS),)
+    )
+    return NeuralPolicy("trot", expert.observation_names, still, expert.estimator)
 
 
 @pytest.fixture(scope="session")

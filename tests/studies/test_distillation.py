@@ -4,13 +4,11 @@ import shutil
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.selection import simplest_of_the_best
@@ -114,12 +112,10 @@ def test_a_damaged_student_beside_a_good_record_is_told(finished, expert, tmp_pa
     assert path.read_bytes() == (folder / "linear.safetensors").read_bytes()
 
 
-def test_another_expert_is_not_mixed_in(finished, expert):
+def test_another_expert_is_not_mixed_in(finished, other_expert):
     folder, _ = finished
-    actor = replace(expert.actor, biases=(*expert.actor.biases[:-1], np.ones(12)))
-    other = NeuralPolicy("trot", expert.observation_names, actor, expert.estimator)
     with pytest.raises(InputError, match="was made with another expert"):
-        distill(TINY, GAIT, other, folder, lambda line: None, resume=True)
+        distill(TINY, GAIT, other_expert, folder, lambda line: None, resume=True)
 
 
 def test_files_of_another_run_or_round_are_not_mixed_in(finished, expert, tmp_path):

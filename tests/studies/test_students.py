@@ -17,7 +17,6 @@ from glassgait.models.policies.library import (
     shipped_experts,
     shipped_students,
 )
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -71,14 +70,12 @@ def test_a_shipped_student_is_found_where_no_distillation_is(tmp_path, monkeypat
 
 
 def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
-    expert, tmp_path, monkeypatch, refused
+    other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    actor = replace(expert.actor, biases=(*expert.actor.biases[:-1], np.ones(12)))
-    own = NeuralPolicy("trot", expert.observation_names, actor, expert.estimator)
     with pytest.raises(InputError, match=r"shipped expert's estimator.*distil one"):
-        find_student("symbolic", own)
-    own.save(tmp_path / "own.safetensors")
+        find_student("symbolic", other_expert)
+    other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
     assert "another expert" in refused(["evaluate", "--scenario", "training", *own])
     assert "another expert" in refused(["rollout", *own])
