@@ -35,20 +35,27 @@ def trot() -> Gait:
 
 @pytest.fixture
 def unforgiving() -> Gait:
-    """The half-bound, but the wrong rear foot leads into a sink once the episode has begun."""
-    gait = load_gait("half_bound")
-    wrong = {"q0": "RR", "q1": "RL", "q2": "RL", "q3": "RR"}
+    """The trot, but a foot that should swing leads into a sink once the episode has begun."""
+    gait = load_gait("trot")
+    wrong = {"q0": "FR", "q1": "FL"}
     missed = tuple(
-        Transition(source, "missed", parse_formula(foot), dwell=0.0, grace=20)
-        for source, foot in wrong.items()
+        Transition(source, "missed", parse_formula(feet), dwell=0.0, grace=20)
+        for source, feet in wrong.items()
     )
     return replace(
         gait,
         name="unforgiving",
         states=(*gait.states, "missed"),
-        sink="missed",
+        faults=("missed",),
         transitions=(*gait.transitions, *missed),
     )
+
+
+@pytest.fixture
+def forgiving(unforgiving) -> Gait:
+    """The same with a way back: the robot starts the trot anew from a stance on all feet."""
+    back = Transition("missed", "q0", parse_formula("FL & FR & RL & RR"))
+    return replace(unforgiving, name="forgiving", transitions=(*unforgiving.transitions, back))
 
 
 @pytest.fixture

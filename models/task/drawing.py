@@ -21,7 +21,7 @@ def to_graphviz(gait: Gait) -> str:
         f'  "" -> {_quoted(gait.initial)};',
     ]
     for i, state in enumerate(gait.states):
-        shape = ", shape=doublecircle" if state == gait.sink else ""
+        shape = ", shape=doublecircle" if state in gait.faults else ""
         color = STATE_COLORS[i % len(STATE_COLORS)]
         lines.append(f'  {_quoted(state)} [fillcolor="{color}"{shape}];')
     for edge in gait.transitions:

@@ -52,7 +52,7 @@ class Gait:
         description: One sentence on the footfall.
         states: Names of the machine's states; the one-hot observation follows this order.
         initial: State at the start of an episode.
-        sink: Absorbing state that earns nothing, or None.
+        faults: States that earn nothing; neither entering nor leaving one is paid.
         transitions: The machine's edges.
         clearance: Height that swing feet must reach before a transition fires (m).
         dwell: Least and greatest commanded number of iterations in a state (control steps).
@@ -64,7 +64,7 @@ class Gait:
     description: str
     states: tuple[str, ...]
     initial: str
-    sink: str | None
+    faults: tuple[str, ...]
     transitions: tuple[Transition, ...]
     clearance: float
     dwell: tuple[int, int]
@@ -164,14 +164,10 @@ def _check_name(path: Path) -> None:
 
 
 def _check_states(gait: Gait) -> None:
-    named = [("initial", gait.initial)]
-    if gait.sink is not None:
-        named.append(("sink", gait.sink))
+    named = [("initial", gait.initial), *(("faults", state) for state in gait.faults)]
     for i, transition in enumerate(gait.transitions):
         named.append((f"transitions[{i}]: key 'from'", transition.source))
         named.append((f"transitions[{i}]: key 'to'", transition.target))
-        if transition.source == gait.sink:
-            raise InputError(f"transitions[{i}] leaves the sink {shown(gait.sink)}; remove it")
     for where, state in named:
         if state not in gait.states:
             raise InputError(

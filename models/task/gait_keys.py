@@ -33,7 +33,7 @@ _KEYS = {
     "max_speed": (int, float),
     "max_yaw_rate": (int, float),
 }
-_OPTIONAL_KEYS = {"sink": str}
+_OPTIONAL_KEYS = {"faults": list}
 _TRANSITION_KEYS = {"from", "to", "when"}
 _OPTIONAL_TRANSITION_KEYS = {"dwell", "grace"}
 
@@ -50,7 +50,7 @@ def checked_values(text: str) -> dict[str, Any]:
         "description": _description(data["description"]),
         "states": _state_names(data["states"]),
         "initial": data["initial"],
-        "sink": data.get("sink"),
+        "faults": _fault_names(data.get("faults", [])),
         "transitions": _transitions(data["transitions"]),
         "clearance": _positive(data, "clearance"),
         "dwell": _dwell_range(data["dwell"]),
@@ -119,6 +119,12 @@ def _state_names(states: list[Any]) -> tuple[str, ...]:
         raise InputError(
             f"key 'states' must name at least two different states, and {MOST_STATES} at most"
         )
+    return tuple(states)
+
+
+def _fault_names(states: list[Any]) -> tuple[str, ...]:
+    if not all(isinstance(state, str) for state in states) or len(set(states)) != len(states):
+        raise InputError(f"key 'faults' is {shown(states)}; list different states by their names")
     return tuple(states)
 
 

@@ -59,7 +59,9 @@ class RewardMachine:
     def __init__(self, gait: Gait) -> None:
         self.gait = gait
         self._initial = gait.states.index(gait.initial)
-        self._sink = -1 if gait.sink is None else gait.states.index(gait.sink)
+        self._is_fault = np.array([state in gait.faults for state in gait.states])
+        left = {transition.source for transition in gait.transitions}
+        self._is_sink = self._is_fault & [state not in left for state in gait.states]
         # The transition that a state takes in a stance; the last row of the arrays below stands
         # for "none".
         none = len(gait.transitions)
@@ -121,16 +123,18 @@ class RewardMachine:
         state = np.where(fired, self._target[edge], machine.state)
         after = MachineState(state=state, iterations=np.where(fired, 0, spent), age=machine.age + 1)
         multiplier = np.where(fired, TRANSITION_MULTIPLIER, 1.0)
+        at_fault = self._is_fault[machine.state] | self._is_fault[state]
         return MachineStep(
             machine=after,
             fired=fired,
-            served_dwell=np.where(fired, dwell, 0.0),
-            multiplier=np.where(self.in_sink(state), 0.0, multiplier),
+            served_dwell=np.where(fired & ~at_fault, dwell, 0.0),
+            multiplier=np.where(at_fault, 0.0, multiplier),
         )
 
     def in_sink(self, state: IntArray) -> BoolArray:
-        """Tells which states (...) are the gait's sink, where nothing is earned any more."""
-        return state == self._sink
+        """Tells which states (...) are faults that no transition leaves: nothing is earned there
+        any more."""
+        return self._is_sink[state]
 
     def one_hot(self, state: IntArray) -> Array:
         """Encodes states (...) as observed, (..., n_states)."""

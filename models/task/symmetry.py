@@ -89,9 +89,9 @@ def _follow(gait: Gait, outgoing: dict[str, list[Transition]], image: str) -> di
                 frontier.append(edge.target)
         if theirs:
             return None
-    sinks_agree = all((a == gait.sink) == (b == gait.sink) for a, b in images.items())
+    faults_agree = all((a in gait.faults) == (b in gait.faults) for a, b in images.items())
     twice_is_none = all(images.get(b) == a for a, b in images.items())
-    return images if sinks_agree and twice_is_none else None
+    return images if faults_agree and twice_is_none else None
 
 
 def _signature(edge: Transition, *, mirrored: bool = False) -> tuple:

@@ -33,8 +33,8 @@ class TrainingStep(NamedTuple):
     Attributes:
         observations: Observation groups (n, ...).
         rewards: Scaled rewards (n,).
-        dones: Whether the episode ended (n,), also in the machine's sink: what follows earns
-            nothing.
+        dones: Whether the episode ended (n,), also in a sink of the machine: what follows
+            earns nothing.
         time_outs: Whether it ended only by its length (n,).
         task: What the simulator reports.
     """

@@ -85,15 +85,17 @@ def test_a_sink_pays_nothing_and_is_never_left(unforgiving):
     assert steps[24].multiplier == 0
 
 
-def test_a_foot_misread_for_a_step_does_not_end_the_half_bound():
-    front, right, left = (
-        np.array(feet, dtype=bool) for feet in ([1, 1, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0])
-    )
-    misread = front | right
-    cycle = [front] * 6 + [right] * 6 + [front] * 6 + [left] * 6
-    cycle[2] = cycle[14] = misread
-    steps = run(RewardMachine(load_gait("half_bound")), cycle * 2, dwell=6)
-    assert sum(float(step.served_dwell) for step in steps) == 2 * len(cycle)
+def test_neither_entering_nor_leaving_a_fault_is_paid_and_the_gait_goes_on(forgiving):
+    machine = RewardMachine(forgiving)
+    steps = run(machine, [ALL] * 27 + [FL_RR] * 6, dwell=6)
+    fault = forgiving.states.index("missed")
+    there = [int(step.machine.state) == fault for step in steps]
+    assert there == [False] * 20 + [True] * 6 + [False] * 7
+    assert [float(step.multiplier) for step in steps[19:28]] == [1.0] + [0.0] * 7 + [1.0]
+    assert not any(machine.in_sink(step.machine.state) for step in steps)
+    # Time at fault is no rhythm that was kept.
+    assert [float(step.served_dwell) for step in steps] == [0.0] * 32 + [6.0]
+    assert steps[-1].multiplier == 1000
 
 
 def test_difficulty_lengthens_the_grace(unforgiving):
@@ -137,8 +139,8 @@ def test_every_run_obeys_the_machine(history):
         else:
             assert after.state == state.state
             assert after.iterations == state.iterations + 1
-        in_sink = gait.sink is not None and gait.states[int(after.state)] == gait.sink
-        assert float(step.multiplier) == (0 if in_sink else 1000 if step.fired else 1)
+        at_fault = {gait.states[int(own.state)] for own in (state, after)} & {*gait.faults}
+        assert float(step.multiplier) == (0 if at_fault else 1000 if step.fired else 1)
         state = after
 
 

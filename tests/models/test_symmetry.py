@@ -52,13 +52,13 @@ def test_a_machine_that_favours_a_side_has_no_mirror_image(change):
     assert mirrored_states(lopsided) is None
 
 
-def test_a_sink_is_its_own_mirror_image():
+def test_a_fault_is_its_own_mirror_image():
     gait = load_gait("trot")
     edges = (replace(edge, target="lost", grace=20) for edge in gait.transitions)
     fatal = replace(gait, states=("q0", "q1", "lost"), transitions=(*gait.transitions, *edges))
-    assert mirrored_states(replace(fatal, sink="lost")) == (1, 0, 2)
-    # As a sink, one of two mirror images has none.
-    assert mirrored_states(replace(gait, sink="q1")) is None
+    assert mirrored_states(replace(fatal, faults=("lost",))) == (1, 0, 2)
+    # As a fault, one of two mirror images has none.
+    assert mirrored_states(replace(gait, faults=("q1",))) is None
 
 
 @given(
