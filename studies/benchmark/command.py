@@ -94,18 +94,23 @@ class Benchmark(Settings):
         )
         say("timing gymnasium's AsyncVectorEnv of DrakeGymEnv, 16 environments")
         processes = gymnasium_processes(16, self.gym_steps)
-        training, physics = pairs["training"].median(), pairs["physics"].median()
+        speeds = pairs.median()
+        training = speeds["training"]
+        shares = [
+            (pairs["training"] / pairs[name]).median() for name in ("late_physics", "physics")
+        ]
         return pd.DataFrame(
             {
                 "what": [
                     f"PPO training, {config.n_robots} robots",
+                    "its physics alone, latencies included",
                     "bare BatchEvalUniquePeriodicDiscreteUpdate, same states and targets",
                     "AsyncVectorEnv of 16 DrakeGymEnv over the diagram, no learning",
                 ],
-                "control steps/s": [round(training), round(physics), round(processes)],
+                "control steps/s": [*map(round, speeds), round(processes)],
                 "training is": [
                     "1",
-                    f"{(pairs['training'] / pairs['physics']).median():.2f} of it",
+                    *(f"{share:.2f} of it" for share in shares),
                     f"{training / processes:.1f} times it",
                 ],
             }

@@ -30,33 +30,36 @@ from glassgait.studies.training.study import TrainingRun
 def training_and_physics(
     config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
 ) -> list[dict[str, float]]:
-    """Times updates of PPO, and bare physics over the very same states and targets.
+    """Times updates of PPO, and physics over the very same states and targets.
 
-    The two are timed in turn, `repeats` times, so that both meet the machine's moods alike.
+    Physics is timed as training steps it, latencies included, and bare. All are timed in turn,
+    `repeats` times, so that they meet the machine's moods alike.
 
     Args:
         config: The training run.
         checkpoint: Folder of a run to start from, or None to start at the beginning.
         n_updates: Updates to time at once.
-        repeats: Number of pairs.
+        repeats: Number of turns.
 
     Returns:
-        Control steps/s of `training` and `physics`, a row a pair.
+        Control steps/s of `training`, `late_physics` and bare `physics`, a row a turn.
     """
     with TemporaryDirectory() as temporary:
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
     physics = _BarePhysics(config.worlds.stations(np.random.default_rng(config.seed)))
-    recorded = _record_steps(run)
+    late_step, recorded = _record_steps(run)
     run.update()
     rows = []
     for _ in range(repeats):
         recorded.clear()
         n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
         training = _seconds(lambda: [run.update() for _ in range(n_updates)])
-        bare = _seconds(lambda: [physics.step(*pair) for pair in recorded])
-        rows.append({"training": n_steps / training, "physics": n_steps / bare})
+        late = _seconds(lambda: [late_step(*pair, **delays) for *pair, delays in recorded])
+        bare = _seconds(lambda: [physics.step(*pair) for *pair, _ in recorded])
+        speeds = {"training": training, "late_physics": late, "physics": bare}
+        rows.append({name: n_steps / seconds for name, seconds in speeds.items()})
     return rows
 
 
@@ -103,17 +106,22 @@ class _BarePhysics:
             )
 
 
-def _record_steps(run: TrainingRun) -> list[tuple[Array, Array]]:
+_Step = tuple[Array, Array, dict[str, Array]]
+
+
+def _record_steps(run: TrainingRun) -> tuple[Callable[..., PhysicsStep], list[_Step]]:
+    """Returns what steps the run's physics, and a list that its steps are recorded in."""
     physics = run.environment.simulator.physics
-    recorded: list[tuple[Array, Array]] = []
+    recorded: list[_Step] = []
     step = physics.step
 
     def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
-        recorded.append((states.copy(), targets.copy()))
+        delays = {name: values.copy() for name, values in late.items()}
+        recorded.append((states.copy(), targets.copy(), delays))
         return step(states, targets, **late)
 
     setattr(physics, "step", recording_step)  # noqa: B010
-    return recorded
+    return step, recorded
 
 
 def _drake_gym_env() -> gym.Env:
