@@ -89,7 +89,7 @@ REFUSED = {
     "distill --gbm.feature-share 1.5": "feature_share is 1.5; it must be 1 or less",
     "distill --histogram-gbm.leaves 1": "leaves is 1; it must be 2 or more",
     "distill --ebm.max-bins 2": "max_bins is 2; it must be 3 or more",
-    "distill --ebm.max-bins 16": "max_interaction_bins is 24, more than max_bins = 16",
+    "distill --ebm.max-bins 8": "max_interaction_bins is 16, more than max_bins = 8",
     "distill --ebm.outer-bags 0": "outer_bags is 0",
     "distill --ebm.interactions -1": "interactions is -1; it must be 0 or more",
     "distill --ebm.learning-rate 0": "learning_rate is 0.0; it must be more than 0",
