@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
@@ -46,6 +47,8 @@ def told_plainly() -> Iterator[None]:
         sys.stdout.flush()
     except KeyboardInterrupt as interrupt:
         _replace_handlers(_end_at_once, _end_quietly)
+        # What is unwound late, such as joblib's loops, would warn of the work that it drops.
+        warnings.simplefilter("ignore")
         number = signal.SIGTERM if signal.SIGTERM in interrupt.args else signal.SIGINT
         print(file=sys.stderr)
         _end(f"{_SIGNALS[number]}; what was finished is kept", 128 + number)
