@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSyste
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import STATE_COLORS
+from glassgait.models.task.palette import state_colors
 
 DISPLAY_PERIOD = 1.0 / 32.0
 """Time between two pictures (s)."""
@@ -48,8 +48,8 @@ class GaitDisplay(LeafSystem):
         self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
         # By number, since a state's name may hold a slash.
-        for i in range(gait.n_states):
-            meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(i))
+        for i, color in enumerate(state_colors(gait)):
+            meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(color))
         for leg in robot.LEGS:
             meshcat.SetObject(f"{PATH}/contact/{leg}", Sphere(0.024), Rgba(0.9, 0.6, 0.0, 1.0))
         self.DeclarePeriodicPublishEvent(
@@ -94,8 +94,6 @@ class GaitDisplay(LeafSystem):
         self._meshcat.SetProperty(path, "visible", visible, time)
 
 
-def _rgba(state: int) -> Rgba:
-    red, green, blue = np.array(
-        [int(STATE_COLORS[state % len(STATE_COLORS)][i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    )
+def _rgba(color: str) -> Rgba:
+    red, green, blue = (int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return Rgba(red, green, blue, 1.0)

@@ -20,7 +20,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.ending import BAD_INPUT
 
 # How long an example takes says how busy the machine is, nothing else.
-settings.register_profile("no deadline")
+settings.register_profile("no deadline", deadline=None)
 settings.load_profile("no deadline")
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

@@ -6,7 +6,7 @@ Names are a person's own words, so they are quoted as each language asks.
 import re
 
 from glassgait.models.task.gait import Gait, Transition
-from glassgait.models.task.palette import STATE_COLORS
+from glassgait.models.task.palette import state_colors
 
 
 def to_graphviz(gait: Gait) -> str:
@@ -20,9 +20,8 @@ def to_graphviz(gait: Gait) -> str:
         '  "" [shape=point, fillcolor=black];',
         f'  "" -> {_quoted(gait.initial)};',
     ]
-    for i, state in enumerate(gait.states):
+    for state, color in zip(gait.states, state_colors(gait), strict=True):
         shape = ", shape=doublecircle" if state in gait.faults else ""
-        color = STATE_COLORS[i % len(STATE_COLORS)]
         lines.append(f'  {_quoted(state)} [fillcolor="{color}"{shape}];')
     for edge in gait.transitions:
         label = f"{edge.when.text}\\n{_conditions(gait, edge)}"

@@ -18,7 +18,7 @@ from glassgait.models.policies.tape import Tape
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
-from glassgait.models.task.palette import STATE_COLORS
+from glassgait.models.task.palette import state_colors
 from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.explanation.products import Product, products
 from glassgait.studies.pages import inline_image, page_template
@@ -116,7 +116,7 @@ def render_page(
         "joints": robot.JOINTS,
         "legs": robot.LEGS,
         "states": gait.states,
-        "colors": [STATE_COLORS[i % len(STATE_COLORS)] for i in range(gait.n_states)],
+        "colors": state_colors(gait),
         "state": rollout["rm_state"].argmax(axis=1).tolist(),
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),

@@ -8,7 +8,7 @@ from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import STATE_COLORS
+from glassgait.models.task.palette import state_colors
 from glassgait.studies.figures import COLUMN_WIDTH, styled
 from glassgait.studies.rollouts.gait_figure import draw_gait
 
@@ -46,11 +46,12 @@ def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     camera = Camera(480, 320)
     figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
+    colors = state_colors(gait)
     for column, step in enumerate(steps):
         _place_still(
             figure.add_subplot(grid[0, column]),
             _cropped(camera.take(rollout["state"][step])),
-            int(rollout["rm_state"][step].argmax()),
+            colors[rollout["rm_state"][step].argmax()],
             1000.0 * (rollout.time[step] - rollout.time[start]),
         )
     axes = figure.add_subplot(grid[1, :])
@@ -67,11 +68,11 @@ def _cropped(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return picture[height // 10 : height - height // 10, width // 6 : width - width // 6]
 
 
-def _place_still(axes, picture: NDArray[np.uint8], state: int, milliseconds: float) -> None:
+def _place_still(axes, picture: NDArray[np.uint8], color: str, milliseconds: float) -> None:
     axes.imshow(picture)
     axes.set_xticks([])
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.set_title(f"{milliseconds:.0f} ms", fontsize=6, pad=2)
     for side in axes.spines.values():
-        side.set(visible=True, color=STATE_COLORS[state % len(STATE_COLORS)], linewidth=1.5)
+        side.set(visible=True, color=color, linewidth=1.5)

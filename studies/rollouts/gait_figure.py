@@ -11,7 +11,7 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.a1 import robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.palette import STATE_COLORS
+from glassgait.models.task.palette import state_colors
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 
 
@@ -28,13 +28,12 @@ def gait_figure(rollout: Rollout, gait: Gait, title: str, seconds: float = 2.0) 
 
 def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     """Draws the gait diagram of a whole rollout."""
-    states = rollout["rm_state"].argmax(axis=1)
+    states, colors = rollout["rm_state"].argmax(axis=1), state_colors(gait)
     for start, stop in _runs(states):
-        color = STATE_COLORS[states[start] % len(STATE_COLORS)]
         axes.axvspan(
             rollout.time[start],
             rollout.time[start] + (stop - start) * CONTROL_PERIOD,
-            color=color,
+            color=colors[states[start]],
             alpha=0.25,
             linewidth=0,
         )
@@ -50,8 +49,8 @@ def draw_gait(axes: Axes, rollout: Rollout, gait: Gait) -> None:
     axes.set(xlabel="time (s)", ylim=(robot.N_LEGS - 0.4, -0.6))
     axes.grid(visible=False)
     handles = [
-        Patch(color=STATE_COLORS[i % len(STATE_COLORS)], alpha=0.25, label=name)
-        for i, name in enumerate(gait.states)
+        Patch(color=color, alpha=0.25, label=name)
+        for name, color in zip(gait.states, colors, strict=True)
     ]
     handles.insert(0, Patch(color="0.15", label="contact"))
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -13,6 +13,7 @@ import pytest
 from glassgait.models.task.drawing import to_graphviz, to_mermaid
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, gait_names, load_gait
+from glassgait.models.task.palette import FAULT_COLORS, state_colors
 
 HOSTILE = [
     'say "x"', "back\\", '\\"', "a; b", "{a}", "a -> b", "end", "start", "[*]", "s0", "a:b", "%% x",
@@ -78,3 +79,11 @@ def test_graphviz_can_draw_it(unforgiving):
     ).stdout
     assert "<svg" in drawn
     assert all(f">{state}<" in drawn for state in unforgiving.states)
+
+
+@pytest.mark.parametrize("name", gait_names())
+def test_states_of_a_gait_differ_in_colour_and_faults_are_grey(name):
+    gait = load_gait(name)
+    colors = dict(zip(gait.states, state_colors(gait), strict=True))
+    assert len(set(colors.values())) == gait.n_states
+    assert {state for state, color in colors.items() if color in FAULT_COLORS} == {*gait.faults}

@@ -130,8 +130,10 @@ def test_every_run_obeys_the_machine(history):
         )
         after = step.machine
         assert after.age == age + 1
+        served = 0.0
         if step.fired:
             edge = edges[int(state.state), int(after.state)]
+            served = edge.dwell * dwell
             assert edge.when.table[int(contact @ [1, 2, 4, 8])]
             assert int(state.iterations) + 1 >= edge.dwell * dwell
             assert age >= edge.grace
@@ -141,6 +143,7 @@ def test_every_run_obeys_the_machine(history):
             assert after.iterations == state.iterations + 1
         at_fault = {gait.states[int(own.state)] for own in (state, after)} & {*gait.faults}
         assert float(step.multiplier) == (0 if at_fault else 1000 if step.fired else 1)
+        assert float(step.served_dwell) == (0 if at_fault else served)
         state = after
 
 

@@ -28,7 +28,7 @@ EXPECTED = {
     "bound": (0, 1),
     "walk": (2, 3, 0, 1),
     "three_one": (2, 3, 0, 1),
-    "half_bound": (2, 3, 0, 1, 4),
+    "half_bound": (2, 3, 0, 1, 5, 4),
 }
 MIRROR_LEGS = [robot.LEGS.index(MIRRORED_LEGS[leg]) for leg in robot.LEGS]
 

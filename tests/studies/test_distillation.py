@@ -239,7 +239,7 @@ def test_formulas_are_readable(finished):
     assert "x1" not in text
 
 
-def test_students_are_saved_and_scored_as_compact_ones(finished):
+def test_students_are_saved_as_compact_ones(finished):
     folder, r2 = finished
     assert set(r2["student"]) >= {"gbm", "ebm", "histogram_gbm"}
     for kind in r2["student"]:
