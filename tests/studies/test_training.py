@@ -212,7 +212,7 @@ def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tmp_path):
 def test_an_experts_record_gives_back_its_settings(tmp_path):
     training_run(replace(TINY, updates=1), tmp_path).run(silent)
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
-    shipped = read_config(EXPERT_DIRECTORY / "robust" / "trot.yaml")
+    shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
     assert shipped.worlds.fine_steps == (0.005, 0.0025)
     assert len(shipped.worlds.stations(np.random.default_rng(0))) == 16
     assert shipped.ppo.actor_layers == (256, 128, 64)
