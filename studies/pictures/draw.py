@@ -33,14 +33,6 @@ FOLDER = Path(__file__).parent
 ABLATIONS = EXPERT_DIRECTORY / "ablation"
 """Records and curves of runs that lack an ingredient."""
 
-TROT_ABLATIONS = {
-    "short": "mirrored, with latency",
-    "without_mirror": "not mirrored",
-    "without_latency": "without latency",
-    "without_either": "neither",
-}
-"""Short trainings of the trot, and what they are called in the figure."""
-
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
 FILMED_STEPS = 96
@@ -66,13 +58,6 @@ def draw_all() -> None:
     without = pd.read_csv(ABLATIONS / "bound_without_curriculum.csv")
     figure = ablation_curves({"with the curriculum": curves["bound"], "without (paper)": without})
     save_figure(figure, FOLDER / "curriculum", extensions=("png",))
-    figure = ablation_curves(
-        {
-            title: pd.read_csv(ABLATIONS / f"trot_{name}.csv")
-            for name, title in TROT_ABLATIONS.items()
-        }
-    )
-    save_figure(figure, FOLDER / "ablation", extensions=("png",))
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
