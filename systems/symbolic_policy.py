@@ -12,7 +12,6 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.gates import OVERDUE, time_entries
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
@@ -83,8 +82,7 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
     """Returns the expressions of the actions (12)."""
     match policy:
         case FormulaPolicy(formulas_by_state=formulas):
-            seen = _held_when_overdue(variables, policy.observation_names)
-            by_state = [_formulas(row, seen) for row in formulas]
+            by_state = [_formulas(row, variables) for row in formulas]
         case LinearPolicy(weights=weights, intercepts=intercepts):
             by_state = [_weighted(weights, intercepts, variables)]
         case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
@@ -105,15 +103,6 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
         return by_state[0]
     states = variables[machine_state_entries(policy.observation_names)]
     return [_of_state(branches, states) for branches in zip(*by_state, strict=True)]
-
-
-def _held_when_overdue(variables: Symbols, names: tuple[str, ...]) -> list[drake.Expression]:
-    """Writes what formulas see, as `glassgait.models.policies.gates.held_when_overdue` does."""
-    iterations, commanded = time_entries(names)
-    latest = variables[commanded] + OVERDUE * ITERATIONS_SCALE
-    seen = [drake.Expression(variable) for variable in variables]
-    seen[iterations] = drake.min(seen[iterations], latest)
-    return seen
 
 
 def _of_state(branches: Sequence[drake.Expression], states: Symbols) -> drake.Expression:
@@ -145,13 +134,11 @@ def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.E
     )
 
 
-def _formulas(
-    formulas: Sequence[Expression], seen: Sequence[drake.Expression]
-) -> list[drake.Expression]:
+def _formulas(formulas: Sequence[Expression], variables: Symbols) -> list[drake.Expression]:
     translated = []
     for joint, formula in zip(robot.JOINTS, formulas, strict=True):
         try:
-            translated.append(_translated(formula, seen))
+            translated.append(_translated(formula, variables))
         except (RuntimeError, ValueError) as error:
             # Drake evaluates what holds no variable at once.
             raise InputError(
@@ -160,12 +147,12 @@ def _formulas(
     return translated
 
 
-def _translated(formula: Expression, seen: Sequence[drake.Expression]) -> drake.Expression:
+def _translated(formula: Expression, variables: Symbols) -> drake.Expression:
     match formula.operator:
         case "constant":
             return drake.Expression(formula.value)
         case "variable":
-            return seen[formula.variable]
+            return drake.Expression(variables[formula.variable])
         case operator:
-            operands = (_translated(operand, seen) for operand in formula.operands)
+            operands = (_translated(operand, variables) for operand in formula.operands)
             return _FUNCTIONS[operator](*operands)

@@ -1,15 +1,10 @@
-"""What tells a formula where in the gait the robot is: gates, and the time in a state.
+"""Gates: functions of the observations that tell a formula where in the gait the robot is.
 
-Gates are the states of the reward machine, whether it is early or late in a state, and which feet
+They are the states of the reward machine, whether it is early or late in a state, and which feet
 are in the air. All are bounded; a product with the iterations themselves would grow without bound
 where the robot is late.
 """
 
-from functools import cache
-
-import numpy as np
-
-from glassgait.models.a1.robot import Array
 from glassgait.models.policies.expression import Expression, constant, scaled, variable
 from glassgait.models.task.observation import ITERATIONS_SCALE, entries_of, indices_of
 
@@ -19,43 +14,11 @@ LATE = 4
 LIFTED = 0.02
 """Height of a foot that is neither on the ground nor in the air (m)."""
 
-OVERDUE = 2
-"""Control steps by which a formula's count of them may pass the commanded ones."""
-
 GATE_MEANINGS = {
     "Late": "−1 as a state of the machine begins, 0 after four control steps, 1 late in it",
     "Lifted": "−1 on the ground, 0 at 2 cm, 1 in the air",
 }
 """What the values of a gate mean, by the start of its name."""
-
-
-def held_when_overdue(observations: Array, names: tuple[str, ...]) -> Array:
-    """Holds the time in a state of the machine from `OVERDUE` control steps after the commanded
-    ones on.
-
-    An expert hardly ever waits longer, so no sample tells what to do then, and a term that grows
-    while the robot waits makes of a short wait a fall.
-
-    Args:
-        observations: Observations (..., n).
-        names: Their names.
-
-    Returns:
-        Observations as formulas see them, (..., n).
-    """
-    iterations, commanded = time_entries(names)
-    latest = observations[..., commanded] + OVERDUE * ITERATIONS_SCALE
-    held = observations.copy()
-    held[..., iterations] = np.minimum(observations[..., iterations], latest)
-    return held
-
-
-@cache
-def time_entries(names: tuple[str, ...]) -> tuple[int, int]:
-    """Finds the time in a state, and the commanded one, in an observation."""
-    (iterations,) = indices_of("iterations", names)
-    (commanded,) = indices_of("commanded iterations", names)
-    return iterations, commanded
 
 
 def symbolic_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:

@@ -137,10 +137,6 @@ class Policy(ABC):
             refuse_other_arrays(arrays, cls.array_specs)
         return cls(gait, observation_names, **arrays)
 
-    def seen(self, observation: Array) -> Array:
-        """Returns observations (..., n) as the policy's terms see them."""
-        return observation
-
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's actions into contributions that add up to them.
 

@@ -19,7 +19,7 @@ from glassgait.models.policies.expression_text import (
     refuse_unfit,
     variable_names,
 )
-from glassgait.models.policies.gates import held_when_overdue, named_gates, time_entries
+from glassgait.models.policies.gates import named_gates
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
@@ -31,16 +31,14 @@ TERM_DIGITS = 3
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
-    Formulas see the time in a state held once it is overdue; see `held_when_overdue`.
-
     Attributes:
         expressions: Formulas (12), or (n_states, 12).
     """
 
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
-    # The gates that formulas are written with are functions of these, and what is overdue.
-    needed_groups = ("iterations", "commanded iterations", "foot height")
+    # The gates that formulas are written with are functions of these.
+    needed_groups = ("iterations", "foot height")
 
     def __init__(
         self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Any]
@@ -59,26 +57,9 @@ class FormulaPolicy(Policy):
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         """Formulas of each state of the machine; a single row where all states share them."""
 
-    def seen(self, observation: Array) -> Array:
-        return held_when_overdue(observation, self.observation_names)
-
-    def derivatives(self, observation: Array) -> Array:
-        """Evaluates the partial derivative of each action by each observation (..., 12, n).
-
-        The machine's state is held: at its change formulas of their own jump.
-        """
-        seen = self.seen(observation)
-        slopes = self._slopes(seen)
-        # Where the time in a state is held, it moves with the commanded one.
-        iterations, commanded = time_entries(self.observation_names)
-        held = (seen[..., iterations] < observation[..., iterations])[..., None]
-        slopes[..., commanded] += np.where(held, slopes[..., iterations], 0.0)
-        slopes[..., iterations] = np.where(held, 0.0, slopes[..., iterations])
-        return slopes
-
     @abstractmethod
-    def _slopes(self, seen: Array) -> Array:
-        """Evaluates the formulas' own partial derivatives (..., 12, n)."""
+    def derivatives(self, observation: Array) -> Array:
+        """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         names = variable_names(len(self.observation_names))
@@ -129,18 +110,17 @@ class SymbolicPolicy(FormulaPolicy):
         self._tape = Tape(self.expressions, len(observation_names))
 
     def __call__(self, observation: Array) -> Array:
-        return self._tape(self.seen(observation))
+        return self._tape(observation)
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return (self.expressions,)
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
-        seen = self.seen(observation)
-        return _contributions(self.expressions[joint], seen, self.observation_names)
+        return _contributions(self.expressions[joint], observation, self.observation_names)
 
-    def _slopes(self, seen: Array) -> Array:
-        return _derivatives(self.expressions, seen)
+    def derivatives(self, observation: Array) -> Array:
+        return _derivatives(self.expressions, observation)
 
 
 class StatewiseSymbolicPolicy(FormulaPolicy):
@@ -165,15 +145,14 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         self._tapes = [Tape(formulas, len(observation_names)) for formulas in self.expressions]
 
     def __call__(self, observation: Array) -> Array:
-        seen = self.seen(observation)
-        if seen.ndim == 1:
-            return self._tapes[int(np.argmax(seen[self._one_hot]))](seen)
-        state = np.argmax(seen[..., self._one_hot], axis=-1)
+        if observation.ndim == 1:
+            return self._tapes[int(np.argmax(observation[self._one_hot]))](observation)
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
         action = np.empty((*state.shape, len(self.expressions[0])))
         for index, tape in enumerate(self._tapes):
             mine = state == index
             if mine.any():
-                action[mine] = tape(seen[mine])
+                action[mine] = tape(observation[mine])
         return action
 
     @property
@@ -182,19 +161,22 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         """Splits a joint's actions into contributions; those of other states' terms are 0."""
-        seen = self.seen(observation)
-        state = np.argmax(seen[..., self._one_hot], axis=-1)
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
         terms, values = [], []
         for index, formulas in enumerate(self.expressions):
-            own = _contributions(formulas[joint], seen, self.observation_names)
+            own = _contributions(formulas[joint], observation, self.observation_names)
             terms += [f"state {index}: {term}" for term in own.terms]
             # Where the robot is in another state, this state's formula may not even be finite.
             values.append(np.where((state == index)[..., None], own.values, 0.0))
         return Contributions(tuple(terms), np.concatenate(values, axis=-1))
 
-    def _slopes(self, seen: Array) -> Array:
-        every_state = np.stack([_derivatives(own, seen) for own in self.expressions])
-        state = np.argmax(seen[..., self._one_hot], axis=-1)
+    def derivatives(self, observation: Array) -> Array:
+        """Evaluates the partial derivative of each action by each observation (..., 12, n).
+
+        The machine's state is held: at its change the formulas jump.
+        """
+        every_state = np.stack([_derivatives(own, observation) for own in self.expressions])
+        state = np.argmax(observation[..., self._one_hot], axis=-1)
         return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]
 
 

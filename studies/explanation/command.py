@@ -116,7 +116,7 @@ class Explain(Settings):
         page = render_page(
             gait=gait,
             policy_name=name,
-            policy=student,
+            observation_names=student.observation_names,
             rollout=rollout,
             explained=explained,
             replay=replay.read_text(),

@@ -89,7 +89,7 @@ def render_page(
     *,
     gait: Gait,
     policy_name: str,
-    policy: Policy,
+    observation_names: tuple[str, ...],
     rollout: Rollout,
     explained: Sequence[ExplainedJoint],
     replay: str,
@@ -102,15 +102,15 @@ def render_page(
     Args:
         gait: The gait.
         policy_name: Kind of student, or stem of its file.
-        policy: The student.
-        rollout: What it did.
+        observation_names: Names of what it observes.
+        rollout: What the student did.
         explained: What its actions consist of.
         replay: Meshcat's page of the rollout.
         joint: Joint that is shown first.
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
     """
-    quantities = _quantities(policy.observation_names, explained)
+    quantities = _quantities(observation_names, explained)
     data = {
         "period": CONTROL_PERIOD,
         "joints": robot.JOINTS,
@@ -121,8 +121,8 @@ def render_page(
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
         "quantities": list(quantities.values()),
-        "units": [entry.scaled_unit for entry in entries_of(policy.observation_names)],
-        "values": _values(quantities, policy.seen(rollout["observations"])),
+        "units": [entry.scaled_unit for entry in entries_of(observation_names)],
+        "values": _values(quantities, rollout["observations"]),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
         "joint": joint,
         "step": step,

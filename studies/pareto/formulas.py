@@ -4,11 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.gates import (
-    held_when_overdue,
-    statewise_symbolic_gates,
-    symbolic_gates,
-)
+from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
     StatewiseSymbolicPolicy,
@@ -38,13 +34,15 @@ class Family:
 
     def fit(self, gait: str, names: tuple[str, ...], data: Dataset, length: int) -> FormulaPolicy:
         """Fits formulas of at most `length` nodes to samples."""
-        gates, seen = self.gates(names), held_when_overdue(data.observations, names)
+        gates = self.gates(names)
         if not self.statewise:
-            formulas = fit_gated_sums(seen, data.actions, gates, length)
+            formulas = fit_gated_sums(data.observations, data.actions, gates, length)
             return SymbolicPolicy(gait, names, formulas)
         by_state = [
-            fit_gated_sums(seen[mine], data.actions[mine], gates, length)
-            for mine in TrainingSet(gait, names, seen, data.actions, data.starts).by_state()
+            fit_gated_sums(data.observations[mine], data.actions[mine], gates, length)
+            for mine in TrainingSet(
+                gait, names, data.observations, data.actions, data.starts
+            ).by_state()
         ]
         return StatewiseSymbolicPolicy(gait, names, by_state)
 

@@ -13,7 +13,7 @@ from sympy.printing.str import StrPrinter
 from glassgait.models.a1 import robot
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.gates import GATE_MEANINGS, OVERDUE, named_gates
+from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import entry_of, indices_of
 from glassgait.studies.tables import escape_markdown
@@ -83,8 +83,7 @@ def _markdown(policy: FormulaPolicy) -> str:
         f"# {escape_markdown(policy.gait)}: {policy.kind.replace('_', ' ')} policy",
         "",
         f"Each action is a formula; a joint's target is its default plus {robot.ACTION_SCALE} rad "
-        "times the action. Constants are rounded to three digits here. RM Iters counts to "
-        f"{OVERDUE} control steps after the commanded ones and stays there.",
+        "times the action. Constants are rounded to three digits here.",
         "",
         "Gates tell where in the gait the robot is:",
         "",

@@ -1,14 +1,8 @@
 """Formulas: one for each joint, or one for each joint and state of the machine."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from glassgait.models.policies.gates import (
-    held_when_overdue,
-    statewise_symbolic_gates,
-    symbolic_gates,
-)
+from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.studies.students.student import Student, TrainingSet
 from glassgait.studies.students.symbolic_regression import fit_formulas
@@ -18,17 +12,15 @@ from glassgait.studies.students.symbolic_settings import (
 )
 
 
-def _as_seen(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
-    """Returns the samples as formulas see them, those of starts as often as they count."""
+def _repeated_starts(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
     counts = np.where(samples.starts, settings.start_weights[0], 1)
-    own = samples.subset(np.repeat(np.arange(len(counts)), counts))
-    return replace(own, observations=held_when_overdue(own.observations, own.observation_names))
+    return samples.subset(np.repeat(np.arange(len(counts)), counts))
 
 
 def _fit_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
 ) -> SymbolicPolicy:
-    names, own = samples.observation_names, _as_seen(samples, settings)
+    names, own = samples.observation_names, _repeated_starts(samples, settings)
     gates = symbolic_gates(names)
     formulas = fit_formulas(own.observations, own.actions, seed, settings, gates, n_jobs)
     return SymbolicPolicy(samples.gait, names, formulas)
@@ -37,7 +29,7 @@ def _fit_symbolic(
 def _fit_statewise_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
 ) -> StatewiseSymbolicPolicy:
-    names, own = samples.observation_names, _as_seen(samples, settings)
+    names, own = samples.observation_names, _repeated_starts(samples, settings)
     gates = statewise_symbolic_gates(names)
     formulas = [
         fit_formulas(own.observations[mine], own.actions[mine], seed, settings, gates, n_jobs)

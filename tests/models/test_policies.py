@@ -3,19 +3,15 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import elu
 from glassgait.models.policies.policy import first_not_finite
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
-N = len(NAMES)
 
 
 @pytest.fixture
@@ -70,26 +66,6 @@ def test_statewise_formulas_are_those_of_the_state(statewise_symbolic, samples):
     joint = np.arange(12)
     np.testing.assert_allclose(action[0], 1 + observations[0, joint] * observations[0, joint + 1])
     np.testing.assert_allclose(action[1], 2 + observations[1, joint] * observations[1, joint + 2])
-
-
-@pytest.mark.parametrize("kind", [SymbolicPolicy, StatewiseSymbolicPolicy])
-def test_formulas_see_the_time_in_a_state_held_once_it_is_overdue(kind, samples):
-    iterations, commanded = NAMES.index("RM Iters"), NAMES.index("Command RM Iters")
-    text = f"2.0 * x{iterations} + 3.0 * x{commanded}"
-    formulas = [parse_expression(text, variable_names(N))] * robot.N_JOINTS
-    policy = kind("trot", NAMES, formulas if kind is SymbolicPolicy else [formulas] * 2)
-    observations, _ = samples(3, seed=4)
-    observations[:, commanded] = 0.8
-    observations[:, iterations] = [0.9, 1.0, 5.0]
-    # Two control steps after the commanded ones are 1.0, as observed.
-    np.testing.assert_allclose(policy(observations)[:, 0], [4.2, 4.4, 4.4])
-    np.testing.assert_allclose(policy.explain(observations, 0).values.sum(axis=-1), [4.2, 4.4, 4.4])
-    slopes = policy.derivatives(observations)[:, 0]
-    np.testing.assert_allclose(slopes[:, iterations], [2.0, 2.0, 0.0])
-    np.testing.assert_allclose(slopes[:, commanded], [3.0, 3.0, 5.0])
-    assert observations[2, iterations] == 5.0
-    for row, action in zip(observations, policy(observations), strict=True):
-        np.testing.assert_allclose(policy(row), action)
 
 
 def test_open_loop_actions_are_looked_up_and_held_at_the_end(open_loop, samples):

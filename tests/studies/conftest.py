@@ -104,7 +104,7 @@ def few_page(few: tuple, tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = render_page(
         gait=load_gait("trot"),
         policy_name="few",
-        policy=policy,
+        observation_names=policy.observation_names,
         rollout=rollout,
         explained=explain_rollout(policy, rollout),
         replay="",

@@ -97,7 +97,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
     page = render_page(
         gait=gait,
         policy_name="<u>mine</u>",
-        policy=policy,
+        observation_names=names,
         rollout=rollout,
         explained=explain_rollout(policy, rollout),
         replay="",
