@@ -26,6 +26,13 @@ JOINT_NOISE: Array = np.repeat([JOINT_POSITION_NOISE, JOINT_VELOCITY_NOISE], rob
 """Half-widths of the noise on joint positions, then velocities (24)."""
 JOINT_NOISE.flags.writeable = False
 
+OVERDUE = 2
+"""Control steps by which the observed time in a state may pass the commanded one.
+
+Who waits longer is where hardly a sample was. Copies of a walk that saw the time grow there waited
+two seconds and fell; with the time held they go on.
+"""
+
 N_ESTIMATED = 7
 """Length of the part that a deployed robot has to estimate: base velocity and foot heights."""
 
@@ -282,7 +289,8 @@ def proprioception(
         joint_velocity: Joint velocities (..., 12; rad/s).
         previous_action: Action of the previous control step (..., 12).
         rm_state: One-hot state of the reward machine (..., n_states).
-        rm_iterations: Control steps spent in that state (...).
+        rm_iterations: Control steps spent in that state (...), which are observed up to `OVERDUE`
+            more than the commanded ones.
         commanded_dwell: Commanded iterations (...; control steps).
         joint_noise: Noise on positions, then velocities (..., 24; rad, rad/s).
 
@@ -290,7 +298,8 @@ def proprioception(
         Proprioception (..., 40 + n_states), in the order of `ObservationLayout`.
     """
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
-    counts = np.stack([rm_iterations, commanded_dwell], axis=-1)
+    held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
+    counts = np.stack([held, commanded_dwell], axis=-1)
     return np.concatenate(
         [
             command,

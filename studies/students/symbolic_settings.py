@@ -86,7 +86,12 @@ class StatewiseSymbolicSettings(SymbolicSettings):
 
     title: ClassVar[str] = "distillation: statewise_symbolic"
 
-    shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = ((64, 64), (90, 90), (120, 120))
+    shapes: Annotated[tuple[Shape, ...], MinLen(1), FEW] = (
+        (64, 64),
+        (90, 90),
+        (120, 120),
+        (200, 200),
+    )
 
 
 def _title(shape: Shape, start_weight: int) -> str:
