@@ -22,17 +22,17 @@ BUDGET = 10e6
 
 
 ROBUST = EXPERT_DIRECTORY / "robust"
-"""Experts trained in harsh worlds."""
+"""Experts trained in harsh worlds, beside those that ship."""
 
-ROBUST_GAITS = sorted(path.stem for path in ROBUST.glob("*.yaml"))
+LEARNED_IN_HARSH_WORLDS = [EXPERT_DIRECTORY / "half_bound.yaml", *sorted(ROBUST.glob("*.yaml"))]
+"""Records of all of them: the half-bound's ships."""
 
 
-@pytest.mark.parametrize("gait", ROBUST_GAITS)
-def test_records_tell_how_the_expert_was_made(gait):
-    record = read_yaml(ROBUST / f"{gait}.yaml")
-    config = read_config(ROBUST / f"{gait}.yaml")
-    curve = pd.read_csv(ROBUST / f"{gait}.csv")
-    assert config.gait == gait
+@pytest.mark.parametrize("path", LEARNED_IN_HARSH_WORLDS, ids=lambda path: path.stem)
+def test_records_tell_how_the_expert_was_made(path):
+    record, config = read_yaml(path), read_config(path)
+    curve = pd.read_csv(path.with_suffix(".csv"))
+    assert config.gait == path.stem
     assert config.mirrored
     assert config.updates == record["updates"] == len(curve)
     assert record["control_steps"] == curve["control_steps"].iloc[-1] <= BUDGET
@@ -44,9 +44,10 @@ def test_page_shows_the_records(folder):
     assert table in (folder / "README.md").read_text()
 
 
-@pytest.mark.parametrize("gait", ROBUST_GAITS)
-def test_robust_experts_stay_up_with_delay_and_treat_left_and_right_alike(gait, generator):
-    expert = load_expert(load_gait(gait), ROBUST / f"{gait}.safetensors")
+@pytest.mark.parametrize("path", LEARNED_IN_HARSH_WORLDS, ids=lambda path: path.stem)
+def test_robust_experts_stay_up_with_delay_and_treat_left_and_right_alike(path, generator):
+    gait = path.stem
+    expert = load_expert(load_gait(gait), path.with_suffix(".safetensors"))
     late = load_scenario("latency_20ms")
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
     scores = score_rollouts(roll_out(load_gait(gait), AlternatingPolicy(expert), late, config))
@@ -63,5 +64,6 @@ def test_experts_stay_up_and_keep_their_gait(gait):
     policy = AlternatingPolicy(load_expert(gait))
     scores = score_rollouts(roll_out(load_gait(gait), policy, Scenario(), config))
     assert not scores["fell"].any()
-    # Six robots of five seconds, the start included: the half-bound keeps 0.84 of them.
-    assert scores["rhythm"].mean() > 0.8
+    # Over five seeds the half-bound keeps 0.90 of its rhythm, every other gait more than 0.95; of
+    # six robots and five seconds, the start included, it keeps 0.84.
+    assert scores["rhythm"].mean() > (0.8 if gait == "half_bound" else 0.85)
