@@ -78,17 +78,42 @@ def backend(request):
         yield request.param
 
 
-def _products(folder):
-    """Returns calls that take a while, tell each try by a file, and return numbers."""
+def _products(folder, held):
+    """Returns calls that tell each try by a file, wait while told to, and return numbers."""
 
     def work(matrix, seed):
-        (folder / f"{seed}_{time.time_ns()}").touch()
-        time.sleep(0.4)
+        (folder / f"{seed}_{os.getpid()}_{time.time_ns()}").touch()
+        while seed >= 4 and held.exists():
+            time.sleep(0.05)
         return seed, matrix @ np.random.default_rng(seed).random(400)
 
     folder.mkdir()
     matrix = np.random.default_rng(0).random((400, 400))
     return (delayed(work)(matrix, seed) for seed in range(16))
+
+
+def _lose_a_worker(kill, folder):
+    """Waits until two workers are held within a call, kills one, waits until it is gone."""
+
+    def held():
+        tries = (path.name.split("_") for path in folder.iterdir())
+        return {int(worker) for seed, worker, _ in tries if int(seed) >= 4}
+
+    def until(reached):
+        while not reached():
+            time.sleep(0.05)
+
+    until(lambda: len(held()) >= 2)
+    workers = held()
+    kill()
+    until(lambda: not all(map(_runs, workers)))
+
+
+def _runs(process_id):
+    try:
+        return psutil.Process(process_id).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def _refuse(value):
@@ -108,14 +133,17 @@ def _n_threads():
 
 @pytest.mark.parametrize("name", CLUSTERS)
 def test_a_lost_node_changes_no_result(name, tmp_path):
-    expected = list(run_parallel(_products(tmp_path / "loky"), 2))
+    held = tmp_path / "held"
+    expected = list(run_parallel(_products(tmp_path / "loky", held), 2))
+    held.touch()
     found = []
     with CLUSTERS[name]() as kill:
-        work = _products(tmp_path / "cluster")
+        work = _products(tmp_path / "cluster", held)
         for result in run_parallel(work, -1, in_order=False, backend=name):
             found.append(result)
-            if len(found) == 5:
-                kill()
+            if len(found) == 4:
+                _lose_a_worker(kill, tmp_path / "cluster")
+                held.unlink()
     assert len(list((tmp_path / "cluster").iterdir())) > len(expected), "no call was made again"
     for (seed, product), (other_seed, other) in zip(expected, sorted(found), strict=True):
         assert seed == other_seed

@@ -53,5 +53,6 @@ def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     policy = AlternatingPolicy(load_expert(gait))
     scores = score_rollouts(roll_out(load_gait(gait), policy, load_scenario(scenario), config))
     assert not scores["fell"].any()
-    # Six robots of five seconds, the start included: the half-bound keeps 0.84 of them.
-    assert scores["rhythm"].mean() > 0.8
+    # Over five seeds the half-bound keeps 0.90 of its rhythm, every other gait more than 0.95; of
+    # six robots and five seconds, the start included, it keeps 0.84.
+    assert scores["rhythm"].mean() > (0.8 if gait == "half_bound" else 0.85)
