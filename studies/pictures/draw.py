@@ -31,7 +31,7 @@ from glassgait.studies.training.figures import ablation_curves, learning_curves
 
 FOLDER = Path(__file__).parent
 ABLATIONS = EXPERT_DIRECTORY / "ablation"
-"""Records and curves of runs that lack an ingredient."""
+"""Records and curves of runs that differ in an ingredient."""
 
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""
@@ -55,8 +55,13 @@ def draw_all() -> None:
     say("drawing the learning curves")
     curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
-    without = pd.read_csv(ABLATIONS / "bound_without_curriculum.csv")
-    figure = ablation_curves({"with the curriculum": curves["bound"], "without (paper)": without})
+    lines = {
+        "with the curriculum": "bound_with_curriculum",
+        "without (paper)": "bound_without_curriculum",
+    }
+    figure = ablation_curves(
+        {label: pd.read_csv(ABLATIONS / f"{name}.csv") for label, name in lines.items()}
+    )
     save_figure(figure, FOLDER / "curriculum", extensions=("png",))
 
 

@@ -14,7 +14,7 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.a1 import robot
 from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
@@ -65,7 +65,9 @@ def other_expert(expert) -> NeuralPolicy:
     still = Network(
         (np.zeros((robot.N_JOINTS, len(expert.observation_names))),), (np.ones(robot.N_JOINTS),)
     )
-    return NeuralPolicy("trot", expert.observation_names, still, expert.estimator)
+    assert isinstance(expert.estimator, MirroredNetwork)
+    own, names = expert.estimator.network, expert.observation_names
+    return NeuralPolicy("trot", names, still, own, expert.mirrored_states)
 
 
 @pytest.fixture(scope="session")
