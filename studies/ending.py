@@ -27,6 +27,9 @@ PATIENCE = 15.0
 """Seconds after a signal in which the process may unwind, before it ends all the same."""
 
 _SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+_taken: list[signal.Signals] = []
+"""Signals that unwind this process. Ray raises a KeyboardInterrupt of its own, which tells none."""
+
 _NO_MEMORY = "there is not enough memory; ask for fewer robots, samples or bins"
 
 
@@ -49,7 +52,8 @@ def told_plainly() -> Iterator[None]:
         _replace_handlers(_end_at_once, _end_quietly)
         # What is unwound late, such as joblib's loops, would warn of the work that it drops.
         warnings.simplefilter("ignore")
-        number = signal.SIGTERM if signal.SIGTERM in interrupt.args else signal.SIGINT
+        terminated = signal.SIGTERM in (*interrupt.args, *_taken)
+        number = signal.SIGTERM if terminated else signal.SIGINT
         print(file=sys.stderr)
         _end(f"{_SIGNALS[number]}; what was finished is kept", 128 + number)
     except BrokenPipeError:
@@ -112,6 +116,7 @@ def end_at_once_from_now_on() -> None:
 
 def _interrupt(number: int, _: object) -> NoReturn:
     _replace_handlers(_interrupt, _end_at_once)
+    _taken.append(signal.Signals(number))
     # A thread of `threading` would need locks that the interrupted code may hold.
     _thread.start_new_thread(_end_late, (number,))
     raise KeyboardInterrupt(number)

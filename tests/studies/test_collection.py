@@ -42,11 +42,12 @@ def test_labels_are_the_experts_whoever_acts(expert):
     ],
 )
 def test_samples_that_are_not_finite_are_refused(expert, network, told):
-    last = getattr(expert, network).biases[-1].copy()
-    last[2] = np.nan
     own = getattr(expert, network)
+    last = own.network.biases[-1].copy()
+    last[2] = np.nan
+    inner = replace(own.network, biases=(*own.network.biases[:-1], last))
     broken = copy(expert)
-    setattr(broken, network, replace(own, biases=(*own.biases[:-1], last)))
+    setattr(broken, network, replace(own, network=inner))
     with pytest.raises(InputError, match=f"{told} at control step 0 of its episode"):
         collect(
             load_gait("trot"),
