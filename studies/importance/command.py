@@ -5,31 +5,47 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import pandas as pd
 import tyro
-from annotated_types import Ge, MinLen
+from annotated_types import Ge
 
 from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
-from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.importance.study import (
+    draw_student,
+    held_out_samples,
+    measure_importances,
+    visited_samples,
+)
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.students.additive import EBM
 from glassgait.studies.students.boosting import GBM
 from glassgait.studies.students.dataset import round_paths
-from glassgait.studies.students.library import distillation_folder, load_students, samples_folder
+from glassgait.studies.students.library import (
+    distillation_folder,
+    kept_students,
+    load_shipped_students,
+    load_students,
+    samples_folder,
+)
 from glassgait.studies.students.linear import STATEWISE_LINEAR
 from glassgait.studies.students.settings import StudentKind
 from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.tables import print_table, write_metrics, write_table
+
+MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_SYMBOLIC.name)
+"""Kinds of students that are measured where none are named."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +54,12 @@ class Importance(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
-        students: Kinds of students.
+        students: Kinds of students; by default those that there are of gbm, ebm, statewise_linear,
+            symbolic and statewise_symbolic.
         joint: Joint whose trees and functions are drawn.
-        distillation: Folder of the distillation; runs/distillation/<gait> by default.
-        n_samples: Held-out samples that importances are measured on, at most.
+        distillation: Folder of the distillation; by default runs/distillation/<gait>, and where
+            that holds no students, those that ship, in new episodes of their own.
+        n_samples: Samples that importances are measured on, at most; a student was fitted to none.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
         expert: Policy file of the expert; the shipped one by default.
@@ -52,13 +70,7 @@ class Importance(Settings):
     title: ClassVar[str] = "importance"
 
     gait: str = "trot"
-    students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = (
-        GBM.name,
-        EBM.name,
-        STATEWISE_LINEAR.name,
-        SYMBOLIC.name,
-        STATEWISE_SYMBOLIC.name,
-    )
+    students: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
     joint: str = "FL_hip"
     distillation: Path | None = None
     n_samples: Annotated[Count, Ge(2)] = 1000
@@ -75,18 +87,17 @@ class Importance(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
-        source = self.distillation or distillation_folder(gait.name)
-        students = self._chosen(load_students(source, expert))
-        samples = {kind: held_out_samples(source, kind, self.n_samples, seed) for kind in students}
+        source = self._distillation(gait)
+        students = self._chosen(load_students(source, expert) if source else self._shipped(expert))
+        inputs = _inputs(gait, expert, students, source)
         folder = self.output or Path("runs/importance") / gait.name
-        rounds = [path for kind in students for path in round_paths(samples_folder(source, kind))]
-        inputs = {
-            "gait": gait.digest(),
-            "expert": expert.digest(),
-            "students": " ".join(student.digest() for student in students.values()),
-            "samples": digest_of_files(rounds),
-        }
         with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
+            samples = {
+                kind: held_out_samples(source, kind, self.n_samples, seed)
+                if source
+                else visited_samples(gait, expert, student, self.n_samples, seed)
+                for kind, student in students.items()
+            }
             importances, _ = measure_importances(
                 gait.name, students, samples, folder, seed=seed, repeats=self.repeats
             )
@@ -98,27 +109,60 @@ class Importance(Settings):
             jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
             lost = losses(run_jobs(jobs, folder / "rollouts"))
             correlations = rank_correlations(importances, lost)
-            for name, table in (("losses", lost), ("faithfulness", correlations)):
-                write_table(table, folder / name)
-            save_figure(loss_figure(lost, gait.name.capitalize()), folder / "losses")
-            figure = faithfulness_figure(importances, lost, gait.name.capitalize())
-            save_figure(figure, folder / "faithfulness")
-            write_metrics(
-                {
-                    "importances": importances.to_dict(orient="records"),
-                    "losses": lost.to_dict(orient="records"),
-                    "faithfulness": correlations.to_dict(orient="records"),
-                },
-                folder / "metrics.json",
-            )
+            _write(importances, lost, correlations, gait.name.capitalize(), folder)
         print_table(f"{gait.name}: rank correlation of importance and loss", correlations)
         console.print(f"written to {folder}")
 
-    def _chosen(self, students: Mapping[StudentKind, Policy]) -> dict[StudentKind, Policy]:
-        missing = [kind for kind in self.students if kind not in students]
-        if missing:
+    def _distillation(self, gait: Gait) -> Path | None:
+        """Returns the folder of the students, or None where they are those that ship."""
+        source = self.distillation or distillation_folder(gait.name)
+        return source if self.distillation or kept_students(source) else None
+
+    def _shipped(self, expert: NeuralPolicy) -> dict[str, Policy]:
+        if self.expert:
             raise InputError(
-                f"no student {', '.join(missing)} of the {self.gait}; make it with "
+                f"{self.expert}: the students that ship are of another expert; name the folder of "
+                "this one's with --distillation"
+            )
+        return load_shipped_students(expert)
+
+    def _chosen(self, students: Mapping[str, Policy]) -> dict[StudentKind, Policy]:
+        chosen = self.students or tuple(kind for kind in MEASURED if kind in students)
+        missing = [kind for kind in chosen if kind not in students]
+        if missing or not chosen:
+            raise InputError(
+                f"no student {', '.join(missing or MEASURED)} of the {self.gait}; make it with "
                 f"'glassgait distill --gait {self.gait}', or name others with --students"
             )
-        return {kind: students[kind] for kind in self.students}
+        return {kind: students[kind] for kind in chosen}
+
+
+def _inputs(
+    gait: Gait, expert: NeuralPolicy, students: Mapping[str, Policy], source: Path | None
+) -> dict[str, str]:
+    """Returns the digests of all that the run depends on."""
+    inputs = {
+        "gait": gait.digest(),
+        "expert": expert.digest(),
+        "students": " ".join(student.digest() for student in students.values()),
+    }
+    if source:
+        rounds = [path for kind in students for path in round_paths(samples_folder(source, kind))]
+        inputs["samples"] = digest_of_files(rounds)
+    return inputs
+
+
+def _write(
+    importances: pd.DataFrame,
+    lost: pd.DataFrame,
+    correlations: pd.DataFrame,
+    title: str,
+    folder: Path,
+) -> None:
+    for name, table in (("losses", lost), ("faithfulness", correlations)):
+        write_table(table, folder / name)
+    save_figure(loss_figure(lost, title), folder / "losses")
+    save_figure(faithfulness_figure(importances, lost, title), folder / "faithfulness")
+    tables = {"importances": importances, "losses": lost, "faithfulness": correlations}
+    metrics = {name: table.to_dict(orient="records") for name, table in tables.items()}
+    write_metrics(metrics, folder / "metrics.json")

@@ -12,8 +12,12 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
 from glassgait.studies.console import say
+from glassgait.studies.distillation.visits import visit
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
@@ -40,6 +44,10 @@ N_PAIRS = 2
 """Functions of two observations that are drawn for a joint."""
 
 
+N_VISITS = 8
+"""Episodes that a shipped student visits, twice each of the speeds of a distillation."""
+
+
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:
     """Draws samples from the episodes that a student was not fitted to.
 
@@ -50,10 +58,32 @@ def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int)
         seed: Seed of the drawing.
     """
     data = load_rounds(samples_folder(folder, kind))
-    held_out = np.flatnonzero(data.held_out)
-    generator = np.random.default_rng(seed)
-    chosen = generator.choice(held_out, min(n_samples, len(held_out)), replace=False)
-    return data.subset(np.isin(np.arange(len(data.episodes)), chosen))
+    return _drawn(data.subset(data.held_out), n_samples, seed)
+
+
+def visited_samples(
+    gait: Gait, expert: NeuralPolicy, student: Policy, n_samples: int, seed: int
+) -> Dataset:
+    """Draws samples from new episodes of a student that acts alone, in the training scenario.
+
+    Args:
+        gait: The gait.
+        expert: The expert.
+        student: The student.
+        n_samples: Number of samples, at most.
+        seed: Seed of the episodes and of the drawing.
+
+    Raises:
+        InputError: if a sample is not finite.
+    """
+    data = visit(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
+    return _drawn(data, n_samples, seed)
+
+
+def _drawn(data: Dataset, n_samples: int, seed: int) -> Dataset:
+    n = len(data.episodes)
+    chosen = np.random.default_rng(seed).choice(n, min(n_samples, n), replace=False)
+    return data.subset(np.isin(np.arange(n), chosen))
 
 
 def measure_importances(

@@ -14,11 +14,12 @@ from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import mirrored_states, reflect_observation
 from glassgait.studies.console import console, say
+from glassgait.studies.distillation.visits import visit
 from glassgait.studies.figures import save_figure
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import Gaits, gaits_named, tell_refused
 from glassgait.studies.symmetry.figures import symmetry_figure
-from glassgait.studies.symmetry.study import measure_symmetry, policies_of, titled, visit
+from glassgait.studies.symmetry.study import measure_symmetry, policies_of, titled
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
 
@@ -91,9 +92,8 @@ class Symmetry(Settings):
         }
         with open_run(folder, study="symmetry", settings=self, inputs=inputs, resume=self.resume):
             say(f"{gait.name}: rolling the expert out")
-            samples = visit(
-                gait, expert, n_robots=self.n_robots, n_steps=self.n_steps, seed=self.seed
-            )
+            episodes = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
+            samples = visit(gait, expert, expert, **episodes)
             table, left_right = measure_symmetry(
                 policies,
                 samples,

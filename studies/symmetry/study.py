@@ -1,4 +1,4 @@
-"""The symmetry study of one gait: where the expert goes, and the tables of every policy there."""
+"""The symmetry study of one gait: the tables of every policy, where the expert goes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,15 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.gait import Gait
 from glassgait.models.task.symmetry import Reflection
 from glassgait.studies.console import say
-from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.rounds import Round
-from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.students.dataset import Dataset
 from glassgait.studies.students.library import load_shipped_students, load_students
 from glassgait.studies.students.registry import student_title
@@ -22,9 +17,6 @@ from glassgait.studies.symmetry.measures import drawn_importances, left_right_ta
 
 RESAMPLES = 1000
 """Draws of robots that the interval of an R² is of."""
-
-N_SPEEDS = 4
-"""Forward speeds that robots are given in turn, as in a distillation."""
 
 
 def policies_of(
@@ -49,35 +41,6 @@ def policies_of(
     return {"expert": expert, **students}
 
 
-def visit(gait: Gait, expert: NeuralPolicy, *, n_robots: int, n_steps: int, seed: int) -> Dataset:
-    """Rolls the expert out in the training scenario; a robot that falls starts again.
-
-    Forward speeds are those of a distillation, in turn; yaw rates are drawn to both sides alike.
-
-    Args:
-        gait: The gait.
-        expert: The expert.
-        n_robots: Number of robots.
-        n_steps: Control steps of each.
-        seed: Seed of initial states, commands and noise.
-
-    Returns:
-        What the robots observed and did (n_robots · n_steps samples), each robot an episode.
-
-    Raises:
-        InputError: if a sample is not finite.
-    """
-    return collect(
-        gait,
-        expert,
-        expert,
-        plan=Round(number=1, period=1, episodes=range(1, n_robots + 1), steps=n_steps),
-        speeds=np.linspace(*distilled_speeds(gait), N_SPEEDS),
-        worlds=Scenario(),
-        generator=np.random.default_rng(seed),
-    )
-
-
 def measure_symmetry(
     policies: Mapping[str, Policy],
     samples: Dataset,
@@ -91,7 +54,7 @@ def measure_symmetry(
 
     Args:
         policies: The policies, by name.
-        samples: What `visit` returned.
+        samples: What `visit` returned of the expert.
         reflect: The mirror of observations.
         seed: Seed of drawing and shuffling.
         n_samples: Samples of a repeat of importances.

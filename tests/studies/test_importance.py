@@ -6,7 +6,7 @@ import pytest
 
 from glassgait.models.a1 import robot
 from glassgait.models.policies.expression_text import parse_expression, variable_names
-from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
@@ -15,6 +15,7 @@ from glassgait.models.task.observation import ObservationLayout, machine_state_e
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
+from glassgait.studies.importance import study
 from glassgait.studies.importance.methods import own_importance, permutation_importance
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
@@ -164,8 +165,27 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
 
 
 def test_missing_students_are_told(distilled, refused):
-    message = refused(["importance", "--distillation", str(distilled)])
-    assert "no student gbm, ebm, symbolic, statewise_symbolic of the trot" in message
+    named = ["--students", "gbm", "histogram_gbm", "ebm"]
+    message = refused(["importance", *named, "--distillation", str(distilled)])
+    assert "no student gbm, ebm of the trot" in message
+
+
+SMALL = ["--students", "statewise_linear", "--n-samples", "20", "--repeats", "1"]
+FEW = ["--n-robots", "2", "--n-steps", "5"]
+
+
+def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study, "EPISODE_STEPS", 20)
+    main(["importance", *SMALL, *FEW])
+    table = pd.read_csv("runs/importance/trot/losses.csv")
+    assert set(table["policy"]) == {"statewise_linear"}
+
+
+def test_students_that_ship_are_of_the_expert_that_ships(tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    expert = str(EXPERT_DIRECTORY / "trot.safetensors")
+    assert "are of another expert" in refused(["importance", *SMALL, *FEW, "--expert", expert])
 
 
 def test_unknown_joints_are_told(distilled, refused):
