@@ -1,56 +1,67 @@
 """Symbolic policies: one formula a joint, or one a joint and state of the reward machine."""
 
+import hashlib
+import json
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import reduce
-from typing import Any, ClassVar, Self
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.arrays import refuse_other_arrays
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.expression_text import (
-    parse_expression,
-    refuse_unfit,
-    variable_names,
-)
-from glassgait.models.policies.gates import named_gates
+from glassgait.models.policies.expression_text import refuse_unfit
+from glassgait.models.policies.formula_file import SUFFIX, FormulaFile, write_formulas
+from glassgait.models.policies.formula_language import write_formula
 from glassgait.models.policies.policy import Contributions, Policy
+from glassgait.models.policies.quantities import Definition, RobotUnits, Vocabulary, actions_of
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
-
-TERM_DIGITS = 3
-"""Digits of the constants in the terms that an action is split into."""
 
 
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
+    A formula tells a joint's target in rad, from quantities in the robot's units. Its file is text:
+    see `formula_file`.
+
     Attributes:
-        expressions: Formulas (12), or (n_states, 12).
+        expressions: Formulas (12), or (n_states, 12), in canonical form.
+        vocabulary: What their variables are.
+        mirror: State that each state is in the mirror, where the file leaves mirror images out.
     """
 
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
-    # The gates that formulas are written with are functions of these.
-    needed_groups = ("iterations", "foot height")
+    suffix = SUFFIX
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Any]
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        expressions: Sequence[Any],
+        *,
+        definitions: Sequence[Definition] = (),
+        mirror: Sequence[int] | None = None,
     ) -> None:
         super().__init__(gait, observation_names)
+        self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
-            shape = self._refuse_other_shape(expressions, Expression, self.observation_names)
+            shape = self._refuse_other_shape(expressions)
             for place in np.ndindex(*shape):
                 formula: Any = reduce(lambda entries, index: entries[index], place, expressions)
                 with _naming_the_formula(place):
-                    refuse_unfit(formula, len(self.observation_names))
-        self.expressions = _nested(lambda formula: formula, expressions)
+                    refuse_unfit(formula, len(self.vocabulary.symbols))
+        self.expressions = _nested(canonical, expressions)
+        self.mirror = None if mirror is None else tuple(mirror)
+        self._units = RobotUnits.of(self.observation_names)
 
     @property
     @abstractmethod
@@ -61,40 +72,106 @@ class FormulaPolicy(Policy):
     def derivatives(self, observation: Array) -> Array:
         """Evaluates the partial derivative of each action by each observation (..., 12, n)."""
 
-    def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        names = variable_names(len(self.observation_names))
-        return {}, {"formulas": _nested(lambda f: f.to_text(names), self.expressions)}
+    def quantities(self, observation: Array) -> Array:
+        """Evaluates all variables of the formulas (..., k) where a robot observes (..., n)."""
+        observed = self._units.quantities(observation)
+        n = len(self.observation_names)
+        formulas = [definition.formula for definition in self.vocabulary.definitions]
+        return np.concatenate([observed, Tape(formulas, n)(observed)], axis=-1)
 
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> Self:
-        names, texts = variable_names(len(observation_names)), values.get("formulas")
-        with cls._naming_this_kind():
-            refuse_other_arrays(arrays, cls.array_specs)
-            cls._refuse_other_shape(texts, str, observation_names)
-            formulas = _nested(lambda text: parse_expression(text, names), texts)
-        return cls(gait, observation_names, expressions=formulas)
+    def n_terms(self) -> int:
+        """Counts the terms of all formulas that the policy's file holds."""
+        return sum(len(formula.terms()) for formula in self.to_file().written().values())
 
-    @classmethod
-    def _refuse_other_shape(
-        cls, entries: Any, kind: type, observation_names: tuple[str, ...]
-    ) -> list[int]:
+    def to_file(self) -> FormulaFile:
+        """Returns what the policy's file says."""
+        shape = self._refuse_other_shape(self.expressions)
+        formulas = {
+            place: reduce(lambda entries, index: entries[index], place, self.expressions)
+            for place in np.ndindex(*shape)
+        }
+        return FormulaFile(self.gait, self.vocabulary, formulas, self.mirror)
+
+    def to_text(self) -> str:
+        """Writes the policy as text, from which `from_file` builds the same policy.
+
+        Raises:
+            InputError: if the observations are not those of the task.
+        """
+        return write_formulas(self.to_file())
+
+    @staticmethod
+    def from_file(file: FormulaFile) -> "FormulaPolicy":
+        """Builds the policy that a file holds."""
+        rows = file.formulas.values()
+        kind: type[FormulaPolicy] = SymbolicPolicy
+        expressions: Any = tuple(rows)
+        if file.n_states is not None:
+            kind, joints = StatewiseSymbolicPolicy, robot.N_JOINTS
+            expressions = tuple(
+                tuple(expressions[start : start + joints])
+                for start in range(0, len(expressions), joints)
+            )
+        definitions = file.vocabulary.definitions
+        names = file.vocabulary.names
+        return kind(file.gait, names, expressions, definitions=definitions, mirror=file.mirror)
+
+    def save(self, path: Path) -> None:
+        """Writes the policy's text to a file, atomically.
+
+        Raises:
+            InputError: if the observations are not those of the task.
+        """
+        write_atomically(path, self.to_text())
+
+    def digest(self) -> str:
+        symbols = self.vocabulary.symbols
+        definitions = [
+            [definition.symbol, write_formula(definition.formula, symbols)]
+            for definition in self.vocabulary.definitions
+        ]
+        formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
+        whole = json.dumps([self.kind, self.gait, self.observation_names, definitions, formulas])
+        return hashlib.sha256(whole.encode()).hexdigest()[:16]
+
+    def _targets(self, formulas: Sequence[Expression]) -> Tape:
+        """Compiles formulas of the observed quantities."""
+        expanded = [self.vocabulary.expanded(formula) for formula in formulas]
+        return Tape(expanded, len(self.observation_names))
+
+    def _contributions(self, formula: Expression, observation: Array) -> Contributions:
+        terms = formula.terms()
+        values = self._targets(terms)(self._units.quantities(observation))
+        symbols = self.vocabulary.symbols
+        return Contributions(tuple(write_formula(term, symbols) for term in terms), values)
+
+    def _derivatives(self, formulas: Sequence[Expression], observation: Array) -> Array:
+        n = observation.shape[-1]
+        expanded = [self.vocabulary.expanded(formula) for formula in formulas]
+        slopes = [
+            (joint, variable, formula.derivative(variable))
+            for joint, formula in enumerate(expanded)
+            for variable in sorted(formula.variables)
+        ]
+        derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
+        if slopes:
+            joints, variables, expressions = zip(*slopes, strict=True)
+            found = Tape(expressions, n)(self._units.quantities(observation))
+            derivatives[..., list(joints), list(variables)] = found
+        return derivatives / (robot.ACTION_SCALE * self._units.scale)
+
+    def _refuse_other_shape(self, entries: Any) -> list[int]:
         """Returns the shape that `expressions` have, and refuses entries of any other."""
-        sizes = cls._sizes(observation_names)
-        shape = [sizes[dim] for dim in cls.dims]
-        if not _has_shape(entries, shape, kind):
-            wanted = ", ".join(f"{size} {dim}" for size, dim in zip(shape, cls.dims, strict=True))
+        sizes = self._sizes(self.observation_names)
+        shape = [sizes[dim] for dim in self.dims]
+        if not _has_shape(entries, shape, Expression):
+            wanted = ", ".join(f"{size} {dim}" for size, dim in zip(shape, self.dims, strict=True))
             raise InputError(f"its formulas must be lists of ({wanted}); fit them again")
         return shape
 
 
 class SymbolicPolicy(FormulaPolicy):
-    """Each action is a formula of the observations.
+    """Each target is a formula of what the robot senses.
 
     Attributes:
         expressions: Formulas, one a joint.
@@ -103,24 +180,22 @@ class SymbolicPolicy(FormulaPolicy):
     kind = "symbolic"
     dims = ("joints",)
 
-    def __init__(
-        self, gait: str, observation_names: tuple[str, ...], expressions: Sequence[Expression]
-    ) -> None:
-        super().__init__(gait, observation_names, expressions)
-        self._tape = Tape(self.expressions, len(observation_names))
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._tape = self._targets(self.expressions)
 
     def __call__(self, observation: Array) -> Array:
-        return self._tape(observation)
+        return actions_of(self._tape(self._units.quantities(observation)))
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return (self.expressions,)
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
-        return _contributions(self.expressions[joint], observation, self.observation_names)
+        return self._contributions(self.expressions[joint], observation)
 
     def derivatives(self, observation: Array) -> Array:
-        return _derivatives(self.expressions, observation)
+        return self._derivatives(self.expressions, observation)
 
 
 class StatewiseSymbolicPolicy(FormulaPolicy):
@@ -132,39 +207,36 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
 
     kind = "statewise_symbolic"
     dims = ("states", "joints")
-    needed_groups = ("machine state", *FormulaPolicy.needed_groups)
+    needed_groups = ("machine state",)
 
-    def __init__(
-        self,
-        gait: str,
-        observation_names: tuple[str, ...],
-        expressions: Sequence[Sequence[Expression]],
-    ) -> None:
-        super().__init__(gait, observation_names, expressions)
-        self._one_hot = machine_state_entries(observation_names)
-        self._tapes = [Tape(formulas, len(observation_names)) for formulas in self.expressions]
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._one_hot = machine_state_entries(self.observation_names)
+        self._tapes = [self._targets(formulas) for formulas in self.expressions]
 
     def __call__(self, observation: Array) -> Array:
+        quantities = self._units.quantities(observation)
         if observation.ndim == 1:
-            return self._tapes[int(np.argmax(observation[self._one_hot]))](observation)
-        state = np.argmax(observation[..., self._one_hot], axis=-1)
-        action = np.empty((*state.shape, len(self.expressions[0])))
+            state = int(np.argmax(observation[self._one_hot]))
+            return actions_of(self._tapes[state](quantities))
+        states = np.argmax(observation[..., self._one_hot], axis=-1)
+        targets = np.empty((*states.shape, robot.N_JOINTS))
         for index, tape in enumerate(self._tapes):
-            mine = state == index
+            mine = states == index
             if mine.any():
-                action[mine] = tape(observation[mine])
-        return action
+                targets[mine] = tape(quantities[mine])
+        return actions_of(targets)
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
         return self.expressions
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
-        """Splits a joint's actions into contributions; those of other states' terms are 0."""
+        """Splits a joint's targets into contributions; those of other states' terms are 0."""
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         terms, values = [], []
         for index, formulas in enumerate(self.expressions):
-            own = _contributions(formulas[joint], observation, self.observation_names)
+            own = self._contributions(formulas[joint], observation)
             terms += [f"state {index}: {term}" for term in own.terms]
             # Where the robot is in another state, this state's formula may not even be finite.
             values.append(np.where((state == index)[..., None], own.values, 0.0))
@@ -175,7 +247,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
 
         The machine's state is held: at its change the formulas jump.
         """
-        every_state = np.stack([_derivatives(own, observation) for own in self.expressions])
+        every_state = np.stack([self._derivatives(own, observation) for own in self.expressions])
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]
 
@@ -204,45 +276,3 @@ def _naming_the_formula(place: Sequence[int]) -> Iterator[None]:
     except InputError as error:
         state = f" in state {place[0]}" if len(place) > 1 else ""
         raise InputError(f"{robot.JOINTS[place[-1]]}{state}: {error}") from error
-
-
-def _contributions(
-    formula: Expression, observation: Array, names: tuple[str, ...]
-) -> Contributions:
-    terms = formula.terms()
-    values = Tape(terms, len(names))(observation)
-    gates = {gate: title for title, gate in named_gates(names).items()}
-    # Terms of one product share their factors.
-    titles: dict[int, str] = {}
-    for term in terms:
-        for factor in _factors(term):
-            if id(factor) not in titles:
-                titles[id(factor)] = gates.get(factor) or factor.to_text(names, TERM_DIGITS)
-    return Contributions(tuple(_title(term, titles) for term in terms), values)
-
-
-def _title(term: Expression, titles: Mapping[int, str]) -> str:
-    # Weight and observation first: what they are gated by may be long.
-    rank = {"constant": 0, "variable": 1}
-    factors = sorted(_factors(term), key=lambda factor: rank.get(factor.operator, 2))
-    return " * ".join(titles[id(factor)] for factor in factors).replace("+ -", "- ")
-
-
-def _factors(term: Expression) -> list[Expression]:
-    if term.operator != "mul":
-        return [term]
-    return [factor for operand in term.operands for factor in _factors(operand)]
-
-
-def _derivatives(formulas: Sequence[Expression], observation: Array) -> Array:
-    n = observation.shape[-1]
-    slopes = [
-        (joint, variable, formula.derivative(variable))
-        for joint, formula in enumerate(formulas)
-        for variable in sorted(formula.variables)
-    ]
-    derivatives = np.zeros((*observation.shape[:-1], len(formulas), n))
-    if slopes:
-        joints, variables, expressions = zip(*slopes, strict=True)
-        derivatives[..., list(joints), list(variables)] = Tape(expressions, n)(observation)
-    return derivatives

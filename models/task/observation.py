@@ -191,7 +191,7 @@ def _machine_state(number: int) -> ObservationEntry:
         leg=None,
         unit="",
         scale=1.0,
-        symbol=f"s.{number}",
+        symbol=f"s{number}",
         latex=f"s_{{{number}}}",
         merged_name="RM State",
     )

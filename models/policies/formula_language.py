@@ -1,0 +1,230 @@
+"""The notation of formulas: text to tree and back, with the line and column of what is wrong.
+
+A formula is written as in Python: numbers, names such as q.FL_thigh, + - * /, the powers **2 and
+**3, brackets, and the functions of `UNARY`. Python's parser reads it; nothing is ever evaluated.
+"""
+
+import ast
+import math
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.canonical import canonical
+from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
+from glassgait.models.policies.expression_text import refuse_unfit
+
+LINE_LENGTH = 100
+"""Characters of a line."""
+
+GLUE = "\N{NO-BREAK SPACE}"
+"""Stands for a space at which no line ends."""
+
+SIGNS = (" + ", " - ")
+"""What stands between terms."""
+
+_OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
+_POWERS = {2: "square", 3: "cube"}
+_EXPONENTS = {function: power for power, function in _POWERS.items()}
+_SUM, _PRODUCT, _SIGN, _POWER = range(4)
+_BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SIGN}
+_BINDING |= dict.fromkeys(_EXPONENTS, _POWER)
+
+LARGEST = 1e30
+"""Greatest size of a number, so that products of a few stay finite."""
+
+
+class TextError(InputError):
+    """What is wrong with a text, and where.
+
+    Attributes:
+        line: Line, counted from 1.
+        column: Column, counted from 1.
+    """
+
+    def __init__(self, message: str, line: int, column: int) -> None:
+        super().__init__(message)
+        self.line, self.column = line, column
+
+
+def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
+    """Reads a formula.
+
+    Args:
+        text: The formula, on one line or several, with comments after #.
+        symbols: Names of the variables, in order.
+
+    Returns:
+        The formula, in canonical form.
+
+    Raises:
+        TextError: if the text is anything else; line and column are counted within it.
+    """
+    # In brackets of its own, a formula may go over several lines.
+    try:
+        tree = ast.parse(f"(\n{text}\n)", mode="eval")
+    except SyntaxError as error:
+        line, column = (error.lineno or 2) - 1, error.offset or 1
+        raise TextError(*_syntax_error(text, error.msg, line, column)) from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise TextError("this cannot be read; write a simpler formula", 1, 1) from error
+    try:
+        formula = _expression(tree.body, {name: i for i, name in enumerate(symbols)})
+        refuse_unfit(formula, len(symbols))
+        return canonical(formula)
+    except TextError:
+        raise
+    except InputError as error:
+        raise TextError(str(error), 1, 1) from error
+    except RecursionError as error:
+        raise TextError("the formula is nested too deep; write a simpler one", 1, 1) from error
+
+
+def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
+    """Writes a formula in canonical form so that it reads back as the same tree.
+
+    Args:
+        formula: The formula.
+        symbols: Names of the variables, in order.
+    """
+    return "".join(_tokens(formula, symbols))
+
+
+def written_lines(title: str, formula: Expression, symbols: Sequence[str]) -> list[str]:
+    """Writes `title = formula` in lines of at most `LINE_LENGTH` characters, where names allow.
+
+    Args:
+        title: What the formula is of.
+        formula: The formula, in canonical form.
+        symbols: Names of the variables, in order.
+    """
+    # A line ends before a sign between terms, and nowhere else.
+    tokens = _tokens(formula, symbols)
+    glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
+    lines = textwrap.wrap(
+        f"{title}{GLUE}={GLUE}{glued}",
+        LINE_LENGTH,
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace(GLUE, " ") for line in lines]
+
+
+def written_number(value: float) -> str:
+    """Writes a number in as few digits as tell it from all others."""
+    short = f"{value:.6g}"
+    return short if float(short) == value else repr(float(value))
+
+
+def _tokens(formula: Expression, symbols: Sequence[str]) -> Iterator[str]:
+    binding = _binding(formula)
+    match formula:
+        case Expression("constant", value=value):
+            yield written_number(value)
+        case Expression("variable", variable=index):
+            yield symbols[index]
+        case Expression("neg", (inner,)):
+            yield "-"
+            yield from _bracketed(inner, symbols, least=_POWER)
+        case Expression(operator, (left, right)):
+            yield from _bracketed(left, symbols, least=binding)
+            yield f" {BINARY[operator]} " if binding == _SUM else BINARY[operator]
+            yield from _bracketed(right, symbols, least=binding + 1)
+        case Expression(operator, (inner,)) if operator in _EXPONENTS:
+            yield from _bracketed(inner, symbols, least=_POWER + 1)
+            yield f"**{_EXPONENTS[operator]}"
+        case Expression(operator, (inner,)):
+            yield f"{operator}("
+            yield from _tokens(inner, symbols)
+            yield ")"
+
+
+def _bracketed(formula: Expression, symbols: Sequence[str], *, least: int) -> Iterator[str]:
+    """Writes an operand, in brackets where it binds less than its operator asks for."""
+    if _binding(formula) >= least:
+        yield from _tokens(formula, symbols)
+        return
+    yield "("
+    yield from _tokens(formula, symbols)
+    yield ")"
+
+
+def _binding(formula: Expression) -> int:
+    if formula.operator == "constant" and formula.value < 0.0:
+        return _SIGN
+    return _BINDING.get(formula.operator, _POWER + 1)
+
+
+def _expression(node: ast.expr, index: Mapping[str, int]) -> Expression:
+    match node:
+        case ast.Constant(value=bool()):
+            pass
+        case ast.Constant(value=int() | float() as value):
+            return constant(_number(value, node))
+        case ast.Name() | ast.Attribute():
+            return _named(node, index)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            inner = _expression(operand, index)
+            if inner.operator == "constant":
+                return constant(-inner.value)
+            return Expression("neg", (inner,))
+        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as power)) if (
+            power in _POWERS
+        ):
+            return Expression(_POWERS[power], (_expression(left, index),))
+        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
+            operands = (_expression(left, index), _expression(right, index))
+            return Expression(_OPERATORS[type(operator)], operands)
+        case ast.Call(func=ast.Name(id=function), args=[argument], keywords=[]) if (
+            function in UNARY and function not in (*_EXPONENTS, "neg")
+        ):
+            return Expression(function, (_expression(argument, index),))
+    raise _at(node, f"{shown(ast.unparse(node))} does not belong in a formula")
+
+
+def _number(value: float, node: ast.expr) -> float:
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not abs(number) <= LARGEST:
+        raise _at(node, f"a number must be from {-LARGEST:g} to {LARGEST:g}")
+    return number
+
+
+def _named(node: ast.expr, index: Mapping[str, int]) -> Expression:
+    name = ast.unparse(node)
+    if name not in index:
+        raise _at(node, f"nothing is called {shown(name)}; {_known(name, index)}")
+    return variable(index[name])
+
+
+def _known(name: str, names: Iterable[str]) -> str:
+    """Names what begins as the unknown name does, or the beginnings that there are."""
+    start = name.partition(".")[0]
+    alike = [known for known in names if known.partition(".")[0] == start]
+    if alike:
+        return f"there are {', '.join(alike)}"
+    kinds = dict.fromkeys(
+        f"{known.partition('.')[0]}.…" if "." in known else known for known in names
+    )
+    return f"there are {', '.join(kinds)}"
+
+
+def _at(node: ast.expr, message: str) -> TextError:
+    return TextError(message, node.lineno - 1, node.col_offset + 1)
+
+
+def _syntax_error(text: str, message: str, line: int, column: int) -> tuple[str, int, int]:
+    """Returns what Python's parser found, within the text and without what is Python's alone."""
+    lines = text.split("\n")
+    if not 1 <= line <= len(lines):
+        line, column = len(lines), len(lines[-1]) + 1
+        return "the formula ends before it is complete", line, column
+    column = min(max(column, 1), len(lines[line - 1]) + 1)
+    if "never closed" in message:
+        return "this bracket is never closed", line, column
+    if "unmatched" in message:
+        return "this bracket was never opened", line, column
+    return "this does not belong in a formula", line, column
