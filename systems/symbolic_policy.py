@@ -15,6 +15,7 @@ from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.quantities import RobotUnits, actions_of
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
@@ -81,8 +82,9 @@ def make_symbolic_policy(policy: Policy) -> SymbolicVectorSystem:
 def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
     """Returns the expressions of the actions (12)."""
     match policy:
-        case FormulaPolicy(formulas_by_state=formulas):
-            by_state = [_formulas(row, variables) for row in formulas]
+        case FormulaPolicy(formulas_by_state=formulas, vocabulary=vocabulary):
+            expanded = ([vocabulary.expanded(formula) for formula in row] for row in formulas)
+            by_state = [_formulas(row, _quantities(policy, variables)) for row in expanded]
         case LinearPolicy(weights=weights, intercepts=intercepts):
             by_state = [_weighted(weights, intercepts, variables)]
         case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
@@ -134,25 +136,37 @@ def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.E
     )
 
 
-def _formulas(formulas: Sequence[Expression], variables: Symbols) -> list[drake.Expression]:
+def _quantities(policy: Policy, variables: Symbols) -> list[drake.Expression]:
+    """Returns what formulas are written in, of the observations."""
+    units = RobotUnits.of(policy.observation_names)
+    return [
+        x / scale + offset
+        for x, scale, offset in zip(variables, units.scale, units.offset, strict=True)
+    ]
+
+
+def _formulas(
+    formulas: Sequence[Expression], quantities: Sequence[drake.Expression]
+) -> list[drake.Expression]:
+    """Returns the actions (12) whose joint targets formulas of the quantities are."""
     translated = []
     for joint, formula in zip(robot.JOINTS, formulas, strict=True):
         try:
-            translated.append(_translated(formula, variables))
+            translated.append(_translated(formula, quantities))
         except (RuntimeError, ValueError) as error:
             # Drake evaluates what holds no variable at once.
             raise InputError(
                 f"the formula of {joint} has no value ({error}); fit it again"
             ) from error
-    return translated
+    return list(actions_of(np.array(translated)))
 
 
-def _translated(formula: Expression, variables: Symbols) -> drake.Expression:
+def _translated(formula: Expression, quantities: Sequence[drake.Expression]) -> drake.Expression:
     match formula.operator:
         case "constant":
             return drake.Expression(formula.value)
         case "variable":
-            return drake.Expression(variables[formula.variable])
+            return quantities[formula.variable]
         case operator:
-            operands = (_translated(operand, variables) for operand in formula.operands)
+            operands = (_translated(operand, quantities) for operand in formula.operands)
             return _FUNCTIONS[operator](*operands)

@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.arrays import Indices, Reals
-from glassgait.models.policies.policy import INTERCEPT, Contributions, Policy
+from glassgait.models.policies.policy import (
+    INTERCEPT,
+    Contributions,
+    Policy,
+    contributions_of_action,
+)
 from glassgait.models.policies.precision import rounded
 
 if TYPE_CHECKING:
@@ -201,7 +206,8 @@ class AdditivePolicy(Policy):
         constant = np.full((len(rows), 1), self.intercepts[joint])
         values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
         terms = (INTERCEPT, *self.term_names(joint))
-        return Contributions(terms, values.reshape(*observation.shape[:-1], -1))
+        values = values.reshape(*observation.shape[:-1], -1)
+        return contributions_of_action(terms, values, joint)
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

@@ -3,13 +3,19 @@
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_text
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.formula_reader import read_formulas
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy, read_policy_file
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.policies.symbolic import (
+    FormulaPolicy,
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -27,8 +33,17 @@ POLICY_CLASSES: dict[str, type[Policy]] = {
     )
 }
 
+POLICY_SUFFIXES = tuple(dict.fromkeys(policy.suffix for policy in POLICY_CLASSES.values()))
+"""How the names of policy files end."""
+
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
+
+
+def policy_path(folder: Path, name: str) -> Path:
+    """Returns where a folder keeps a policy, by the file that is there, or would keep it."""
+    paths = [folder / f"{name}{suffix}" for suffix in POLICY_SUFFIXES]
+    return next((path for path in paths if path.exists()), paths[0])
 
 
 def load_policy(path: Path) -> Policy:
@@ -38,9 +53,15 @@ def load_policy(path: Path) -> Policy:
         InputError: if the file is missing, damaged, of an unknown kind, or holds anything that a
             policy of its kind must not.
     """
+    if path.suffix == FormulaPolicy.suffix:
+        text = read_text(path)
+        try:
+            return FormulaPolicy.from_file(read_formulas(text))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
     arrays, header = read_policy_file(path)
     policy = POLICY_CLASSES.get(header["kind"])
-    if policy is None:
+    if policy is None or issubclass(policy, FormulaPolicy):
         raise InputError(
             f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew"
         )
@@ -58,7 +79,9 @@ def shipped_experts() -> tuple[str, ...]:
 
 def shipped_students(gait: str) -> tuple[str, ...]:
     """Lists the kinds of students of a gait that ship with the project."""
-    return tuple(sorted(path.stem for path in (STUDENT_DIRECTORY / gait).glob("*.safetensors")))
+    folder = STUDENT_DIRECTORY / gait
+    paths = (path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES)
+    return tuple(sorted(path.stem for path in paths))
 
 
 def load_student(gait: str, kind: str) -> Policy:
@@ -73,7 +96,7 @@ def load_student(gait: str, kind: str) -> Policy:
             f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
             f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
-    return load_policy(STUDENT_DIRECTORY / gait / f"{kind}.safetensors")
+    return load_policy(policy_path(STUDENT_DIRECTORY / gait, kind))
 
 
 def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:

@@ -6,7 +6,12 @@ import numpy as np
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.arrays import Reals
-from glassgait.models.policies.policy import INTERCEPT, Contributions, Policy
+from glassgait.models.policies.policy import (
+    INTERCEPT,
+    Contributions,
+    Policy,
+    contributions_of_action,
+)
 from glassgait.models.task.observation import machine_state_entries
 
 
@@ -33,7 +38,8 @@ class LinearPolicy(Policy):
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         intercepts = np.full(observation.shape[:-1], self.intercepts[joint])
-        return _contributions(self.observation_names, intercepts, self.weights[joint] * observation)
+        parts = self.weights[joint] * observation
+        return _contributions(self.observation_names, intercepts, parts, joint)
 
 
 class StatewiseLinearPolicy(Policy):
@@ -71,9 +77,12 @@ class StatewiseLinearPolicy(Policy):
     def _explain(self, observation: Array, joint: int) -> Contributions:
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         parts = self.weights[state, joint] * observation
-        return _contributions(self.observation_names, self.intercepts[state, joint], parts)
+        intercepts = self.intercepts[state, joint]
+        return _contributions(self.observation_names, intercepts, parts, joint)
 
 
-def _contributions(names: tuple[str, ...], intercepts: Array, parts: Array) -> Contributions:
+def _contributions(
+    names: tuple[str, ...], intercepts: Array, parts: Array, joint: int
+) -> Contributions:
     values = np.concatenate([intercepts[..., None], parts], axis=-1)
-    return Contributions((INTERCEPT, *names), values)
+    return contributions_of_action((INTERCEPT, *names), values, joint)

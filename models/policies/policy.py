@@ -27,7 +27,7 @@ MAX_NAME_LENGTH = 80
 """Characters of the name of a gait or of an observation."""
 
 INTERCEPT = "intercept"
-"""The constant among the terms of an action."""
+"""The constant among the terms of a target."""
 
 _HEADER = {
     "kind": (str, "text"),
@@ -40,15 +40,28 @@ _HEADER = {
 
 @dataclass(frozen=True)
 class Contributions:
-    """The parts that a joint's actions are sums of.
+    """The parts that a joint's targets are sums of.
 
     Attributes:
         terms: What the parts come from (k).
-        values: How much each adds (..., k).
+        values: How much each adds (..., k; rad).
     """
 
     terms: tuple[str, ...]
     values: Array
+
+
+def contributions_of_action(terms: Sequence[str], values: Array, joint: int) -> Contributions:
+    """Turns parts of a joint's actions into parts of its targets.
+
+    Args:
+        terms: What the parts come from (k), the intercept first.
+        values: How much each adds to the action (..., k).
+        joint: Index of the joint, whose default stance the intercept takes up.
+    """
+    of_target = robot.ACTION_SCALE * values
+    of_target[..., 0] += robot.DEFAULT_STANCE[joint]
+    return Contributions(tuple(terms), of_target)
 
 
 class Policy(ABC):
@@ -66,6 +79,8 @@ class Policy(ABC):
     """
 
     kind: ClassVar[str]
+    suffix: ClassVar[str] = ".safetensors"
+    """How the names of its files end."""
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}
     """What the policy's arrays must be; their names are its attributes and its arguments."""
     needed_groups: ClassVar[tuple[Group, ...]] = ()
@@ -138,7 +153,7 @@ class Policy(ABC):
         return cls(gait, observation_names, **arrays)
 
     def explain(self, observation: Array, joint: int | str) -> Contributions:
-        """Splits a joint's actions into contributions that add up to them.
+        """Splits a joint's targets into contributions that add up to them.
 
         Args:
             observation: Observations (..., n).

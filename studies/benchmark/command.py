@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.library import load_expert, load_policy, policy_path
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, Settings
 from glassgait.studies.benchmark.distillation import (
@@ -21,7 +21,7 @@ from glassgait.studies.benchmark.throughput import gymnasium_processes, training
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings, refuse_run
-from glassgait.studies.students.library import distillation_folder, student_path
+from glassgait.studies.students.library import distillation_folder
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.tables import print_table, write_metrics, write_table
 from glassgait.studies.training.config import TrainingConfig
@@ -124,7 +124,7 @@ class Benchmark(Settings):
         policies: dict[str, Policy] = {"neural expert": expert}
         folder = self._student_folder()
         for kind, student in STUDENTS.items():
-            path = student_path(folder, kind)
+            path = policy_path(folder, kind)
             if path.exists():
                 policies[student.title] = load_policy(path)
         observation = np.random.default_rng(0).normal(size=len(expert.observation_names))

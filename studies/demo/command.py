@@ -12,7 +12,12 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, load_policy, load_student
+from glassgait.models.policies.library import (
+    load_expert,
+    load_policy,
+    load_student,
+    policy_path,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
@@ -35,7 +40,7 @@ from glassgait.studies.rollouts.play import play
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.additive import EBM, EbmSettings
 from glassgait.studies.students.boosting import GBM, HISTOGRAM_GBM, HistogramGbmSettings
-from glassgait.studies.students.library import load_students, student_path
+from glassgait.studies.students.library import load_students
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.students.settings import StudentsSettings
 from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
@@ -172,7 +177,7 @@ class _Road:
         def show_so_far(r2: pd.DataFrame) -> None:
             self.contents.r2 = r2_table(_in_usual_order(r2), self.gait.name)
             if SHOWN in set(r2["student"]) and not self.contents.formulas:
-                formulas = load_policy(student_path(folder, SHOWN))
+                formulas = load_policy(policy_path(folder, SHOWN))
                 assert isinstance(formulas, StatewiseSymbolicPolicy)
                 self.contents.formulas = formula_rows(self.gait, formulas)
                 self.show(formulas, Replay(SHOWN, f"{policy_title(SHOWN)}, distilled here"))

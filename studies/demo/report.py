@@ -7,11 +7,11 @@ import pandas as pd
 
 from glassgait.models.a1 import robot
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.formula_language import write_formula
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.demo.reductions import Reduction
 from glassgait.studies.pages import inline_image, page_template
-from glassgait.studies.students.formula_pages import readable_formula
 
 TEMPLATES = Path(__file__).parent / "templates"
 REPORT_NAME = "report.html"
@@ -94,7 +94,7 @@ def formula_rows(gait: Gait, student: StatewiseSymbolicPolicy) -> list[tuple[str
         (
             f"{joint} in {state}",
             formula.length,
-            readable_formula(formula, student.observation_names, i),
+            write_formula(formula, student.vocabulary.symbols),
         )
         for i, (state, own) in enumerate(zip(gait.states, student.expressions, strict=True))
         for joint, formula in zip(robot.JOINTS, own, strict=True)

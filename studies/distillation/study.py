@@ -16,6 +16,7 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
+from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -28,8 +29,7 @@ from glassgait.studies.distillation.selection import rank_alone, simplest_of_the
 from glassgait.studies.parallel.loop import run_parallel, runs_here
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.dataset import Dataset, r2_scores
-from glassgait.studies.students.formula_pages import write_formulas
-from glassgait.studies.students.library import student_path
+from glassgait.studies.students.formula_latex import write_latex
 from glassgait.studies.students.linear import untrained_student
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.students.student import Student, StudentSettings, TrainingSet
@@ -140,9 +140,10 @@ class _Distillation:
 
     def student(self, kind: str) -> dict:
         """Collects, fits and records one student, or reads its record if that is done."""
-        path, record_path = student_path(self.folder, kind), self.folder / kind / "record.json"
+        record_path = self.folder / kind / "record.json"
         if record_path.exists():
             row = read_record(record_path, of=f"{self.run} {kind}")
+            path = policy_path(self.folder, kind)
             if not path.exists() or digest(path) != row["digest"]:
                 raise InputError(
                     f"{path}: is not what the run wrote; delete {record_path}, and --resume makes "
@@ -155,7 +156,7 @@ class _Distillation:
                 started = time.monotonic()
                 row = self._fit_final(kind, dataset)
             row["minutes"] = dataset.minutes + (time.monotonic() - started) / 60
-            row["digest"] = digest(path)
+            row["digest"] = digest(policy_path(self.folder, kind))
             write_record(record_path, row, of=f"{self.run} {kind}")
         self.report(f"{STUDENTS[kind].title}: R² {row['r2']:.4f} on held-out episodes")
         return {key: value for key, value in row.items() if key != "digest"}
@@ -206,9 +207,9 @@ class _Distillation:
         settings, student = self._choose(kind, self._training(seen))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
-        student.save(student_path(self.folder, kind))
+        student.save(self.folder / f"{kind}{student.suffix}")
         if isinstance(student, FormulaPolicy):
-            write_formulas(student, self.folder / f"{kind}_formulas")
+            write_latex(student, self.folder / f"{kind}.tex")
         scores = r2_scores(student, held_out)
 
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are

@@ -106,7 +106,7 @@ class Explain(Settings):
         last = len(rollout.time) - 1
         self._check_step(last, "ended in a fall" if rollout.failed else "ends")
         step = min(STEP, last) if self.step is None else self.step
-        say("splitting every action into its terms")
+        say("splitting every target into its terms")
         explained = explain_rollout(student, rollout)
         title = f"{gait.name.capitalize()}, {self.joint.replace('_', ' ')}, step {step}"
         local = folder / f"{name}_{self.joint}_step_{step}"
@@ -116,7 +116,7 @@ class Explain(Settings):
         page = render_page(
             gait=gait,
             policy_name=name,
-            observation_names=student.observation_names,
+            policy=student,
             rollout=rollout,
             explained=explained,
             replay=replay.read_text(),

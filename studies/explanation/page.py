@@ -1,4 +1,4 @@
-"""The page: replay, gait diagram and the terms of every action, in one file that opens offline."""
+"""The page: replay, gait diagram and the terms of every target, in one file that opens offline."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -11,38 +11,39 @@ import numpy as np
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.a1 import robot
 from glassgait.models.policies.expression import Expression, variable
-from glassgait.models.policies.gates import GATE_MEANINGS, named_gates
+from glassgait.models.policies.formula_language import write_formula
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.policies.symbolic import TERM_DIGITS
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.evaluation.tables import policy_title
+from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.products import Product, products
 from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 
-N_SHOWN = 14
-"""Terms that the page holds of each action; it holds the sum of the others."""
+N_SHOWN = 30
+"""Terms that the page holds of each target; it holds the sum of the others."""
 
 
 @dataclass(frozen=True)
 class ExplainedJoint:
-    """What a joint's actions consist of, over a rollout.
+    """What a joint's targets consist of, over a rollout.
 
     Attributes:
         products: What the terms are made of (k).
-        values: How much each term adds (n_steps, k).
-        actions: The actions (n_steps,).
+        values: How much each term adds (n_steps, k; rad).
+        targets: The targets (n_steps,; rad).
         states: State of the machine (n_steps,).
     """
 
     products: tuple[Product, ...]
     values: np.ndarray
-    actions: np.ndarray
+    targets: np.ndarray
     states: np.ndarray
 
     def active(self) -> np.ndarray:
@@ -52,7 +53,7 @@ class ExplainedJoint:
         return (own == -1) | (own == self.states[:, None])
 
     def active_of(self, contributions: Contributions, step: int) -> Contributions:
-        """Leaves those parts (k) of a step's action that are in the formula of its state."""
+        """Leaves those parts (k) of a step's target that are in the formula of its state."""
         kept = np.flatnonzero(self.active()[step])
         terms = tuple(contributions.terms[index] for index in kept)
         return Contributions(terms, contributions.values[kept])
@@ -63,7 +64,7 @@ class ExplainedJoint:
 
 
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
-    """Splits every action of a rollout into terms, joint by joint.
+    """Splits every target of a rollout into terms, joint by joint.
 
     Args:
         policy: The student that acted.
@@ -72,13 +73,13 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     Raises:
         InputError: if this kind of policy has no such terms.
     """
-    observations, actions = rollout["observations"], rollout["actions"]
+    observations, targets = rollout["observations"], robot.joint_targets(rollout["actions"])
     states = rollout["rm_state"].argmax(axis=1)
     return tuple(
         ExplainedJoint(
             products(policy, joint),
             policy.explain(observations, joint).values,
-            actions[:, joint],
+            targets[:, joint],
             states,
         )
         for joint in range(robot.N_JOINTS)
@@ -89,7 +90,7 @@ def render_page(
     *,
     gait: Gait,
     policy_name: str,
-    observation_names: tuple[str, ...],
+    policy: Policy,
     rollout: Rollout,
     explained: Sequence[ExplainedJoint],
     replay: str,
@@ -102,15 +103,16 @@ def render_page(
     Args:
         gait: The gait.
         policy_name: Kind of student, or stem of its file.
-        observation_names: Names of what it observes.
-        rollout: What the student did.
-        explained: What its actions consist of.
+        policy: The student.
+        rollout: What it did.
+        explained: What its targets consist of.
         replay: Meshcat's page of the rollout.
         joint: Joint that is shown first.
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
     """
-    quantities = _quantities(observation_names, explained)
+    known = variables_of(policy, rollout["observations"])
+    quantities = _quantities(known.titles, explained)
     data = {
         "period": CONTROL_PERIOD,
         "joints": robot.JOINTS,
@@ -121,9 +123,10 @@ def render_page(
         "iterations": rollout["rm_iterations"].astype(int).ravel().tolist(),
         "contact": (rollout["foot_contact"] > 0.5).astype(int).tolist(),
         "quantities": list(quantities.values()),
-        "units": [entry.scaled_unit for entry in entries_of(observation_names)],
-        "values": _values(quantities, rollout["observations"]),
+        "units": known.units,
+        "values": _values(quantities, known.values),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
+        "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
         "joint": joint,
         "step": step,
     }
@@ -132,43 +135,67 @@ def render_page(
         policy=policy_title(policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
         additive=any(not term.weights for own in explained for term in own.products),
-        gates=_gates(quantities.values()),
+        formulas=isinstance(policy, FormulaPolicy),
         data=_embedded(data),
         replay=_embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
 
 
+@dataclass(frozen=True)
+class Variables:
+    """What a policy's terms are functions of, over a rollout.
+
+    Attributes:
+        titles: Their names (k).
+        units: Their units (k).
+        values: Their values (n_steps, k).
+    """
+
+    titles: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+
+def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
+    """Returns what the terms of a policy are functions of.
+
+    Args:
+        policy: The policy.
+        observations: What it observed (n_steps, n).
+    """
+    entries = entries_of(policy.observation_names)
+    if not isinstance(policy, FormulaPolicy):
+        units = tuple(entry.scaled_unit for entry in entries)
+        return Variables(policy.observation_names, units, observations)
+    notes = (definition.note for definition in policy.vocabulary.definitions)
+    units = (*(entry.unit for entry in entries), *notes)
+    return Variables(policy.vocabulary.symbols, units, policy.quantities(observations))
+
+
 def _quantities(
-    names: tuple[str, ...], explained: Sequence[ExplainedJoint]
+    titles: Sequence[str], explained: Sequence[ExplainedJoint]
 ) -> dict[Expression, str]:
-    """Names everything that some term is made of: the observations in order, then functions."""
-    gates = {gate: title for title, gate in named_gates(names).items()}
-    titles = {variable(index): name for index, name in enumerate(names)}
+    """Names everything that some term is made of: the variables in order, then functions."""
+    every = {variable(index): name for index, name in enumerate(titles)}
     for own in explained:
         for product in own.products:
             for quantity in product.quantities:
-                if quantity not in titles:
-                    titles[quantity] = gates.get(quantity, quantity.to_text(names, TERM_DIGITS))
-    return titles
+                if quantity not in every:
+                    every[quantity] = write_formula(quantity, titles)
+    return every
 
 
-def _values(quantities: Iterable[Expression], observations: np.ndarray) -> list:
+def _values(quantities: Iterable[Expression], variables: np.ndarray) -> list:
     """Evaluates the quantities (n_steps, k); where one is not finite, no term shows it."""
-    values = Tape(tuple(quantities), observations.shape[1])(observations)
+    values = Tape(tuple(quantities), variables.shape[1])(variables)
     return _rounded(np.nan_to_num(values, posinf=0.0, neginf=0.0))
 
 
-def _gates(titles: Iterable[str]) -> dict[str, str]:
-    """Returns the gates that some term has, and what they mean."""
-    every = " ".join(titles)
-    return {gate: meaning for gate, meaning in GATE_MEANINGS.items() if gate in every}
-
-
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
-    """Keeps each action's largest terms as pairs of index and value, and the others' sum.
+    """Keeps each target's largest terms as pairs of index and value, and the others' sum.
 
-    The terms of other states than the machine's are none of the action's.
+    The terms of other states than the machine's are none of the target's.
     """
     values, active = explained.values, explained.active()
     sizes = np.where(active, np.abs(values), -1.0)
@@ -189,12 +216,12 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
             }
             for product in explained.products
         ],
-        "action": _rounded(explained.actions),
+        "target": _rounded(explained.targets),
         "index": index,
         "value": [_rounded(own) for own in shown],
         "others": np.maximum(n_active - N_SHOWN, 0).tolist(),
         "rest": _rounded(np.array(rest)),
-        "error": float(np.abs(values.sum(axis=1) - explained.actions).max()),
+        "error": float(np.abs(values.sum(axis=1) - explained.targets).max()),
         "ranked": ranked.tolist(),
         "importance": _rounded(importances[ranked]),
     }

@@ -1,7 +1,8 @@
-"""What the terms of an action are made of: weights, and quantities whose values multiply them."""
+"""What the terms of a target are made of: weights, and quantities whose values multiply them."""
 
 from dataclasses import dataclass
 
+from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.expression import Expression, constant, variable
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
@@ -11,12 +12,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 
 @dataclass(frozen=True)
 class Product:
-    """A term of an action: a weight times quantities, or a function of them.
+    """A term of a joint's target: a weight times quantities, or a function of them.
 
     Attributes:
         weights: The weight, one for all states of the machine or one each; none where the term is
             a function of its quantities.
-        quantities: Observations, gates or other functions of the observations.
+        quantities: Variables of the policy, or functions of them.
         state: State of the machine whose formula the term is part of; None where it serves all.
     """
 
@@ -26,7 +27,7 @@ class Product:
 
 
 def products(policy: Policy, joint: int) -> tuple[Product, ...]:
-    """Tells what each term of a joint's actions is made of, in the order of `policy.explain`.
+    """Tells what each term of a joint's targets is made of, in the order of `policy.explain`.
 
     Args:
         policy: A policy whose actions are sums of terms.
@@ -36,18 +37,21 @@ def products(policy: Policy, joint: int) -> tuple[Product, ...]:
         TypeError: if no such policy is known.
     """
     n = len(policy.observation_names)
+    scale, stance = robot.ACTION_SCALE, robot.DEFAULT_STANCE[joint]
     match policy:
         case LinearPolicy():
-            weights = [(weight,) for weight in policy.weights[joint].tolist()]
-            return _weighted((float(policy.intercepts[joint]),), weights)
+            weights = [(weight,) for weight in (scale * policy.weights[joint]).tolist()]
+            return _weighted((float(stance + scale * policy.intercepts[joint]),), weights)
         case StatewiseLinearPolicy():
-            weights = [tuple(weight) for weight in policy.weights[:, joint].T.tolist()]
-            return _weighted(tuple(policy.intercepts[:, joint].tolist()), weights)
+            weights = [tuple(own) for own in (scale * policy.weights[:, joint]).T.tolist()]
+            intercepts = stance + scale * policy.intercepts[:, joint]
+            return _weighted(tuple(intercepts.tolist()), weights)
         case AdditivePolicy():
             pairs = policy.pairs[policy.pair_joints == joint].tolist()
             of = [(index,) for index in range(n)] + [tuple(pair) for pair in pairs]
             functions = (Product((), tuple(variable(index) for index in own)) for own in of)
-            return (Product((float(policy.intercepts[joint]),), ()), *functions)
+            intercept = float(stance + scale * policy.intercepts[joint])
+            return (Product((intercept,), ()), *functions)
         case FormulaPolicy():
             by_state = policy.formulas_by_state
             return tuple(
@@ -72,7 +76,7 @@ def _product(term: Expression, state: int | None) -> Product:
             weight *= factor.value
         else:
             quantities.append(factor)
-    # Observations first: what they are gated by may be long.
+    # Variables first: functions of them may be long.
     quantities.sort(key=lambda quantity: quantity.operator != "variable")
     return Product((weight,), tuple(quantities), state)
 

@@ -72,7 +72,7 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
 
 @styled
 def contribution_figure(contributions: Contributions, title: str, n_terms: int = 15) -> Figure:
-    """Draws the parts of one action, the largest first, and their sum (paper, Figure 9)."""
+    """Draws the parts of one target, the largest first, and their sum (paper, Figure 9)."""
     order = np.argsort(-np.abs(contributions.values), kind="stable")
     shown, rest = order[:n_terms], order[n_terms:]
     labels = [contributions.terms[index] for index in shown]
@@ -80,7 +80,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     if len(rest):
         labels.append(f"{len(rest)} other terms")
         values.append(float(contributions.values[rest].sum()))
-    labels.append("action")
+    labels.append("target")
     # Long terms go on in a second line; none is cut.
     labels = [textwrap.fill(label, LABEL_WIDTH) for label in labels]
     n_lines = sum(label.count("\n") + 1 for label in labels)
@@ -92,7 +92,7 @@ def contribution_figure(contributions: Contributions, title: str, n_terms: int =
     axes.axvline(0.0, color="0.2", linewidth=0.6)
     axes.set_yticks(range(len(labels)), labels, fontsize=6)
     axes.invert_yaxis()
-    axes.set(xlabel="adds to the action", title=title)
+    axes.set(xlabel="adds to the target (rad)", title=title)
     return figure
 
 

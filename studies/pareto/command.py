@@ -100,7 +100,7 @@ class Pareto(Settings):
             say(f"fitting: {family.title}")
             for length in self.lengths:
                 label = f"{name} {length}"
-                path = folder / "formulas" / f"{name}_{length}.safetensors"
+                path = folder / "formulas" / f"{name}_{length}{FormulaPolicy.suffix}"
                 if not path.exists():
                     family.fit(gait.name, expert.observation_names, seen, length).save(path)
                 student = load_policy(path)

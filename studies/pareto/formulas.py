@@ -3,16 +3,20 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from glassgait.models.a1.robot import N_JOINTS
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
+from glassgait.models.policies.quantities import Vocabulary
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
 from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.gated_sum import fit_gated_sums
+from glassgait.studies.students.formula_fit import FormulaFit, gates, settled, shared_gates
 from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
 """Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
@@ -24,36 +28,40 @@ class Family:
 
     Attributes:
         title: What tables call it.
-        gates: Returns what tells where in the gait the robot is, given the observations' names.
+        gates: Returns what tells where in the gait the robot is.
         statewise: Whether a joint has a formula for each state of the machine.
     """
 
     title: str
-    gates: Callable[[tuple[str, ...]], tuple[Expression, ...]]
+    gates: Callable[[Vocabulary], tuple[Expression, ...]]
     statewise: bool = False
 
     def fit(self, gait: str, names: tuple[str, ...], data: Dataset, length: int) -> FormulaPolicy:
         """Fits formulas of at most `length` nodes to samples."""
-        gates = self.gates(names)
-        if not self.statewise:
-            formulas = fit_gated_sums(data.observations, data.actions, gates, length)
-            return SymbolicPolicy(gait, names, formulas)
-        by_state = [
-            fit_gated_sums(data.observations[mine], data.actions[mine], gates, length)
-            for mine in TrainingSet(
-                gait, names, data.observations, data.actions, data.starts
-            ).by_state()
+        settings = SymbolicSettings(shapes=((length, length),))
+        fit = FormulaFit(names, self.gates)
+        samples = TrainingSet(gait, names, data.observations, data.actions, data.starts)
+        parts = samples.by_state() if self.statewise else [np.ones(len(data.actions), dtype=bool)]
+        formulas = [
+            settled(formula, names, state) if self.statewise else formula
+            for state, mine in enumerate(parts)
+            for formula in fit(data.observations[mine], data.actions[mine], 0, settings)
         ]
-        return StatewiseSymbolicPolicy(gait, names, by_state)
+        vocabulary, kept = fit.vocabulary.using(formulas)
+        definitions = vocabulary.definitions
+        if not self.statewise:
+            return SymbolicPolicy(gait, names, kept, definitions=definitions)
+        rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
+        return StatewiseSymbolicPolicy(gait, names, rows, definitions=definitions)
 
 
-def _no_gates(names: tuple[str, ...]) -> tuple[Expression, ...]:
+def _no_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
     return ()
 
 
 FAMILIES = {
     "linear": Family("weighted sum", _no_gates),
-    "gated": Family("gated sum", symbolic_gates),
+    "gated": Family("gated sum", shared_gates),
     "statewise_linear": Family("weighted sum per RM state", _no_gates, statewise=True),
-    "statewise_gated": Family("gated sum per RM state", statewise_symbolic_gates, statewise=True),
+    "statewise_gated": Family("gated sum per RM state", gates, statewise=True),
 }

@@ -30,23 +30,29 @@ formulas of a trot then fell in 3 of 52 rollouts instead of none.
 
 
 def fit_gated_sums(
-    observations: Array, targets: Array, gates: Sequence[Expression], max_length: int
+    values: Array,
+    targets: Array,
+    gates: Sequence[Expression],
+    max_length: int,
+    weighted: int | None = None,
 ) -> list[Expression]:
     """Fits the longest gated sums of at most `max_length` nodes, by orthogonal matching pursuit
     with a ridge penalty.
 
     Args:
-        observations: Samples (m, n).
-        targets: What to fit (m, k), a formula a column.
-        gates: Bounded functions of the observations; none for a plain weighted sum.
+        values: Samples of all variables (m, k).
+        targets: What to fit (m, j), a formula a column.
+        gates: Bounded functions of the variables; none for a plain weighted sum.
         max_length: Bound on `Expression.length`.
+        weighted: How many of the variables, from the first on, sums are of; all by default.
 
     Returns:
-        The k formulas.
+        The j formulas.
     """
-    n = observations.shape[1]
-    opened = Tape(gates, n)(observations).T
-    candidates = np.hstack([observations, *(observations * gate[:, None] for gate in opened)])
+    n = values.shape[1] if weighted is None else weighted
+    observed = values[:, :n]
+    opened = Tape(gates, values.shape[1])(values).T
+    candidates = np.hstack([observed, *(observed * gate[:, None] for gate in opened)])
     mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
     usable = np.flatnonzero(spread > SPREAD)
     standard = (candidates[:, usable] - mean[usable]) / spread[usable]

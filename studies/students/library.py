@@ -4,9 +4,11 @@ from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.library import (
+    POLICY_SUFFIXES,
     load_expert,
     load_policy,
     load_student,
+    policy_path,
     shipped_students,
 )
 from glassgait.models.policies.neural import NeuralPolicy
@@ -23,11 +25,6 @@ def distillation_folder(gait: str) -> Path:
     return DISTILLATION_FOLDER / gait
 
 
-def student_path(folder: Path, kind: str) -> Path:
-    """Returns where a run keeps the student of a kind."""
-    return folder / f"{kind}.safetensors"
-
-
 def samples_folder(folder: Path, kind: str) -> Path:
     """Returns where a run keeps the samples that a student of a kind is fitted to.
 
@@ -42,7 +39,7 @@ def samples_folder(folder: Path, kind: str) -> Path:
 
 def kept_students(folder: Path) -> tuple[str, ...]:
     """Lists the kinds of students that a run has finished."""
-    return tuple(kind for kind in STUDENTS if student_path(folder, kind).exists())
+    return tuple(kind for kind in STUDENTS if policy_path(folder, kind).exists())
 
 
 def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
@@ -51,7 +48,7 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    students = {kind: load_policy(student_path(folder, kind)) for kind in kept_students(folder)}
+    students = {kind: load_policy(policy_path(folder, kind)) for kind in kept_students(folder)}
     if not students:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
@@ -119,13 +116,13 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
 def _load_student(name: str, expert: NeuralPolicy, folder: Path | None) -> Policy:
     gait = expert.gait
     if name not in STUDENTS:
-        if Path(name).suffix != ".safetensors":
+        if Path(name).suffix not in POLICY_SUFFIXES:
             raise InputError(
-                f"unknown policy {shown(name)}; the policies are expert, "
-                f"{', '.join(STUDENTS)}, or the path of a policy file ending in .safetensors"
+                f"unknown policy {shown(name)}; the policies are expert, {', '.join(STUDENTS)}, or "
+                f"the path of a policy file ending in {' or '.join(POLICY_SUFFIXES)}"
             )
         return load_policy(Path(name))
-    path = student_path(folder or distillation_folder(gait), name)
+    path = policy_path(folder or distillation_folder(gait), name)
     if path.exists():
         if folder is None and name in shipped_students(gait):
             say(f"{name}: that of {path.parent}, in place of the shipped one")

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from glassgait.models.policies.gates import statewise_symbolic_gates, symbolic_gates
+from glassgait.models.a1.robot import N_JOINTS
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.studies.students.formula_fit import FormulaFit, gates, settled, shared_gates
 from glassgait.studies.students.student import Student, TrainingSet
-from glassgait.studies.students.symbolic_regression import fit_formulas
 from glassgait.studies.students.symbolic_settings import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
@@ -20,22 +20,30 @@ def _repeated_starts(samples: TrainingSet, settings: SymbolicSettings) -> Traini
 def _fit_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
 ) -> SymbolicPolicy:
-    names, own = samples.observation_names, _repeated_starts(samples, settings)
-    gates = symbolic_gates(names)
-    formulas = fit_formulas(own.observations, own.actions, seed, settings, gates, n_jobs)
-    return SymbolicPolicy(samples.gait, names, formulas)
+    own = _repeated_starts(samples, settings)
+    fit = FormulaFit(own.observation_names, shared_gates)
+    formulas = fit(own.observations, own.actions, seed, settings, n_jobs)
+    vocabulary, kept = fit.vocabulary.using(formulas)
+    return SymbolicPolicy(
+        samples.gait, samples.observation_names, kept, definitions=vocabulary.definitions
+    )
 
 
 def _fit_statewise_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
 ) -> StatewiseSymbolicPolicy:
-    names, own = samples.observation_names, _repeated_starts(samples, settings)
-    gates = statewise_symbolic_gates(names)
+    own = _repeated_starts(samples, settings)
+    fit = FormulaFit(own.observation_names, gates)
     formulas = [
-        fit_formulas(own.observations[mine], own.actions[mine], seed, settings, gates, n_jobs)
-        for mine in own.by_state()
+        settled(formula, own.observation_names, state)
+        for state, mine in enumerate(own.by_state())
+        for formula in fit(own.observations[mine], own.actions[mine], seed, settings, n_jobs)
     ]
-    return StatewiseSymbolicPolicy(samples.gait, names, formulas)
+    vocabulary, kept = fit.vocabulary.using(formulas)
+    rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
+    return StatewiseSymbolicPolicy(
+        samples.gait, samples.observation_names, rows, definitions=vocabulary.definitions
+    )
 
 
 SYMBOLIC = Student(

@@ -26,21 +26,23 @@ PYSR_BINARY_OPERATORS = ("+", "-", "*")
 
 
 def fit_formulas(
-    observations: Array,
+    values: Array,
     targets: Array,
     seed: int,
     settings: SymbolicSettings,
     gates: Sequence[Expression],
+    n_observed: int,
     n_jobs: int = 1,
 ) -> list[Expression]:
     """Searches a formula for each target.
 
     Args:
-        observations: Samples (m, n).
-        targets: The expert's actions (m, k).
+        values: Samples of all variables (m, n).
+        targets: What the expert does (m, k).
         seed: Seed of the search.
         settings: Engine and budget; of several shapes the first counts.
         gates: What tells where in the gait the robot is; see `fit_gated_sums`.
+        n_observed: How many variables are observed; sums, and what the engine finds, are of these.
         n_jobs: Formulas that are searched at once.
 
     Returns:
@@ -49,22 +51,22 @@ def fit_formulas(
     Raises:
         InputError: if the engine is PySR and Julia cannot start.
     """
-    seeds = range(seed, seed + targets.shape[1])
+    seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]
     if settings.engine == "pysr":
         searches = (
-            delayed(_fit_pysr)(observations, target, own_seed, settings)
+            delayed(_fit_pysr)(observed, target, own_seed, settings)
             for target, own_seed in zip(targets.T, seeds, strict=True)
         )
         return list(run_parallel(searches, n_jobs))
     # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
     # first and the engine evolves what it leaves.
     sum_length, length = settings.shapes[0]
-    sums = fit_gated_sums(observations, targets, gates, sum_length)
+    sums = fit_gated_sums(values, targets, gates, sum_length, n_observed)
     if sum_length == length:
         return sums
-    residuals = targets - Tape(sums, observations.shape[1])(observations)
+    residuals = targets - Tape(sums, values.shape[1])(values)
     searches = (
-        delayed(_evolve)(observations, residual, length - found.length - 1, own_seed, settings)
+        delayed(_evolve)(observed, residual, length - found.length - 1, own_seed, settings)
         for found, residual, own_seed in zip(sums, residuals.T, seeds, strict=True)
     )
     corrections = run_parallel(searches, n_jobs)

@@ -27,7 +27,6 @@ from glassgait.studies.robustness.tables import (
 from glassgait.studies.robustness.worlds import world_jobs
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.scores import SCORES
-from glassgait.studies.students.library import student_path
 from glassgait.studies.students.linear import untrained_student
 
 WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
@@ -195,7 +194,7 @@ def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(expert):
 @pytest.fixture
 def run(expert, tmp_path):
     """Runs the command on one small student in two worlds, one of them of a single robot."""
-    untrained_student("trot", expert.observation_names).save(student_path(tmp_path, "linear"))
+    untrained_student("trot", expert.observation_names).save(tmp_path / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
     small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
     worlds = ["--worlds", "training", str(tmp_path / "lonely.yaml")]

@@ -73,17 +73,17 @@ function showLocal() {
   const own = data.explained[view.joint], step = view.step;
   const values = own.value[step], others = own.others[step];
   at("local-title").textContent = `${shownJoint(view.joint)} at step ${step}: `
-    + `action ${signed(own.action[step])}`;
+    + `target ${signed(own.target[step])} rad`;
   const table = head(at("local"), ["term"], ["weight × values"], ["adds", "number"], [""]);
   at("which").textContent = others > 0 ? `The ${values.length} largest terms`
     : values.length === 1 ? "The only term" : `All ${values.length} terms`;
-  // Bars follow one another, so that the last one ends at the action.
+  // Bars follow one another, so that the last one ends at the target.
   const entries = values.map((value, k) => {
     const term = own.terms[own.index[step][k]];
     return [nameOf(term), productOf(term), value];
   });
   if (others > 0) entries.push([others === 1 ? "1 other term" : `${others} other terms`, "", own.rest[step]]);
-  let end = 0, low = Math.min(0, own.action[step]), high = Math.max(0, own.action[step]);
+  let end = 0, low = Math.min(0, own.target[step]), high = Math.max(0, own.target[step]);
   for (const [, , value] of entries) {
     end += value; low = Math.min(low, end); high = Math.max(high, end);
   }
@@ -94,22 +94,41 @@ function showLocal() {
         value < 0 ? "var(--down)" : "var(--up)");
     end += value;
   }
-  row(table, ["sum = action", "", signed(end)], 0, end, scale, "#555", "sum");
+  row(table, ["sum = target", "", signed(end)], 0, end, scale, "#555", "sum");
   at("error").textContent = own.error.toExponential(0);
 }
 
 function showValues() {
   at("observations").firstElementChild.textContent =
-    `All ${data.units.length} observations at step ${view.step}`;
+    `All ${data.units.length} quantities at step ${view.step}`;
   if (!at("observations").open) return;
-  const table = head(at("values"), ["observation"], ["value", "number"], ["unit"]);
+  const table = head(at("values"), ["quantity"], ["value", "number"], ["unit"]);
   data.quantities.forEach((name, k) => {
     const line = table.insertRow();
     line.insertCell().textContent = name;
     const value = line.insertCell();
     value.className = "number"; value.textContent = short(data.values[view.step][k]);
-    line.insertCell().textContent = data.units[k] || "function of the observations";
+    line.insertCell().textContent = data.units[k] ?? "function of the others";
   });
+}
+
+function drawFile() {
+  if (!data.file) return;
+  at("file").replaceChildren(...data.file.lines.map(text => {
+    const line = document.createElement("span");
+    line.textContent = text + "\n";
+    return line;
+  }));
+}
+function showFile() {
+  if (!data.file) return;
+  const state = data.state[view.step], [first, end] = data.file.acting[state][view.joint];
+  [...at("file").children].forEach((line, k) =>
+    line.classList.toggle("acting", k >= first && k < end));
+  at("mirrored").textContent = data.file.mirrored[state][view.joint]
+    ? "(what acts is their mirror image: left and right exchanged)." : ".";
+  const file = at("file"), line = file.children[first];
+  file.scrollTop = line.offsetTop - file.offsetTop - file.clientHeight / 3;
 }
 
 function showGlobal() {
@@ -159,6 +178,7 @@ function drawGait() {
   return svg("line", { y1: 0, y2: 98, stroke: "#c00", "stroke-width": 1.5 });
 }
 const cursor = drawGait();
+drawFile();
 
 const frame = at("replay");
 frame.srcdoc = JSON.parse(at("replay-page").textContent);
@@ -188,6 +208,7 @@ function show() {
   cursor.setAttribute("x1", xOf(view.step));
   cursor.setAttribute("x2", xOf(view.step));
   showLocal();
+  showFile();
   showValues();
   seek();
 }
