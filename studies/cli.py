@@ -56,6 +56,10 @@ COMMANDS = {
         "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",
     ),
+    "show": (
+        "glassgait.studies.show_command:Show",
+        "Print the formulas of a policy: the lines that its file holds, and that act.",
+    ),
     "report": (
         "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",

@@ -15,7 +15,7 @@ from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.quantities import RobotUnits, actions_of
+from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
@@ -158,7 +158,10 @@ def _formulas(
             raise InputError(
                 f"the formula of {joint} has no value ({error}); fit it again"
             ) from error
-    return list(actions_of(np.array(translated)))
+    return [
+        (target - stance) / robot.ACTION_SCALE
+        for target, stance in zip(translated, robot.DEFAULT_STANCE, strict=True)
+    ]
 
 
 def _translated(formula: Expression, quantities: Sequence[drake.Expression]) -> drake.Expression:

@@ -19,7 +19,7 @@ from glassgait.studies.students.library import default_student, find_student
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("models", "systems", "diagrams", "studies", "tests")
-GENERATED = ("*_formulas.md", "templates/*.md")
+GENERATED = ("templates/*.md",)
 PAGES = {
     str(page.relative_to(ROOT)): page.read_text()
     for page in sorted(
@@ -33,7 +33,7 @@ LONGEST_README = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
-NEEDS_A_DISTILLATION = ("pareto", "importance")
+NEEDS_A_DISTILLATION = ("pareto")
 """Commands that read the samples of one."""
 
 
@@ -67,7 +67,7 @@ def commands():
     found = {}
     for page, text in PAGES.items():
         for span, paragraph in spans(text):
-            for command in re.findall(r"(?:^|bin/|&& )glassgait\b(?!\.|/)([^&#]*)", span):
+            for command in re.findall(r"(?:^|bin/|&& )glassgait\b(?!\.|/)([^&#>]*)", span):
                 arguments = tuple(shlex.split(command.replace("<gait>", "trot")))
                 found.setdefault((page, arguments), []).append(paragraph)
     return [
@@ -125,7 +125,10 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
     policy = getattr(command, "policy", None)
     if arguments[0] in NEEDS_A_DISTILLATION or policy == "students":
         assert any("distil" in paragraph for paragraph in around)
-    elif arguments[0] == "explain" or policy not in (None, "expert"):
+    elif policy and Path(policy).suffix:
+        # A file of the reader's own, which the page has made.
+        assert any(f"> {policy}" in paragraph for paragraph in around)
+    elif arguments[0] in ("explain", "show") or policy not in (None, "expert"):
         for gait in gaits_of(command):
             find_student(policy or default_student(gait), load_expert(gait))
     for argument in arguments:

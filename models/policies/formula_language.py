@@ -164,6 +164,8 @@ def _expression(node: ast.expr, index: Mapping[str, int]) -> Expression:
             return constant(_number(value, node))
         case ast.Name() | ast.Attribute():
             return _named(node, index)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _expression(operand, index)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             inner = _expression(operand, index)
             if inner.operator == "constant":

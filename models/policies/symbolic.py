@@ -140,7 +140,7 @@ class FormulaPolicy(Policy):
         return Tape(expanded, len(self.observation_names))
 
     def _contributions(self, formula: Expression, observation: Array) -> Contributions:
-        terms = formula.terms()
+        terms = [canonical(term) for term in formula.terms()]
         values = self._targets(terms)(self._units.quantities(observation))
         symbols = self.vocabulary.symbols
         return Contributions(tuple(write_formula(term, symbols) for term in terms), values)

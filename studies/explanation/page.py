@@ -26,8 +26,11 @@ from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 
-N_SHOWN = 30
-"""Terms that the page holds of each target; it holds the sum of the others."""
+MOST_SHOWN = 30
+"""Terms of a target that the page holds all; of a target with more it holds the largest."""
+
+N_SHOWN = 14
+"""Terms that the page then holds; it holds the sum of the others."""
 
 
 @dataclass(frozen=True)
@@ -199,9 +202,10 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     """
     values, active = explained.values, explained.active()
     sizes = np.where(active, np.abs(values), -1.0)
-    order = np.argsort(-sizes, axis=1, kind="stable")[:, :N_SHOWN]
+    order = np.argsort(-sizes, axis=1, kind="stable")
     n_active = active.sum(axis=1)
-    index = [own[:n].tolist() for own, n in zip(order, n_active, strict=True)]
+    n_shown = np.where(n_active > MOST_SHOWN, N_SHOWN, n_active)
+    index = [own[:n].tolist() for own, n in zip(order, n_shown, strict=True)]
     shown = [own[kept] for own, kept in zip(values, index, strict=True)]
     rest = [own.sum() - kept.sum() for own, kept in zip(values, shown, strict=True)]
     importances = explained.importances()
@@ -219,7 +223,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
         "target": _rounded(explained.targets),
         "index": index,
         "value": [_rounded(own) for own in shown],
-        "others": np.maximum(n_active - N_SHOWN, 0).tolist(),
+        "others": (n_active - n_shown).tolist(),
         "rest": _rounded(np.array(rest)),
         "error": float(np.abs(values.sum(axis=1) - explained.targets).max()),
         "ranked": ranked.tolist(),

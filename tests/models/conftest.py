@@ -1,9 +1,11 @@
 """What tests of policies share: policies of every kind, models that they are made from, samples."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
@@ -11,6 +13,7 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
 from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
@@ -37,6 +40,26 @@ def samples() -> Callable[..., tuple[Array, Array]]:
         mixing = generator.normal(size=(N, robot.N_JOINTS))
         actions = np.tanh(observations @ mixing) + observations[:, :1] * observations[:, 2:14]
         return observations, actions
+
+    return draw
+
+
+@pytest.fixture(scope="session")
+def random_formulas() -> Callable[..., st.SearchStrategy[Expression]]:
+    """Draws formulas of all operators, of so many variables; most are not in canonical form."""
+
+    # Hypothesis takes longer to set a strategy up than to draw from it.
+    @cache
+    def draw(n_variables: int, max_leaves: int = 12) -> st.SearchStrategy[Expression]:
+        numbers = st.floats(-1e30, 1e30) | st.integers(-9, 9).map(float)
+        leaves = numbers.map(constant) | st.integers(0, n_variables - 1).map(variable)
+
+        def extend(inner: st.SearchStrategy[Expression]) -> st.SearchStrategy[Expression]:
+            unary = st.builds(Expression, st.sampled_from(UNARY), st.tuples(inner))
+            pairs = st.tuples(inner, inner)
+            return unary | st.builds(Expression, st.sampled_from(sorted(BINARY)), pairs)
+
+        return st.recursive(leaves, extend, max_leaves=max_leaves)
 
     return draw
 

@@ -1,4 +1,4 @@
-"""Actions split into terms: they add up, have names, and follow their slopes."""
+"""Targets split into terms: they add up, have names, and follow their slopes."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,8 @@ from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.policies.formula_language import parse_formula
+from glassgait.models.policies.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.observation import ObservationLayout
 
@@ -14,17 +16,18 @@ NAMES = ObservationLayout(2).names
 N = len(NAMES)
 
 
-def test_contributions_add_up_to_the_action(
+def test_contributions_add_up_to_the_target(
     linear, statewise, symbolic, statewise_symbolic, additive_models, samples
 ):
     observations, _ = samples(5, seed=7)
     additive = AdditivePolicy.compile("trot", NAMES, additive_models)
     for policy in (linear, statewise, symbolic, statewise_symbolic, additive):
+        targets = robot.joint_targets(policy(observations))
         for joint in (0, 5, 11):
             parts = policy.explain(observations, joint)
             assert parts.values.shape == (5, len(parts.terms))
             np.testing.assert_allclose(
-                parts.values.sum(axis=1), policy(observations)[:, joint], rtol=0, atol=1e-9
+                parts.values.sum(axis=1), targets[:, joint], rtol=0, atol=1e-9
             )
             single = policy.explain(observations[2], joint)
             assert single.terms == parts.terms
@@ -32,22 +35,14 @@ def test_contributions_add_up_to_the_action(
     assert parts.terms[-1].count("&") == 1
 
 
-def test_terms_begin_with_the_weighted_observation():
-    text = f"x0 * tanh(5.0 * x1 + -2.0) * (0.25 * x2) + {1 / 3} * x1"
-    formula = parse_expression(text, variable_names(len(NAMES)))
-    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
+def test_terms_are_written_as_in_the_file():
+    vocabulary = Vocabulary(NAMES, known_definitions(NAMES))
+    text = "late*(0.25*cmd.v - cmd.yaw*2) + 0.125*q.FL_hip"
+    formula = parse_formula(text, vocabulary.symbols)
+    definitions = vocabulary.definitions
+    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS, definitions=definitions)
     terms = policy.explain(np.zeros(len(NAMES)), 0).terms
-    assert terms == (
-        f"0.25 * {NAMES[0]} * {NAMES[2]} * tanh((5 * {NAMES[1]}) - 2)",
-        f"0.333 * {NAMES[1]}",
-    )
-
-
-def test_terms_name_their_gates():
-    late = f"tanh((5.0 * x{NAMES.index('RM Iters')} + -2.0))"
-    formula = parse_expression(f"{late} * (0.25 * x0)", variable_names(len(NAMES)))
-    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
-    assert policy.explain(np.zeros(len(NAMES)), 0).terms == (f"0.25 * {NAMES[0]} * Late",)
+    assert terms == ("late*(0.25*cmd.v)", "-late*(cmd.yaw*2)", "0.125*q.FL_hip")
 
 
 def test_trees_and_networks_do_not_split_into_contributions(neural, samples):
@@ -88,4 +83,5 @@ def test_products_of_many_sums_are_explained_in_one_term(samples):
     observations, _ = samples(5)
     parts = policy.explain(observations, "FL_calf")
     assert len(parts.terms) == 2
-    np.testing.assert_allclose(parts.values.sum(axis=1), policy(observations)[:, 2])
+    targets = robot.joint_targets(policy(observations))
+    np.testing.assert_allclose(parts.values.sum(axis=1), targets[:, 2])

@@ -162,7 +162,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
             r"a^{-}_{\mathrm{FL Hip}}",
             "0.25 rad of joint target",
         ),
-        ("RM State 1", "machine state", None, "s.1", "s_{1}", "0 or 1"),
+        ("RM State 1", "machine state", None, "s1", "s_{1}", "0 or 1"),
         ("RM Iters", "iterations", None, "t", "n", "0.1 · control steps"),
         ("Command RM Iters", "commanded iterations", None, "cmd.t", "n^{*}", "0.1 · control steps"),
         ("Base Lin Vel Z", "base velocity", None, "v.z", r"\hat v_{z}", "2 · m/s"),

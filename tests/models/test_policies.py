@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from glassgait.models.a1 import robot
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -41,7 +42,7 @@ def every_policy(
 def test_files_give_back_the_same_policy(every_policy, samples, tmp_path):
     observations, _ = samples(20, seed=5)
     for policy in every_policy:
-        path = tmp_path / f"{policy.kind}.safetensors"
+        path = tmp_path / f"{policy.kind}{policy.suffix}"
         policy.save(path)
         loaded = load_policy(path)
         assert type(loaded) is type(policy)
@@ -62,10 +63,11 @@ def test_statewise_formulas_are_those_of_the_state(statewise_symbolic, samples):
     observations, _ = samples(2, seed=4)
     policy = statewise_symbolic
     observations[:, policy._one_hot] = np.eye(2)
-    action = policy(observations)
+    values = policy.quantities(observations)
+    targets = robot.joint_targets(policy(observations))
     joint = np.arange(12)
-    np.testing.assert_allclose(action[0], 1 + observations[0, joint] * observations[0, joint + 1])
-    np.testing.assert_allclose(action[1], 2 + observations[1, joint] * observations[1, joint + 2])
+    np.testing.assert_allclose(targets[0], 1 + values[0, joint] * values[0, joint + 1])
+    np.testing.assert_allclose(targets[1], 2 + values[1, joint] * values[1, joint + 2])
 
 
 def test_open_loop_actions_are_looked_up_and_held_at_the_end(open_loop, samples):

@@ -84,10 +84,10 @@ def embedded() -> Callable[[Path, str], Any]:
 
 @pytest.fixture(scope="module")
 def few() -> tuple[StatewiseSymbolicPolicy, Rollout]:
-    """A student with 3 terms in one state of the machine and 16 in the other, a step in each."""
+    """A student with 3 terms in one state of the machine and 32 in the other, a step in each."""
     names = load_expert("trot").observation_names
     variables = variable_names(len(names))
-    long = " + ".join(f"0.00{i + 1} * x{i}" for i in range(15))
+    long = " + ".join(f"{i + 1}e-4 * x{i}" for i in range(31))
     texts = ("0.1 + 0.01 * x3 + 0.02 * x5", f"-0.1 + {long}")
     expressions = [[parse_expression(text, variables)] * 12 for text in texts]
     policy = StatewiseSymbolicPolicy("trot", names, expressions)
@@ -106,7 +106,7 @@ def few_page(few: tuple, tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = render_page(
         gait=load_gait("trot"),
         policy_name="few",
-        observation_names=policy.observation_names,
+        policy=policy,
         rollout=rollout,
         explained=explain_rollout(policy, rollout),
         replay="",

@@ -32,7 +32,6 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "scenario is empty" in refused(["evaluate", "--scenario"])
     assert "lengths is empty" in refused(["pareto", "--lengths"])
     assert "lengths is (8, 0)" in refused(["pareto", "--lengths", "8", "0"])
-    assert "students is empty" in refused(["importance", "--students"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])

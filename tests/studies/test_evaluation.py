@@ -137,8 +137,9 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
 def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, capsys):
     names = expert.observation_names
     # Of no value at the third control step in a state of the machine.
-    bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE!r})"
-    texts = ["0", "0", bad, *["0"] * 9]
+    bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE / ITERATIONS_SCALE!r})"
+    texts = [f"{target!r}" for target in robot.DEFAULT_STANCE.tolist()]
+    texts[2] = bad
     formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)

@@ -13,7 +13,7 @@ from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.explanation.page import explain_rollout, render_page, variables_of
 from glassgait.studies.explanation.products import products
 
 
@@ -40,7 +40,7 @@ def page(students, tmp_path_factory):
     return output / "index.html"
 
 
-def test_shown_terms_and_the_rest_are_the_action(page, embedded):
+def test_shown_terms_and_the_rest_are_the_target(page, embedded):
     data = embedded(page, "data")
     assert data["step"] == 12
     assert len(data["explained"]) == 12
@@ -48,7 +48,7 @@ def test_shown_terms_and_the_rest_are_the_action(page, embedded):
     for joint in data["explained"]:
         assert joint["error"] < 1e-9
         total = np.sum(joint["value"], axis=1) + joint["rest"]
-        np.testing.assert_allclose(total, joint["action"], atol=2e-4)
+        np.testing.assert_allclose(total, joint["target"], atol=2e-4)
         assert (np.diff(np.abs(joint["value"]), axis=1) <= 0).all()
 
 
@@ -73,12 +73,13 @@ def test_products_are_the_terms(kind, generator):
     observations = 0.5 * generator.normal(size=(20, len(names)))
     states = generator.integers(2, size=20)
     observations[:, machine_state_entries(names)] = np.eye(2)[states]
+    variables = variables_of(policy, observations).values
     for joint in (0, 5):
         values = policy.explain(observations, joint).values
         own = products(policy, joint)
         assert len(own) == values.shape[1]
         for product, value in zip(own, values.T, strict=True):
-            factors = Tape(product.quantities, len(names))(observations)
+            factors = Tape(product.quantities, variables.shape[1])(variables)
             weights = np.broadcast_to(product.weights, 2)[states]
             mine = (states == product.state) | (product.state is None)
             expected = np.where(mine, weights * factors.prod(axis=-1), 0.0)
@@ -97,7 +98,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
     page = render_page(
         gait=gait,
         policy_name="<u>mine</u>",
-        observation_names=names,
+        policy=policy,
         rollout=rollout,
         explained=explain_rollout(policy, rollout),
         replay="",
@@ -156,19 +157,19 @@ def test_terms_of_other_states_are_none_of_the_actions(few_page, embedded):
         own = zip(data["state"], joint["index"], joint["value"], joint["others"], strict=True)
         for state, index, value, others in own:
             assert {joint["terms"][k]["state"] for k in index} == {state}
-            assert (len(index), others) == ((3, 0), (14, 2))[state]
+            assert (len(index), others) == ((3, 0), (14, 18))[state]
             assert len(value) == len(index)
         total = np.array([sum(value) for value in joint["value"]]) + joint["rest"]
-        np.testing.assert_allclose(total, joint["action"], atol=2e-4)
+        np.testing.assert_allclose(total, joint["target"], atol=2e-4)
 
 
 def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
     policy, rollout = few
     own = explain_rollout(policy, rollout)[0]
-    for step, count in ((0, 3), (1, 16)):
+    for step, count in ((0, 3), (1, 32)):
         parts = own.active_of(policy.explain(rollout["observations"][step], 0), step)
         assert len(parts.terms) == len(parts.values) == count
-        assert parts.values.sum() == pytest.approx(rollout["actions"][step, 0])
+        assert parts.values.sum() == pytest.approx(own.targets[step])
 
 
 @pytest.mark.parametrize(

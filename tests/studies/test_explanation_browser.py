@@ -44,17 +44,17 @@ def test_browser_shows_the_terms_of_the_state_alone(few_page, browser):
         shown[state] = browser.find_element("id", "which").text, [row.text for row in rows]
     which, terms = shown[0]
     assert which == "All 3 terms"
-    assert (len(terms), terms.count("intercept"), terms[-1]) == (4, 1, "sum = action")
+    assert (len(terms), terms.count("intercept"), terms[-1]) == (4, 1, "sum = target")
     which, terms = shown[1]
     assert which == "The 14 largest terms"
     assert (len(terms), terms.count("intercept")) == (16, 1)
-    assert terms[-2:] == ["2 other terms", "sum = action"]
+    assert terms[-2:] == ["18 other terms", "sum = target"]
 
 
 def test_browser_shows_the_moment_that_a_link_names(opened, formulas, embedded):
-    action = embedded(formulas, "data")["explained"][4]["action"][30]
-    sign = "−" if action < 0 else "+"
-    assert title(opened) == f"FR thigh at step 30: action {sign}{abs(action):.3f}"
+    target = embedded(formulas, "data")["explained"][4]["target"][30]
+    sign = "−" if target < 0 else "+"
+    assert title(opened) == f"FR thigh at step 30: target {sign}{abs(target):.3f} rad"
     assert "0.60 s" in opened.find_element("id", "moment").text
     for link, shown in (("joint=2&step=7", "FL calf at step 7"), ("step=9", "FL calf at step 9")):
         opened.execute_script("location.hash = arguments[0]", link)
@@ -91,8 +91,17 @@ def test_no_label_is_cut(opened, width):
         "const all = document.documentElement; return all.scrollWidth <= all.clientWidth"
     )
     terms = [cell.text for cell in opened.find_elements("css selector", "td.term")]
-    assert any(len(term) > 20 for term in terms)
+    assert any(len(term) > 15 for term in terms)
     assert not any("…" in term for term in terms)
+
+
+def test_the_lines_of_the_file_that_act_are_marked(opened, formulas, embedded):
+    file = embedded(formulas, "data")["file"]
+    state = embedded(formulas, "data")["state"][30]
+    first, end = file["acting"][state][4]
+    marked = opened.find_elements("css selector", "#file span.acting")
+    assert [line.text for line in marked] == [text.rstrip() for text in file["lines"][first:end]]
+    assert marked[0].text.startswith("FR_thigh = ")
 
 
 def test_a_reader_can_check_every_product_by_hand(opened):
@@ -102,8 +111,8 @@ def test_a_reader_can_check_every_product_by_hand(opened):
     cells = [[cell.text for cell in row.find_elements("tag name", "td")] for row in table]
     values = {name: value for name, value, _ in cells}
     units = {name: unit for name, _, unit in cells}
-    assert units["Foot Height RL"] == "m"
-    assert units["DoF Vel FR Calf"] == "0.05 · rad/s"
+    assert units["h.RL"] == "m"
+    assert units["dq.FR_calf"] == "rad/s"
     checked = 0
     for row in opened.find_elements("css selector", "#local tbody tr"):
         term, product, adds = [cell.text for cell in row.find_elements("tag name", "td")][:3]

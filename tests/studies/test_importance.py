@@ -75,8 +75,10 @@ def test_slopes_count_with_the_observations_spread(generator):
     method, importances = found
     assert method == "derivatives"
     spread = observations.std(axis=0)
-    assert importances[0, 2] == pytest.approx(3 * spread[2])
-    assert importances[0, 4] == pytest.approx(np.abs(2 * observations[:, 4]).mean() * spread[4])
+    assert importances[0, 2] == pytest.approx(3 * spread[2] / robot.ACTION_SCALE)
+    angle = policy.quantities(observations)[:, 4]
+    slope = np.abs(2 * angle).mean() / robot.ACTION_SCALE
+    assert importances[0, 4] == pytest.approx(slope * spread[4])
     assert importances.sum() == pytest.approx(importances[:, [2, 4]].sum())
 
 

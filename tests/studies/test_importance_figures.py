@@ -9,6 +9,7 @@ import pytest
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
+from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.task.observation import ObservationLayout
@@ -67,8 +68,10 @@ def test_interprets_own_model_comes_back(additive):
             np.testing.assert_array_equal(mine["upper_bounds"], other["upper_bounds"])
     local = rebuilt.explain_local(observations[:1]).data(0)
     parts = policy.explain(observations[0], 1)
-    assert parts.values.sum() == pytest.approx(policy(observations[0])[1], abs=1e-9)
-    assert sum(local["scores"]) + rebuilt.intercept_ == pytest.approx(parts.values.sum(), abs=1e-9)
+    action = sum(local["scores"]) + rebuilt.intercept_
+    assert action == pytest.approx(policy(observations[0])[1], abs=1e-9)
+    target = robot.DEFAULT_STANCE[1] + robot.ACTION_SCALE * action
+    assert parts.values.sum() == pytest.approx(target, abs=1e-9)
 
 
 def test_interprets_dashboard_draws_the_rebuilt_model(additive):

@@ -11,10 +11,13 @@ import pytest
 from sklearn.linear_model import LinearRegression
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.gates import named_gates
+from glassgait.models.policies.formula_language import parse_formula, write_formula
+from glassgait.models.policies.quantities import Vocabulary, targets_of
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.students.formula_fit import FormulaFit, gates, rounded, settled
 from glassgait.studies.students.gated_sum import fit_gated_sums
 from glassgait.studies.students.symbolic_regression import fit_formulas, pysr_arguments
 from glassgait.studies.students.symbolic_settings import SymbolicSettings
@@ -46,31 +49,44 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
     assert max(map(abs, slopes)) < 1.1
 
 
-def test_lateness_is_bounded_and_tells_early_from_late(trot, generator):
+def test_a_gate_of_the_vocabulary_is_found(trot, generator):
     names = ObservationLayout(trot.n_states).names
-    gate = named_gates(names)["Late"]
-    iterations = np.zeros((4, len(names)))
-    iterations[:, names.index("RM Iters")] = (0.0, 0.4, 0.8, 50.0)
-    value = Tape([gate], len(names))(iterations)[:, 0]
-    assert value == pytest.approx([-0.964, 0.0, 0.964, 1.0], abs=1e-3)
-
-    x = generator.normal(size=(2000, len(names)))
-    x[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
-    y = (1.0 + 2.0 * Tape([gate], len(names))(x)[:, 0]) * x[:, 0]
-    [formula] = fit_gated_sums(x, y[:, None], gates=(gate,), max_length=20)
-    error = Tape([formula], len(names))(x)[:, 0] - y
+    fit = FormulaFit(names, gates)
+    observations = generator.normal(size=(2000, len(names)))
+    observations[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
+    values = fit.values(observations)
+    late = fit.vocabulary.variable("late")
+    y = (1.0 + 2.0 * values[:, late.variable]) * values[:, 0]
+    [formula] = fit_gated_sums(
+        values, y[:, None], gates=(late,), max_length=20, weighted=len(names)
+    )
+    error = Tape([formula], values.shape[1])(values)[:, 0] - y
     assert error.var() < 1e-4 * y.var()
+    assert max(formula.variables) == late.variable
 
 
-def test_feet_are_on_the_ground_or_in_the_air(trot):
+def test_fitted_formulas_have_three_digits_and_no_bias(trot, generator):
     names = ObservationLayout(trot.n_states).names
-    heights = np.zeros((3, len(names)))
-    heights[:, names.index("Foot Height RL")] = (0.0, 0.02, 0.08)
-    _, *feet = named_gates(names).values()
-    gates = Tape(feet, len(names))(heights)
-    assert gates.shape == (3, 4)
-    assert gates[:, 2] == pytest.approx([-0.964, 0.0, 1.0], abs=1e-3)
-    assert gates[:, 0] == pytest.approx([-0.964] * 3, abs=1e-3)
+    fit = FormulaFit(names, gates)
+    observations = generator.normal(size=(1000, len(names)))
+    weights = generator.normal(size=(len(names), 12))
+    actions = observations @ weights + 0.1 * generator.normal(size=(1000, 12))
+    settings = SymbolicSettings(shapes=((40, 40),))
+    formulas = fit(observations, actions, 0, settings)
+    for formula in formulas:
+        assert formula == canonical(formula) == rounded(formula)
+    residual = targets_of(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
+        fit.values(observations)
+    )
+    assert np.abs(residual.mean(axis=0)).max() < 5e-3
+
+
+def test_the_state_that_a_formula_serves_is_put_in():
+    names = ObservationLayout(2).names
+    symbols = Vocabulary(names).symbols
+    formula = parse_formula("0.5*s0 + t*(s1 - 3) - cmd.v", symbols)
+    told = [write_formula(settled(formula, names, state), symbols) for state in (0, 1)]
+    assert told == ["0.5 + t*(0 - 3) - cmd.v", "0 + t*(1 - 3) - cmd.v"]
 
 
 def test_gated_sum_keeps_its_bound(generator):
@@ -86,9 +102,8 @@ def test_operon_finds_what_is_not_linear(generator):
     settings = SymbolicSettings(
         population=200, generations=40, max_samples=1500, shapes=((10, 60),)
     )
-    [formula] = fit_formulas(
-        x, y[:, None], 0, settings, gates=(Expression("variable", variable=3),)
-    )
+    gate = Expression("variable", variable=3)
+    [formula] = fit_formulas(x, y[:, None], 0, settings, gates=(gate,), n_observed=5)
     linear = LinearRegression().fit(x, y).score(x, y)
     error = Tape([formula], 5)(x)[:, 0] - y
     assert formula.length <= 60
@@ -129,6 +144,7 @@ def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
             0,
             SymbolicSettings(engine="pysr"),
             (),
+            n_observed=3,
         )
     assert "\n" not in str(raised.value)
 
@@ -138,5 +154,5 @@ def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
 def test_pysr_finds_a_law(generator):
     x = generator.normal(size=(200, 3))
     product = x[:, :1] * x[:, 1:2]
-    [formula] = fit_formulas(x, product, 0, SymbolicSettings(engine="pysr"), ())
+    [formula] = fit_formulas(x, product, 0, SymbolicSettings(engine="pysr"), (), 3)
     np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], product[:, 0], atol=1e-3)

@@ -185,7 +185,7 @@ def test_students_are_those_of_the_folder_or_none_of_another_expert(tmp_path, re
     students.mkdir()
     told = refused(["symmetry", *SMALL, "--distillation", str(students)])
     assert "holds no students" in told
-    shutil.copy(STUDENT_DIRECTORY / "trot" / "symbolic.safetensors", students)
+    shutil.copy(STUDENT_DIRECTORY / "trot" / "symbolic.formulas", students)
     main(["symmetry", *SMALL, "--distillation", str(students), "--output", str(tmp_path / "a")])
     assert pd.read_csv(tmp_path / "a" / "symmetry.csv")["policy"].tolist() == ["expert", "symbolic"]
     own = str(EXPERT_DIRECTORY / "trot.safetensors")

@@ -175,8 +175,10 @@ def test_only_the_formulas_of_the_state_that_is_on_are_evaluated():
     system = make_symbolic_policy(StatewiseSymbolicPolicy("walk", NAMES, rows))
     observation = np.zeros(len(NAMES))
     observation[STATES] = [1, 0, 0, 0]
-    np.testing.assert_array_equal(act(system, observation), 0)
-    np.testing.assert_array_equal(slopes(system, observation)[:, 0], 1)
+    # The first variable is a speed in m/s, the formula's value a target in rad.
+    expected = -robot.DEFAULT_STANCE / robot.ACTION_SCALE
+    np.testing.assert_allclose(act(system, observation), expected)
+    np.testing.assert_allclose(slopes(system, observation)[:, 0], 1 / robot.ACTION_SCALE)
 
 
 @pytest.mark.parametrize(
@@ -197,9 +199,9 @@ def test_every_operator_acts_and_slopes_the_same(text):
 
 
 def test_inputs_are_called_as_the_observations_are():
-    system = make_symbolic_policy(SymbolicPolicy("walk", NAMES, formulas("x0 / x2")))
+    system = make_symbolic_policy(SymbolicPolicy("walk", NAMES, formulas("x0 / x14")))
     assert (system.get_input_port().size(), system.get_output_port().size()) == (len(NAMES), 12)
-    with pytest.raises(RuntimeError, match=r"Division by zero.*Command X / DoF Pos FL Hip"):
+    with pytest.raises(RuntimeError, match=r"Division by zero.*Command X / \(DoF Vel FL Hip / 0"):
         act(system, np.zeros(len(NAMES)))
 
 

@@ -126,7 +126,7 @@ function showFile() {
   [...at("file").children].forEach((line, k) =>
     line.classList.toggle("acting", k >= first && k < end));
   at("mirrored").textContent = data.file.mirrored[state][view.joint]
-    ? "(what acts is their mirror image: left and right exchanged)." : ".";
+    ? "; what acts is their mirror image, left and right exchanged." : ".";
   const file = at("file"), line = file.children[first];
   file.scrollTop = line.offsetTop - file.offsetTop - file.clientHeight / 3;
 }

@@ -135,9 +135,15 @@ def load_and_use(samples: Callable[..., tuple[Array, Array]]) -> Callable[[Path]
 @pytest.fixture
 def assert_refused_or_works(load_and_use: Callable, tmp_path: Path) -> Callable[..., None]:
     """Writes a file and loads it: it must be refused in one sentence of its own, or work."""
-    path = tmp_path / "policy.safetensors"
 
-    def check(data: bytes, where: str, may_work: bool, may_be_refused: bool) -> None:
+    def check(
+        data: bytes,
+        where: str,
+        may_work: bool,
+        may_be_refused: bool,
+        suffix: str = ".safetensors",
+    ) -> None:
+        path = tmp_path / f"policy{suffix}"
         path.write_bytes(data)
         try:
             with time_limit(SECONDS):

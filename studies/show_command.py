@@ -1,0 +1,91 @@
+"""`glassgait show`: prints the file of formulas that is a policy."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+from rich.text import Text
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.console import console
+from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.registry import student_title
+
+
+@dataclass(frozen=True)
+class Show(Settings):
+    """Print the formulas of a policy: the lines that its file holds, and that act.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
+            default.
+        joint: Joint whose lines alone are printed, such as FL_calf; all by default.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert; the shipped one by default.
+    """
+
+    title: ClassVar[str] = "show"
+
+    gait: Annotated[str, tyro.conf.Positional] = "trot"
+    policy: str | None = None
+    joint: str | None = None
+    distillation: Path | None = None
+    expert: Path | None = None
+
+    def run(self) -> None:
+        """Prints the formulas."""
+        gait = load_gait(self.gait)
+        name = self.policy or default_student(gait.name, self.distillation)
+        student = find_student(name, load_expert(gait, self.expert), self.distillation)
+        if not isinstance(student, FormulaPolicy):
+            raise InputError(
+                f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name "
+                "a student of the kind symbolic or statewise_symbolic, or a .formulas file"
+            )
+        if self.joint is not None:
+            robot.joint_index(self.joint)
+        lines = student.to_text().splitlines()
+        for line in lines_of_joint(lines, self.joint) if self.joint else lines:
+            console.print(_colored(line), soft_wrap=True)
+        written = len(student.to_file().written())
+        # A comment, so that what is printed is a file that can be taken and changed.
+        console.print(
+            f"\n# {student_title(name)}: {student.n_terms()} terms in {written} formulas, on "
+            f"{len(lines)} lines",
+            style="dim",
+        )
+
+
+def lines_of_joint(lines: list[str], joint: str) -> list[str]:
+    """Leaves, of a file's lines, the titles and those of one joint.
+
+    Args:
+        lines: Lines of a formula file.
+        joint: Name of the joint.
+    """
+    kept, mine = [], False
+    for line in lines:
+        if not line.startswith(" "):
+            mine = line.startswith(f"{joint} ")
+        if mine or line.startswith(("state ", "every state")):
+            kept.append(line)
+    return kept
+
+
+def _colored(line: str) -> Text:
+    """Sets apart comments, titles and the names of joints."""
+    code, sign, comment = line.partition("#")
+    text = Text(code)
+    if code.startswith(("state ", "every state", "definitions")):
+        text.stylize("bold")
+    elif not code.startswith(" ") and " = " in code:
+        text.stylize("bold cyan", 0, code.index(" = "))
+    return text.append(sign + comment, style="dim")

@@ -1,0 +1,299 @@
+"""Formula files: text that is the policy, and what is told of a text that is none."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.canonical import canonical
+from glassgait.models.policies.formula_file import SUFFIX
+from glassgait.models.policies.formula_language import write_formula
+from glassgait.models.policies.formula_mirror import FormulaMirror
+from glassgait.models.policies.formula_reader import MAX_DEFINITIONS, read_formulas
+from glassgait.models.policies.library import load_policy
+from glassgait.models.policies.quantities import Definition, Vocabulary, known_definitions
+from glassgait.models.policies.symbolic import (
+    FormulaPolicy,
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+
+NAMES = ObservationLayout(2).names
+KNOWN = known_definitions(NAMES)
+PLACE = re.compile(r"line (\d+), column (\d+): .")
+HEAD = "format: 1\ngait: trot\nstates: 2\n"
+
+
+def shared(**formulas):
+    """Writes formulas that serve every state, 0.1 for joints that none is given of."""
+    return "".join(f"{joint} = {formulas.get(joint, '0.1')}\n" for joint in robot.JOINTS)
+
+
+def policy_of(text):
+    return FormulaPolicy.from_file(read_formulas(text))
+
+
+def refusal(text):
+    with pytest.raises(InputError, match=PLACE) as refused:
+        read_formulas(text)
+    return str(refused.value)
+
+
+@st.composite
+def policies(draw, random_formulas):
+    mirror = draw(st.sampled_from([None, (1, 0), (0, 1)]))
+    notes = st.text(st.characters(codec="ascii", categories=["L", "N", "P", "S"]), max_size=9)
+    own = Definition("own.d", canonical(draw(random_formulas(len(NAMES), 4))), draw(notes))
+    definitions = draw(st.sampled_from([(), KNOWN, (*KNOWN[:2], own)]))
+    # Own definitions have no mirror image.
+    definitions = KNOWN[:2] if mirror and own in definitions else definitions
+    vocabulary = Vocabulary(NAMES, definitions)
+    kind = draw(st.sampled_from([SymbolicPolicy, StatewiseSymbolicPolicy]))
+    shape = (12,) if kind is SymbolicPolicy else (2, 12)
+    some = st.lists(random_formulas(len(vocabulary.symbols), 5), min_size=1, max_size=4)
+    pool = [canonical(formula) for formula in draw(some)]
+    generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    formulas = {place: pool[generator.integers(len(pool))] for place in np.ndindex(*shape)}
+    if mirror is not None:
+        image = FormulaMirror.of(vocabulary, mirror)
+        for place in list(formulas):
+            if generator.random() < 0.8:
+                formulas[image.place(place)] = image.formula(formulas[place], place[-1])
+    rows = list(formulas.values())
+    if kind is StatewiseSymbolicPolicy:
+        rows = [rows[:12], rows[12:]]
+    return kind("trot", NAMES, rows, definitions=definitions, mirror=mirror)
+
+
+def assert_comes_back(policy, observation):
+    text = policy.to_text()
+    again = policy_of(text)
+    assert again.to_text() == text
+    assert type(again) is type(policy)
+    assert (again.expressions, again.mirror) == (policy.expressions, policy.mirror)
+    assert again.vocabulary == policy.vocabulary
+    assert again.digest() == policy.digest()
+    with np.errstate(over="ignore"):
+        np.testing.assert_array_equal(again(observation), policy(observation))
+
+
+@settings(max_examples=150)
+@given(st.data())
+def test_policies_come_back_from_their_text(random_formulas, samples, data):
+    assert_comes_back(data.draw(policies(random_formulas)), samples(20)[0])
+
+
+@pytest.mark.slow
+@settings(max_examples=1000)
+@given(st.data())
+def test_many_policies_come_back_from_their_text(random_formulas, samples, data):
+    assert_comes_back(data.draw(policies(random_formulas)), samples(20)[0])
+
+
+@pytest.mark.parametrize("gait", ["my own trot", "trot: fast", "Größe", "trot #2"])
+def test_the_name_of_any_gait_comes_back(symbolic, gait):
+    policy = SymbolicPolicy(gait, NAMES, symbolic.expressions)
+    assert policy_of(policy.to_text()).gait == gait
+
+
+def test_a_number_keeps_all_its_digits():
+    numbers = (np.random.default_rng(0).normal(size=12) * 10.0 ** np.arange(-6, 6)).tolist()
+    formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(robot.JOINTS)}
+    policy = policy_of(f"{HEAD}every state\n{shared(**formulas)}")
+    assert [formula.operands[0].value for formula in policy.expressions] == numbers
+    assert policy_of(policy.to_text()).expressions == policy.expressions
+
+
+def test_definitions_keep_their_notes_and_formulas_may_go_over_lines():
+    text = (
+        f"# what this is\n\n{HEAD}\n\ndefinitions  # these\nlate = tanh(0.5*t\n\n"
+        "  # in between\n\t- 2)   # -1 early, # 1 late\nfast = cmd.v\n\nevery state\n"
+        + shared(FL_hip="0.1 # here\n    + late*cmd.yaw\n# there\n  - fast # and here")
+    )
+    policy = policy_of(text)
+    late, fast = policy.vocabulary.definitions
+    assert (late.symbol, late.note, fast.note) == ("late", "-1 early, # 1 late", "")
+    written = policy.to_text()
+    assert "\nlate = tanh(0.5*t - 2)    # -1 early, # 1 late\nfast = cmd.v\n" in written
+    assert "\nFL_hip = 0.1 + late*cmd.yaw - fast\n" in written
+    for ends in ("\r\n", "\r"):
+        assert policy_of(text.replace("\n", ends)).to_text() == written
+    assert policy_of(text.replace(" = ", "\t=\t")).to_text() == written
+
+
+def mirrored_text(mirror):
+    """Writes random formulas of 12 of the 24 places, from which the others follow."""
+    generator = np.random.default_rng(5)
+    symbols = Vocabulary(NAMES, KNOWN).symbols
+    text = f"{HEAD}mirror: {mirror}\n\ndefinitions\n"
+    for definition in KNOWN:
+        text += f"{definition.symbol} = {write_formula(definition.formula, symbols)}\n"
+    for state in (0,) if mirror == "1 0" else (0, 1):
+        text += f"\nstate {state}\n"
+        for joint in robot.JOINTS if mirror == "1 0" else (*robot.JOINTS[:3], *robot.JOINTS[6:9]):
+            a, b, c, d = generator.choice(symbols, size=4)
+            x, y = generator.normal(size=2).round(3)
+            text += f"{joint} = {x} + {a}*{b} - {y}*tanh({c}) - ({d} - 1)**2 - {a}\n"
+    return text
+
+
+@pytest.mark.parametrize("mirror", ["1 0", "0 1"])
+def test_a_mirrored_file_holds_half_of_the_formulas_and_acts_alike_on_both_sides(mirror, samples):
+    policy = policy_of(mirrored_text(mirror))
+    assert sum(len(row) for row in policy.expressions) == 24
+    lines = policy.to_text().splitlines()
+    assert sum(line.startswith(robot.JOINTS) for line in lines) == 12
+    reflect = reflect_observation(NAMES, policy.mirror)
+    observation = samples(200)[0]
+    own, image = policy(observation), policy(reflect(observation))
+    np.testing.assert_allclose(image, REFLECT_JOINTS(own), rtol=1e-12, atol=1e-12)
+    assert np.abs(own - REFLECT_JOINTS(own)).max() > 0.1
+
+
+def test_a_formula_that_is_no_mirror_image_stands_in_the_file():
+    policy = policy_of(mirrored_text("1 0") + "\nstate 1\nFL_hip = 0.5\n")
+    assert "\nstate 1\nFL_hip = 0.5\n" in policy.to_text()
+    assert policy_of(policy.to_text()).expressions == policy.expressions
+
+
+DAMAGE = "()+-*/=#:., \t\n019eaqs_tv'\"\\[é−\N{LINE SEPARATOR}"
+
+
+def damaged(text, generator):
+    """Changes a few characters or lines, or cuts the text."""
+    for _ in range(generator.integers(1, 4)):
+        lines = text.split("\n")
+        i, j = generator.integers(len(lines), size=2)
+        at = int(generator.integers(len(text) + 1))
+        sign = DAMAGE[generator.integers(len(DAMAGE))]
+        match generator.integers(7):
+            case 0:
+                text = text[:at] + text[at + int(generator.integers(1, 4)) :]
+            case 1:
+                text = text[:at] + sign + text[at:]
+            case 2:
+                text = text[:at] + sign + text[at + 1 :]
+            case 3:
+                text = "\n".join(lines[:i] + lines[i + 1 :])
+            case 4:
+                text = "\n".join([*lines[:i], lines[j], *lines[i:]])
+            case 5:
+                lines[i], lines[j] = lines[j], lines[i]
+                text = "\n".join(lines)
+            case _:
+                text = text[: max(at, 30)]
+    return text
+
+
+@pytest.fixture
+def whole_texts(symbolic):
+    loose = shared(FL_hip="0.1 # here\n    + late*cmd.yaw\n  - t", RR_calf="-1.5 + 0.3*(q.RR_hip)")
+    return (
+        mirrored_text("1 0"),
+        mirrored_text("0 1"),
+        symbolic.to_text(),
+        f"{HEAD}definitions\nlate = tanh(t)  # note\n\nevery state\n{loose}",
+    )
+
+
+@pytest.mark.parametrize("part", range(5))
+def test_damaged_files_are_refused_with_the_place_or_work(part, whole_texts, samples, tmp_path):
+    path, observation = tmp_path / f"policy{SUFFIX}", samples(3)[0]
+    for seed in range(100 * part, 100 * part + 100):
+        text = damaged(whole_texts[seed % len(whole_texts)], np.random.default_rng(seed))
+        path.write_text(text)
+        try:
+            policy_of(text)
+        except InputError as error:
+            told, lines = str(error), text.splitlines()
+            place = PLACE.match(told)
+            assert place, (seed, told)
+            assert 1 <= int(place[1]) <= len(lines) + 1, (seed, told)
+            assert 1 <= int(place[2]) <= 1 + max(map(len, lines)), (seed, told)
+            assert "\n" not in told
+            assert len(told) < 500
+            with pytest.raises(InputError) as refused:
+                load_policy(path)
+            assert str(refused.value) == f"{path}: {told}"
+        else:
+            assert load_policy(path)(observation).shape == (3, 12)
+
+
+def test_a_refusal_is_short_where_there_are_many_names():
+    names = "".join(f"{'speed' * 6}{i} = {i}*cmd.v\n" for i in range(MAX_DEFINITIONS))
+    told = refusal(f"{HEAD}definitions\n{names}every state\n{shared(FL_hip='speed')}")
+    assert len(told) < 500
+
+
+@pytest.mark.parametrize("text", [f"gait:{' ' * 1500}\n  x", f"gait: a{' ' * 30_000}b"])
+def test_spaces_take_no_time(text):
+    start = time.process_time()
+    refusal(text)
+    assert time.process_time() - start < 2.0
+
+
+EVERY = f"every state\n{shared()}"
+ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        ("", 1, "without a formula"),
+        (HEAD, 3, "without a formula of FL_hip"),
+        (f"gait: trot\nstates: 2\n{EVERY}", 3, "lacks 'format'"),
+        (f"format: 1\nstates: 2\n{EVERY}", 3, "lacks 'gait'"),
+        (f"format: 1\ngait:\nstates: 2\n{EVERY}", 4, "lacks 'gait'"),
+        (f"format: 1\ngait: trot\n{EVERY}", 3, "lacks 'states'"),
+        (f"format: 2\ngait: trot\nstates: 2\n{EVERY}", 1, "is of format '2', not 1"),
+        (f"{HEAD}gait: trot\n{EVERY}", 4, "'gait' is said twice"),
+        (f"format: 1\ngait: trot\nstates: 0\n{EVERY}", 4, "from 1 to 32"),
+        (f"format: 1\ngait: trot\nstates: 33\n{EVERY}", 4, "from 1 to 32"),
+        (f"format: 1\ngait: trot\nstates: two\n{EVERY}", 4, "from 1 to 32"),
+        (f"{HEAD}mirror: 1\n{EVERY}", 5, "mirror: must name"),
+        (f"{HEAD}mirror: 1 1\n{EVERY}", 5, "mirror: must name"),
+        (f"{HEAD}mirror: 2 1\n{EVERY}", 5, "mirror: must name"),
+        (f"{HEAD}mirror:\n{EVERY}", 5, "mirror: must name"),
+        (f"{HEAD}kind: symbolic\n{EVERY}", 4, "'kind: symbolic' is no line"),
+        (f"{HEAD}FL_hip = 0.1\n", 4, "stands under 'state 0'"),
+        (f"{HEAD}{EVERY}gait: pace\n", 17, "no line of a formula file"),
+        (f"{HEAD}{EVERY}definitions\n", 17, "move them up"),
+        (f"{HEAD}{EVERY}state 0\n", 17, "not both"),
+        (f"{HEAD}{EVERY}FL_hip = 0.2\n", 17, "FL_hip has a formula above"),
+        (f"{HEAD}{EVERY}FL_foot = 0.2\n", 17, "'FL_foot' is no joint; the joints are FL_hip"),
+        (f"{HEAD}{ONE_EACH}state 2\n", 30, "there are states 0 to 1"),
+        (f"{HEAD}{ONE_EACH}every state\n", 30, "not both"),
+        (f"{HEAD}state 0\n{shared()}", 16, "without a formula of FL_hip in state 1"),
+        (f"{HEAD}{EVERY.replace('RL_calf', '#')}", 16, "without a formula of RL_calf"),
+        (f"  {HEAD}{EVERY}", 1, "do not indent"),
+        (f"{HEAD}definitions\nt = 2\n{EVERY}", 5, "'t' cannot be defined"),
+        (f"{HEAD}definitions\nFL_hip = 2\n{EVERY}", 5, "'FL_hip' cannot be defined"),
+        (f"{HEAD}definitions\na = t\na = t\n{EVERY}", 6, "'a' cannot be defined"),
+        (f"{HEAD}definitions\nlate = t\nb = late\n{EVERY}", 6, "nothing is called 'late'"),
+        (f"{HEAD}mirror: 1 0\ndefinitions\nb = q.FL_calf\n{EVERY}", 19, "b has no mirror image"),
+    ],
+)
+def test_what_is_no_formula_file_is_told_with_its_line(text, line, told):
+    message = refusal(text)
+    assert message.startswith(f"line {line}, ")
+    assert told in message
+
+
+@pytest.mark.parametrize("formula", ["foo", "t +", "", "t, t", "1 +\n    (t", "0.1\n    + foo"])
+def test_a_formula_that_cannot_be_read_is_told_with_its_own_line(formula):
+    text = f"{HEAD}# a comment\n\nevery state\n{shared(RL_hip=formula)}"
+    place = PLACE.match(refusal(text))
+    assert 13 <= int(place[1]) <= 13 + formula.count("\n")
+
+
+@pytest.mark.parametrize("title", ["every state", "definitions", "gait: trot"])
+def test_a_line_that_goes_on_after_a_title_is_no_comment(title):
+    text = f"{HEAD}definitions\nlate = t\n{EVERY}".replace(title, f"{title}  # so\n    FL_hip = t")
+    refusal(text)

@@ -1,0 +1,262 @@
+"""The notation of formulas: text to tree and back, and what is wrong with a text, and where."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.canonical import canonical
+from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
+from glassgait.models.policies.expression_text import MAX_DEPTH
+from glassgait.models.policies.formula_language import (
+    LARGEST,
+    LINE_LENGTH,
+    SIGNS,
+    TextError,
+    parse_formula,
+    write_formula,
+    written_lines,
+    written_number,
+)
+from glassgait.models.policies.quantities import Vocabulary, known_definitions
+from glassgait.models.task.observation import ObservationLayout
+
+NAMES = ObservationLayout(2).names
+SYMBOLS = Vocabulary(NAMES, known_definitions(NAMES)).symbols
+
+
+def read(text):
+    return parse_formula(text, SYMBOLS)
+
+
+@settings(max_examples=1000)
+@given(st.data())
+def test_formulas_come_back_from_their_text(random_formulas, data):
+    formula = canonical(data.draw(random_formulas(len(SYMBOLS))))
+    text = write_formula(formula, SYMBOLS)
+    assert read(text) == formula
+    assert write_formula(read(text), SYMBOLS) == text
+
+
+def test_a_zero_below_zero_comes_back():
+    formula = canonical(Expression("square", (constant(-0.0),)))
+    assert read(write_formula(formula, SYMBOLS)) == formula
+
+
+@pytest.mark.parametrize("operator", [*UNARY, *BINARY])
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_deepest_formulas_come_back(operator, side):
+    leaf = formula = variable(0)
+    for _ in range(MAX_DEPTH - 1):
+        operands = (leaf, formula) if side else (formula, leaf)
+        formula = Expression(operator, operands if operator in BINARY else (formula,))
+    formula = canonical(formula)
+    assert read(write_formula(formula, SYMBOLS)) == formula
+
+
+def test_a_sign_makes_no_formula_too_deep_to_be_read():
+    deep = variable(0)
+    for _ in range(MAX_DEPTH - 2):
+        deep = Expression("tanh", (deep,))
+    formula = canonical(Expression("mul", (deep, Expression("neg", (variable(1),)))))
+    assert read(write_formula(formula, SYMBOLS)) == formula
+
+
+@given(st.floats(-LARGEST, LARGEST))
+def test_a_number_keeps_all_its_digits(value):
+    assert float(written_number(value)) == value
+    assert read(written_number(value)) == constant(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2.0, "2"),
+        (-0.5, "-0.5"),
+        (1e-7, "1e-07"),
+        (1e30, "1e+30"),
+        (0.1 + 0.2, "0.30000000000000004"),
+        (1234567.0, "1234567.0"),
+        (np.float64(0.25), "0.25"),
+    ],
+)
+def test_a_number_has_as_few_digits_as_tell_it(value, text):
+    assert written_number(value) == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)",
+        "t - (s0 + s1)",
+        "t - (s0 - s1)",
+        "t - s0 - s1",
+        "t + (s0 + s1)",
+        "t*s0/s1*cmd.t",
+        "t/(s0*s1)",
+        "t*(s0/s1)",
+        "(t + s0)*(t - s1)",
+        "-2*t + 1",
+        "-t*s0 - s1",
+        "(-t + s0)*s1",
+        "-t**2",
+        "(-t)**2",
+        "(-2)**3",
+        "2*t**3",
+        "(2*t)**3",
+        "(t**2)**3",
+        "-(t**2)**3",
+        "sin(t)**2",
+        "tanh(0.5*t - 2)",
+        "abs(-t)",
+        "exp(log(sqrt(cos(t))))",
+        "-sin(-t)",
+        "t*(-s0 + s1)",
+        "1e-05*t + 2.5e+20",
+    ],
+)
+def test_these_texts_are_written_as_they_stand(text):
+    assert write_formula(read(text), SYMBOLS) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("((t))+(s0*s1)", "t + s0*s1"),
+        ("t + -2*s0", "t - 2*s0"),
+        ("t - -s0", "t + s0"),
+        ("t*-2", "-t*2"),
+        ("--t", "t"),
+        ("-(t + 1)", "-t - 1"),
+        ("+t", "t"),
+        ("t ** 2", "t**2"),
+        ("2.50*t", "2.5*t"),
+        (" t # in control steps\n  + s0 # or not\n", "t + s0"),
+        ("t\n\n    - s0", "t - s0"),
+    ],
+)
+def test_other_ways_to_write_a_formula_are_read(text, plain):
+    assert write_formula(read(text), SYMBOLS) == plain
+
+
+@settings(max_examples=200)
+@given(st.data())
+def test_lines_end_before_signs_alone(random_formulas, data):
+    formulas = st.lists(random_formulas(len(SYMBOLS), 6), min_size=1, max_size=20)
+    formula, *others = data.draw(formulas)
+    for other in others:
+        formula = Expression("add", (formula, other))
+    formula = canonical(formula)
+    first, *rest = lines = written_lines("FL_hip", formula, SYMBOLS)
+    for line in lines:
+        # A line that is too long has no place to end.
+        assert len(line) <= LINE_LENGTH or not any(sign in line[6:] for sign in SIGNS)
+    assert first.startswith("FL_hip = ")
+    assert all(line.startswith(("    + ", "    - ")) for line in rest)
+    assert "\n".join(lines).isascii()
+    whole = " ".join(line.strip() for line in lines)
+    assert whole == f"FL_hip = {write_formula(formula, SYMBOLS)}"
+    assert read("\n".join(lines).removeprefix("FL_hip =")) == formula
+
+
+def test_lines_are_filled():
+    terms = " - ".join(f"0.0{i}*dq.FL_hip" for i in range(10, 60))
+    lines = written_lines("FL_hip", read(terms), SYMBOLS)
+    lengths = [len(line) for line in lines]
+    assert max(lengths) <= LINE_LENGTH
+    assert min(lengths[:-1]) > LINE_LENGTH - len(" - 0.011*dq.FL_hip")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "told"),
+    [
+        ("0.5*foo + t", 1, 5, "nothing is called 'foo'; there are cmd.…, q.…"),
+        ("t + q.FL_foot", 1, 5, "'q.FL_foot'; there are q.FL_hip, q.FL_thigh"),
+        ("t +\n    - foo", 2, 7, "'foo'"),
+        ("t # foo\n\n + 2*foo", 3, 6, "'foo'"),
+        ("tt", 1, 1, "'tt'"),
+        ("sin + t", 1, 1, "nothing is called 'sin'"),
+        ("s0.t", 1, 1, "'s0.t'"),
+        ("t**4", 1, 1, r"'t \*\* 4' does not belong"),
+        ("1 + t**0.5", 1, 5, "does not belong"),
+        ("2**t", 1, 1, "does not belong"),
+        ("2*tan(t)", 1, 3, r"'tan\(t\)' does not belong"),
+        ("square(t)", 1, 1, "does not belong"),
+        ("sin(t, s0)", 1, 1, "does not belong"),
+        ("sin(x=t)", 1, 1, "does not belong"),
+        ("t + sin(*t)", 1, 9, "does not belong"),
+        ("t + 'late'", 1, 5, "does not belong"),
+        ("1e31*t", 1, 1, r"from -1e\+30 to 1e\+30"),
+        ("t - " + "9" * 400, 1, 5, r"from -1e\+30 to 1e\+30"),
+        ("1e999", 1, 1, r"from -1e\+30 to 1e\+30"),
+        ("2j", 1, 1, "does not belong"),
+        ("t*True", 1, 3, "does not belong"),
+        ("t < 4", 1, 1, "does not belong"),
+        ("t and s0", 1, 1, "does not belong"),
+        ("t if s0 else s1", 1, 1, "does not belong"),
+        ("lambda: 0", 1, 1, "does not belong"),
+        ("t[0]", 1, 1, "does not belong"),
+        ("__import__('os')", 1, 1, "does not belong"),
+        ("t + é", 1, 5, "nothing is called 'é'"),
+        ("t − 1", 1, 3, "does not belong"),
+        ("t + ", 1, 5, "ends before it is complete"),
+        ("t $ s0", 1, 3, "does not belong"),
+        ("tanh(" * 150 + "t" + ")" * 150, 1, 1, "nested more than 100 deep"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(text, line, column, told):
+    with pytest.raises(TextError, match=told) as refused:
+        read(text)
+    assert (refused.value.line, refused.value.column) == (line, column)
+    assert isinstance(refused.value, InputError)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "  ",
+        "\n\n",
+        "t, s0",
+        "t for t in s0",
+        "t;s0",
+        "t\0",
+        "\ud800",
+        "9" * 5000,
+        "(" * 20_000,
+        "tanh(" * 20_000 + "t" + ")" * 20_000,
+        "-" * 20_000 + "t",
+        "+".join(["t"] * 20_000),
+    ],
+)
+def test_the_place_of_what_is_wrong_is_within_the_text(text):
+    with pytest.raises(TextError) as refused:
+        read(text)
+    assert 1 <= refused.value.line <= 1 + text.count("\n")
+    assert 1 <= refused.value.column <= 1 + len(text)
+    assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column"),
+    [
+        ("t + 1)", 1, 6),
+        ("1) + (t", 1, 2),
+        ("t)*(\n    s0", 1, 2),
+        ("sin(t)) + 1", 1, 7),
+        ("t +\n    s0)", 2, 7),
+    ],
+)
+def test_a_bracket_that_was_never_opened_is_told(text, line, column):
+    with pytest.raises(TextError, match="never opened") as refused:
+        read(text)
+    assert (refused.value.line, refused.value.column) == (line, column)
+
+
+@pytest.mark.parametrize("text", ["2*(t + 1", "((t", "sin(t + (s0", "(t +\n    s0", "2*(t + foo"])
+def test_a_bracket_that_is_never_closed_is_told(text):
+    with pytest.raises(TextError, match=r"never closed|ends before it is complete"):
+        read(text)

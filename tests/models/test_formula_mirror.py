@@ -1,0 +1,155 @@
+"""Formulas in a mirror that exchanges left and right."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.canonical import canonical
+from glassgait.models.policies.formula_language import parse_formula, write_formula
+from glassgait.models.policies.formula_mirror import FormulaMirror
+from glassgait.models.policies.quantities import Definition, Vocabulary, known_definitions
+from glassgait.models.policies.tape import Tape
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+VOCABULARY = Vocabulary(NAMES, known_definitions(NAMES))
+TROT = FormulaMirror.of(VOCABULARY, (1, 0))
+BOUND = FormulaMirror.of(VOCABULARY, (0, 1))
+
+HIP, THIGH = (robot.JOINTS.index(joint) for joint in ("FL_hip", "FL_thigh"))
+
+
+def image(text, joint, mirror=TROT):
+    formula = parse_formula(text, VOCABULARY.symbols)
+    return write_formula(mirror.formula(formula, joint), VOCABULARY.symbols)
+
+
+@settings(max_examples=300)
+@given(st.data(), st.sampled_from([TROT, BOUND]), st.sampled_from([HIP, THIGH]))
+def test_the_image_of_the_image_is_the_formula(random_formulas, data, mirror, joint):
+    formula = canonical(data.draw(random_formulas(len(VOCABULARY.symbols))))
+    other = mirror.formula(formula, joint)
+    assert canonical(other) == other
+    (place,) = mirror.place((joint,))
+    assert mirror.formula(other, place) == formula
+
+
+@settings(max_examples=200)
+@given(
+    data=st.data(),
+    states=st.sampled_from([(1, 0), (0, 1)]),
+    joint=st.sampled_from([HIP, THIGH]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_an_image_is_worth_what_the_formula_is_in_the_mirror(
+    random_formulas, data, states, joint, seed
+):
+    observed = Vocabulary(NAMES)
+    formula = canonical(data.draw(random_formulas(N)))
+    other = FormulaMirror.of(observed, states).formula(formula, joint)
+    quantities = np.random.default_rng(seed).normal(size=(9, N))
+    own = Tape([formula], N)(reflect_observation(NAMES, states)(quantities))
+    found = Tape([other], N)(quantities)
+    np.testing.assert_array_equal(found, own * REFLECT_JOINTS.sign[joint])
+
+
+def test_definitions_are_mirrored_as_what_they_are():
+    quantities = np.random.default_rng(0).normal(size=(9, N))
+    reflected = reflect_observation(NAMES, (1, 0))(quantities)
+    for index, variable in enumerate(TROT.variables):
+        formula = VOCABULARY.expanded(VOCABULARY.variable(VOCABULARY.symbols[index]))
+        found = Tape([VOCABULARY.expanded(variable)], N)(quantities)
+        np.testing.assert_array_equal(found, Tape([formula], N)(reflected))
+
+
+@pytest.mark.parametrize(
+    ("text", "other"),
+    [
+        ("0.1 + 0.5*q.FL_thigh", "0.1 + 0.5*q.FR_thigh"),
+        ("0.5*q.FL_hip - dq.RR_hip", "-0.5*q.FR_hip + dq.RL_hip"),
+        ("late*(a.RL_calf - 0.2*cmd.yaw)", "late*(a.RR_calf + 0.2*cmd.yaw)"),
+        ("lifted.FL - x.RR + z.FR", "lifted.FR - x.RL + z.FL"),
+        ("s0 - v.x + v.y*v.z", "s1 - v.x - v.y*v.z"),
+        ("t/cmd.t - cmd.v*e.v*phase", "t/cmd.t - cmd.v*e.v*phase"),
+        ("h.FL*q.FL_hip*q.FR_hip", "h.FR*q.FR_hip*q.FL_hip"),
+        ("sin(q.RL_hip)", "sin(-q.RR_hip)"),
+    ],
+)
+def test_left_and_right_change_places(text, other):
+    assert image(text, THIGH) == other
+    assert image(other, THIGH) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "other"),
+    [
+        ("0.1 + 0.5*q.FL_thigh", "-0.1 - 0.5*q.FR_thigh"),
+        ("0.5*q.FL_hip - dq.RR_hip", "0.5*q.FR_hip - dq.RL_hip"),
+        ("cmd.yaw", "cmd.yaw"),
+        ("tanh(t)", "-tanh(t)"),
+        ("0", "0"),
+    ],
+)
+def test_hips_turn_the_other_way(text, other):
+    assert image(text, HIP) == other
+    assert image(other, HIP) == text
+
+
+def test_states_that_are_their_own_image_stay():
+    assert image("s0 + 2*s1", THIGH, BOUND) == "s0 + 2*s1"
+    assert image("s0 + 2*s1", THIGH, TROT) == "s1 + 2*s0"
+
+
+def test_an_image_stands_at_the_other_sides_joint_in_the_states_image():
+    for joint, name in enumerate(robot.JOINTS):
+        leg, kind = name.split("_")
+        index = robot.JOINTS.index(f"{MIRRORED_LEGS[leg]}_{kind}")
+        assert TROT.place((joint,)) == (index,)
+        assert TROT.place((0, joint)) == (1, index)
+        assert BOUND.place((1, joint)) == (1, index)
+        assert TROT.place(TROT.place((0, joint))) == (0, joint)
+
+
+def test_images_are_added_where_none_is_given():
+    formulas = {
+        (0, joint): parse_formula(f"{joint} + cmd.yaw", VOCABULARY.symbols) for joint in range(12)
+    }
+    odd = parse_formula("7*t", VOCABULARY.symbols)
+    whole = TROT.complete({**formulas, (1, 0): odd})
+    assert set(whole) == {(state, joint) for state in range(2) for joint in range(12)}
+    assert whole[1, 0] == odd
+    assert all(whole[place] == formula for place, formula in formulas.items())
+    for joint in range(1, 12):
+        assert whole[1, joint] == TROT.formula(formulas[TROT.place((1, joint))], joint)
+
+
+def defined(*texts):
+    symbols = Vocabulary(NAMES).symbols
+    definitions = [Definition(f"d{i}", parse_formula(t, symbols)) for i, t in enumerate(texts)]
+    return Vocabulary(NAMES, tuple(definitions))
+
+
+def test_a_definition_without_mirror_image_is_refused():
+    with pytest.raises(InputError, match="d1 has no mirror image among the definitions"):
+        FormulaMirror.of(defined("t", "q.FL_calf"), (1, 0))
+    with pytest.raises(InputError, match="d0 has no mirror image"):
+        FormulaMirror.of(defined("s0"), (1, 0))
+    FormulaMirror.of(defined("s0"), (0, 1))
+
+
+def test_a_definition_may_be_its_own_image_or_the_negative_of_one():
+    vocabulary = defined("v.y*t", "q.FL_hip", "-q.FR_hip", "3*v.y - 2*cmd.yaw", "tanh(t)")
+    mirror = FormulaMirror.of(vocabulary, (1, 0))
+    text = "d0 + 2*d1 + 3*d2 + 4*d3 + 5*d4"
+    formula = mirror.formula(parse_formula(text, vocabulary.symbols), THIGH)
+    assert write_formula(formula, vocabulary.symbols) == "-d0 + 2*d2 + 3*d1 - 4*d3 + 5*d4"
+
+
+def test_unknown_observations_have_no_mirror_image():
+    with pytest.raises(InputError, match="no observation is called 'Clock'"):
+        FormulaMirror.of(Vocabulary(("Clock",)), (1, 0))

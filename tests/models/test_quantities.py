@@ -1,0 +1,196 @@
+"""Quantities in the robot's units, and those that are defined by them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.expression import Expression, constant, variable
+from glassgait.models.policies.quantities import (
+    GATES,
+    RobotUnits,
+    Vocabulary,
+    actions_of,
+    known_definitions,
+    targets_of,
+)
+from glassgait.models.policies.tape import Tape
+from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+
+NAMES = ObservationLayout(2).names
+N = len(NAMES)
+KNOWN = known_definitions(NAMES)
+VOCABULARY = Vocabulary(NAMES, KNOWN)
+
+
+@pytest.fixture
+def robots(random_states, generator):
+    """Twenty robots: their states, actions and commands, and what they observe."""
+    state = random_states(20)
+    action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
+    own = proprioception(
+        command=command,
+        joint_position=state[:, robot.JOINT_POSITION],
+        joint_velocity=state[:, robot.JOINT_VELOCITY],
+        previous_action=action,
+        rm_state=np.eye(2)[np.arange(20) % 2],
+        rm_iterations=np.arange(20.0) % 7,
+        commanded_dwell=np.full(20, 6.0),
+    )
+    return state, action, command, np.concatenate([own, body_state(state)], axis=1)
+
+
+@pytest.fixture
+def told(robots):
+    """Evaluates a variable by its symbol, from what the robots observe."""
+    observed = RobotUnits.of(NAMES).quantities(robots[-1])
+    values = np.concatenate(
+        [observed, Tape([definition.formula for definition in KNOWN], N)(observed)], axis=1
+    )
+    return lambda *symbols: values[:, [VOCABULARY.symbols.index(s) for s in symbols]]
+
+
+def of_joints(quantity):
+    return [f"{quantity}.{joint}" for joint in robot.JOINTS]
+
+
+def test_quantities_are_what_the_robot_is_and_does(robots, told):
+    state, action, command, _ = robots
+    for symbols, values in (
+        (["cmd.v", "cmd.yaw"], command),
+        (of_joints("q"), state[:, robot.JOINT_POSITION]),
+        (of_joints("dq"), state[:, robot.JOINT_VELOCITY]),
+        (of_joints("a"), robot.joint_targets(action)),
+        (["s0", "s1"], np.eye(2)[np.arange(20) % 2]),
+        (["t"], np.arange(20.0)[:, None] % 7),
+        (["cmd.t"], np.full((20, 1), 6.0)),
+        (["v.x", "v.y", "v.z"], kinematics.base_velocity(state)[0]),
+        ([f"h.{leg}" for leg in robot.LEGS], kinematics.foot_heights(state)),
+    ):
+        np.testing.assert_allclose(told(*symbols), values, rtol=1e-12, atol=1e-12)
+
+
+def test_an_observation_of_nothing_is_the_default_stance_at_rest():
+    quantities = dict(
+        zip(VOCABULARY.symbols, RobotUnits.of(NAMES).quantities(np.zeros(N)), strict=False)
+    )
+    for quantity in ("q", "a"):
+        found = [quantities.pop(symbol) for symbol in of_joints(quantity)]
+        np.testing.assert_array_equal(found, robot.DEFAULT_STANCE)
+    assert set(quantities.values()) == {0.0}
+
+
+def test_a_step_of_an_observation_is_a_step_of_the_quantity_in_its_unit():
+    step = RobotUnits.of(NAMES).quantities(np.ones(N)) - RobotUnits.of(NAMES).quantities(
+        np.zeros(N)
+    )
+    found = {symbol: step[i] for i, symbol in enumerate(VOCABULARY.symbols[:N])}
+    wanted = {"q.FL_hip": 1.0, "dq.RR_calf": 20.0, "a.FL_hip": 0.25, "t": 10.0, "cmd.t": 10.0}
+    wanted |= {"v.x": 0.5, "h.RL": 1.0, "cmd.v": 1.0, "cmd.yaw": 1.0, "s1": 1.0}
+    for symbol, value in wanted.items():
+        assert found[symbol] == pytest.approx(value), symbol
+
+
+def test_unknown_observations_have_no_units():
+    for make in (RobotUnits.of, lambda names: Vocabulary(names).symbols, known_definitions):
+        with pytest.raises(InputError, match="no observation is called 'Clock'"):
+            make((*NAMES, "Clock"))
+
+
+def test_targets_and_actions_are_each_others_inverse(generator):
+    action = generator.normal(size=(3, 5, 12))
+    np.testing.assert_allclose(actions_of(targets_of(action)), action, atol=1e-14)
+    np.testing.assert_array_equal(targets_of(action), robot.joint_targets(action))
+    np.testing.assert_array_equal(actions_of(robot.DEFAULT_STANCE), np.zeros(12))
+
+
+def test_a_target_too_large_for_an_action_makes_it_infinite():
+    assert np.isinf(actions_of(np.full(12, 1e308))).all()
+
+
+def test_gates_turn_from_minus_one_to_one():
+    quantities = np.zeros((3, N))
+    quantities[:, VOCABULARY.symbols.index("t")] = [0.0, 4.0, 9.0]
+    for leg in robot.LEGS:
+        quantities[:, VOCABULARY.symbols.index(f"h.{leg}")] = [0.0, 0.02, 0.05]
+    for gate in GATES:
+        formula = VOCABULARY.expanded(VOCABULARY.variable(gate))
+        values = Tape([formula], N)(quantities)[:, 0]
+        np.testing.assert_allclose(values, [-1.0, 0.0, 1.0], atol=0.04)
+        assert values[1] == 0.0
+        far = Tape([formula], N)(np.array([[-1e6], [1e6]]) * np.ones(N))[:, 0]
+        np.testing.assert_array_equal(far, [-1.0, 1.0])
+
+
+def test_definitions_are_what_they_say(robots, told):
+    _, _, command, _ = robots
+    np.testing.assert_array_equal(told("phase"), told("t") / told("cmd.t"))
+    assert (told("phase")[6], told("phase")[7]) == (1.0, 0.0)
+    np.testing.assert_allclose(told("e.v"), command[:, :1] - told("v.x"), atol=1e-12)
+    np.testing.assert_array_equal(told("late"), np.tanh(0.5 * told("t") - 2.0))
+    for leg in robot.LEGS:
+        height = told(f"h.{leg}")
+        np.testing.assert_array_equal(told(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
+
+
+def test_feet_are_where_kinematics_puts_them(robots, told):
+    joints = robots[0][:, robot.JOINT_POSITION]
+    points = kinematics.leg_points(joints)
+    from_hip = points.foot - points.thigh
+    for i, leg in enumerate(robot.LEGS):
+        hip = joints[:, 3 * i]
+        up_in_plane = np.stack([np.zeros(20), -np.sin(hip), np.cos(hip)], axis=-1)
+        forward, up = told(f"x.{leg}", f"z.{leg}").T
+        np.testing.assert_allclose(forward, from_hip[:, i, 0], atol=1e-12)
+        np.testing.assert_allclose(up, (from_hip[:, i] * up_in_plane).sum(axis=-1), atol=1e-12)
+        assert (up < 0.0).any()
+
+
+def test_every_definition_has_a_name_and_a_note_of_its_own():
+    symbols = VOCABULARY.symbols
+    assert len(set(symbols)) == len(symbols) == N + len(KNOWN)
+    assert set(GATES) <= set(symbols[N:])
+    for definition in KNOWN:
+        assert definition.note
+        assert "\n" not in definition.note
+        assert max(definition.formula.variables) < N
+
+
+def test_definitions_are_put_in_where_they_are_used(generator):
+    late, t, speed = (VOCABULARY.variable(symbol) for symbol in ("late", "t", "e.v"))
+    formula = Expression("add", (Expression("mul", (late, speed)), Expression("sin", (t,))))
+    expanded = VOCABULARY.expanded(formula)
+    wanted = {VOCABULARY.symbols.index(symbol) for symbol in ("t", "cmd.v", "v.x")}
+    assert expanded.variables == wanted
+    assert VOCABULARY.expanded(late) == KNOWN[0].formula
+    assert VOCABULARY.expanded(expanded) == expanded
+    for plain in (t, constant(2.0)):
+        assert VOCABULARY.expanded(plain) == plain
+    quantities = generator.normal(size=(9, N))
+    values = Tape([definition.formula for definition in KNOWN], N)(quantities)
+    whole = Tape([formula], N + len(KNOWN))(np.concatenate([quantities, values], axis=1))
+    np.testing.assert_array_equal(Tape([expanded], N)(quantities), whole)
+
+
+@given(data=st.data(), seed=st.integers(0, 2**32 - 1))
+def test_leaving_out_what_is_not_used_changes_no_value(random_formulas, data, seed):
+    formulas = data.draw(st.lists(random_formulas(len(VOCABULARY.symbols)), max_size=3))
+    smaller, renamed = VOCABULARY.using(formulas)
+    used = frozenset().union(*(formula.variables for formula in formulas))
+    kept = [KNOWN[index - N] for index in sorted(used) if index >= N]
+    assert smaller.names == NAMES
+    assert list(smaller.definitions) == kept
+    for old, new in zip(formulas, renamed, strict=True):
+        assert smaller.expanded(new) == VOCABULARY.expanded(old)
+        assert max(new.variables, default=0) < N + len(kept)
+        assert {smaller.symbols[i] for i in new.variables} == {
+            VOCABULARY.symbols[i] for i in old.variables
+        }
+
+
+def test_without_formulas_no_definition_is_kept():
+    smaller, formulas = VOCABULARY.using([variable(0), constant(1.0)])
+    assert smaller == Vocabulary(NAMES)
+    assert formulas == [variable(0), constant(1.0)]

@@ -1,0 +1,38 @@
+"""Which lines of a formula file act."""
+
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import load_student
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.studies.explanation.file_lines import file_lines
+
+MIRRORED = "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n\nstate 0\n" + "".join(
+    f"{joint} = 0.{place + 1}*q.{joint}\n" for place, joint in enumerate(robot.JOINTS)
+)
+
+
+@pytest.mark.parametrize("kind", ["symbolic", "statewise_symbolic"])
+def test_every_joint_has_its_lines_in_every_state(kind):
+    policy = load_student("trot", kind)
+    assert isinstance(policy, FormulaPolicy)
+    file = file_lines(policy, 2)
+    assert file["lines"] == policy.to_text().splitlines()
+    for state in range(2):
+        for joint, (first, end) in zip(robot.JOINTS, file["acting"][state], strict=True):
+            own = file["lines"][first:end]
+            assert own[0].startswith(f"{joint} = ")
+            assert all(line.startswith("    ") for line in own[1:])
+            assert not file["lines"][end : end + 1] or not file["lines"][end].startswith(" ")
+    assert not any(map(any, file["mirrored"]))
+    assert (file["acting"][0] == file["acting"][1]) == (kind == "symbolic")
+
+
+def test_a_mirror_images_lines_are_those_of_the_other_side():
+    file = file_lines(FormulaPolicy.from_file(read_formulas(MIRRORED)), 2)
+    assert file["mirrored"] == [[False] * 12, [True] * 12]
+    left, right = robot.JOINTS.index("FL_calf"), robot.JOINTS.index("FR_calf")
+    assert file["acting"][1][right] == file["acting"][0][left]
+    first, _ = file["acting"][1][right]
+    assert file["lines"][first].startswith("FL_calf = ")

@@ -1,0 +1,52 @@
+"""The command that prints formulas."""
+
+import pytest
+
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.studies.cli import main
+
+
+def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["show", "trot"])
+    told = capsys.readouterr().out
+    text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
+    assert told.startswith(text)
+    assert "# Symbolic: 422 terms in 12 formulas" in told
+    assert read_formulas(told) == read_formulas(text)
+
+
+def test_a_joints_lines_are_printed_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["show", "trot", "--policy", "statewise_symbolic", "--joint", "RL_calf"])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith("state")] == ["state 0", "state 1"]
+    joints = [line.split(" ")[0] for line in lines if " = " in line and line[0] != " "]
+    assert joints == ["RL_calf"] * 2
+
+
+def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys, refused):
+    text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
+    own = tmp_path / "mine.formulas"
+    own.write_text(text.replace("cmd.v", "cmd.v", 1))
+    main(["show", "trot", "--policy", str(own)])
+    assert capsys.readouterr().out.startswith(text)
+    number = next(i for i, line in enumerate(text.splitlines(), 1) if line.startswith("RR_calf"))
+    own.write_text(text.replace("\nRR_calf = ", "\nRR_calf = 2*q.RR_knee + "))
+    told = refused(["show", "trot", "--policy", str(own)])
+    assert f"{own}: line {number}, column 13: nothing is called 'q.RR_knee'" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "gbm"], "--policy gbm: is not made of formulas"),
+        (["--joint", "FL_knee"], "unknown joint 'FL_knee'"),
+        (["--policy", "mine.formula"], "ending in .safetensors or .formulas"),
+        (["--policy", "mine.formulas"], "mine.formulas"),
+    ],
+)
+def test_bad_input_is_told(arguments, message, tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused(["show", "trot", *arguments])
