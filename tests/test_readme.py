@@ -33,7 +33,7 @@ LONGEST_README = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
-NEEDS_A_DISTILLATION = ("pareto")
+NEEDS_A_DISTILLATION = ("pareto",)
 """Commands that read the samples of one."""
 
 

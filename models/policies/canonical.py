@@ -2,7 +2,8 @@
 
 Two trees may say the same, such as x + (-2)·y and x - 2·y. A formula in canonical form is the tree
 that its own text reads back as, so that writing and reading change nothing. Canonical form changes
-no value, not even in its last digit, since it moves nothing but signs.
+no value, not even in its last digit, since it moves nothing but signs; of a zero alone it may
+change the sign.
 """
 
 from glassgait.models.policies.expression import Expression, constant
@@ -11,8 +12,8 @@ from glassgait.models.policies.expression import Expression, constant
 def canonical(formula: Expression) -> Expression:
     """Returns the formula in canonical form: of the same value, its minus signs in front.
 
-    Signs stand before constants that lead a product, before single factors, or between terms;
-    never in a right operand, and never before a sum.
+    Signs stand before what leads a product or a quotient, before divisors, or between terms; never
+    before a right factor, and never before a sum.
     """
     operands = tuple(canonical(operand) for operand in formula.operands)
     match formula.operator, operands:
@@ -21,15 +22,16 @@ def canonical(formula: Expression) -> Expression:
             return constant(formula.value + 0.0)
         case "neg", (inner,):
             return negative(inner)
-        case ("mul" | "div") as operator, (left, right) if is_negative(right):
-            return Expression(operator, (negative(left), negative(right)))
+        case "mul", (left, right) if is_negative(right):
+            return Expression("mul", (negative(left), negative(right)))
         case "add", (left, right) if is_negative(right):
             return Expression("sub", (left, negative(right)))
         case "sub", (left, right) if is_negative(right):
             return Expression("add", (left, negative(right)))
-        case operator, _ if operands != formula.operands:
+        case "variable", _:
+            return formula
+        case operator, _:
             return Expression(operator, operands)
-    return formula
 
 
 def negative(formula: Expression) -> Expression:

@@ -1,7 +1,6 @@
 """Formulas read from text by a strict grammar, never evaluated by Python."""
 
 import ast
-import math
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.expression import BINARY, UNARY, Expression
@@ -11,6 +10,9 @@ MAX_DEPTH = 100
 
 MAX_NODES = 5000
 """Greatest number of nodes of a formula."""
+
+LARGEST = 1e30
+"""Greatest size of a number, so that products of a few stay finite."""
 
 MAX_TEXT = 200_000
 """Greatest number of characters of a formula's text."""
@@ -69,8 +71,11 @@ def refuse_unfit(formula: Expression, n_variables: int) -> None:
                 f"a formula applies {shown(node.operator)} to {len(node.operands)} operands; fit "
                 "it again"
             )
-        if node.operator == "constant" and not math.isfinite(node.value):
-            raise InputError(f"a formula holds the number {node.value}; fit it again")
+        if node.operator == "constant" and not abs(node.value) <= LARGEST:
+            raise InputError(
+                f"a formula holds the number {node.value}; it must be from {-LARGEST:g} to "
+                f"{LARGEST:g}, so fit it again"
+            )
         if node.operator == "variable" and not 0 <= node.variable < n_variables:
             raise InputError(
                 f"a formula asks for observation {node.variable} of {n_variables}; fit it again"

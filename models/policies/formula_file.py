@@ -93,6 +93,10 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     n_states = sum(entry.group == "machine state" for entry in entries_of(names))
     if names != ObservationLayout(n_states).names:
         raise InputError("a formula file speaks of the task's observations alone, in their order")
+    if "#" in file.gait:
+        raise InputError(
+            f"{file.gait!r} cannot stand in a file, where # begins a comment; rename it"
+        )
     yield f"format: {FORMAT}"
     yield f"gait: {file.gait}"
     yield f"states: {n_states}"

@@ -6,19 +6,25 @@ A formula is written as in Python: numbers, names such as q.FL_thigh, + - * /, t
 
 import ast
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.policies.expression_text import refuse_unfit
+from glassgait.models.policies.expression_text import LARGEST, refuse_unfit
 
 LINE_LENGTH = 100
 """Characters of a line."""
 
 GLUE = "\N{NO-BREAK SPACE}"
 """Stands for a space at which no line ends."""
+
+MOST_NAMED = 16
+"""Names that a refusal lists."""
+
+_COMMENT = re.compile("#[^\n]*")
 
 SIGNS = (" + ", " - ")
 """What stands between terms."""
@@ -29,9 +35,6 @@ _EXPONENTS = {function: power for power, function in _POWERS.items()}
 _SUM, _PRODUCT, _SIGN, _POWER = range(4)
 _BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SIGN}
 _BINDING |= dict.fromkeys(_EXPONENTS, _POWER)
-
-LARGEST = 1e30
-"""Greatest size of a number, so that products of a few stay finite."""
 
 
 class TextError(InputError):
@@ -60,24 +63,48 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
     Raises:
         TextError: if the text is anything else; line and column are counted within it.
     """
-    # In brackets of its own, a formula may go over several lines.
+    # On one line, whose columns are the text's characters, a formula needs no brackets of its own.
+    flat = _COMMENT.sub(_blank, text).replace("\n", " ")
+    start = len(flat) - len(flat.lstrip())
     try:
-        tree = ast.parse(f"(\n{text}\n)", mode="eval")
-    except SyntaxError as error:
-        line, column = (error.lineno or 2) - 1, error.offset or 1
-        raise TextError(*_syntax_error(text, error.msg, line, column)) from error
-    except (ValueError, RecursionError, MemoryError) as error:
-        raise TextError("this cannot be read; write a simpler formula", 1, 1) from error
+        _refuse_other_than_ascii(flat)
+        formula = _read(flat.strip(), symbols)
+    except TextError as error:
+        before = text[: start + error.column - 1]
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        raise TextError(str(error), line, column) from error
+    return formula
+
+
+def _read(code: str, symbols: Sequence[str]) -> Expression:
+    """Reads a formula on one line."""
     try:
+        tree = ast.parse(code, mode="eval")
         formula = _expression(tree.body, {name: i for i, name in enumerate(symbols)})
         refuse_unfit(formula, len(symbols))
-        return canonical(formula)
+        formula = canonical(formula)
+        # A sign that has moved may stand one deeper.
+        refuse_unfit(formula, len(symbols))
+    except SyntaxError as error:
+        raise _syntax_error(code, error) from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise TextError("this cannot be read; write a simpler formula", 1, 1) from error
     except TextError:
         raise
     except InputError as error:
         raise TextError(str(error), 1, 1) from error
-    except RecursionError as error:
-        raise TextError("the formula is nested too deep; write a simpler one", 1, 1) from error
+    return formula
+
+
+def _blank(match: re.Match[str]) -> str:
+    return " " * len(match[0])
+
+
+def _refuse_other_than_ascii(code: str) -> None:
+    # Python would take letters that look alike for the same.
+    found = next((i for i, sign in enumerate(code) if not sign.isascii()), None)
+    if found is not None:
+        raise TextError(f"{shown(code[found])} does not belong in a formula", 1, found + 1)
 
 
 def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
@@ -207,26 +234,32 @@ def _known(name: str, names: Iterable[str]) -> str:
     start = name.partition(".")[0]
     alike = [known for known in names if known.partition(".")[0] == start]
     if alike:
-        return f"there are {', '.join(alike)}"
+        return f"there are {_listed(alike)}"
     kinds = dict.fromkeys(
         f"{known.partition('.')[0]}.…" if "." in known else known for known in names
     )
-    return f"there are {', '.join(kinds)}"
+    return f"there are {_listed(list(kinds))}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = ["…"] if len(names) > MOST_NAMED else []
+    return ", ".join([*names[:MOST_NAMED], *more])
 
 
 def _at(node: ast.expr, message: str) -> TextError:
-    return TextError(message, node.lineno - 1, node.col_offset + 1)
+    return TextError(message, 1, node.col_offset + 1)
 
 
-def _syntax_error(text: str, message: str, line: int, column: int) -> tuple[str, int, int]:
-    """Returns what Python's parser found, within the text and without what is Python's alone."""
-    lines = text.split("\n")
-    if not 1 <= line <= len(lines):
-        line, column = len(lines), len(lines[-1]) + 1
-        return "the formula ends before it is complete", line, column
-    column = min(max(column, 1), len(lines[line - 1]) + 1)
+def _syntax_error(code: str, error: SyntaxError) -> TextError:
+    """Tells what Python's parser found, without what is Python's alone."""
+    # Of what is missing at the end, Python tells no place.
+    message, column = error.msg, min(error.offset or len(code) + 1, len(code) + 1)
+    if not code:
+        return TextError("there is no formula", 1, 1)
     if "never closed" in message:
-        return "this bracket is never closed", line, column
-    if "unmatched" in message:
-        return "this bracket was never opened", line, column
-    return "this does not belong in a formula", line, column
+        return TextError("this bracket is never closed", 1, column)
+    if "unmatched" in message or "does not match" in message:
+        return TextError("this bracket was never opened", 1, column)
+    if column > len(code):
+        return TextError("the formula ends before it is complete", 1, len(code) + 1)
+    return TextError("this does not belong in a formula", 1, column)

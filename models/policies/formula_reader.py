@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from keyword import iskeyword
 
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
@@ -19,7 +20,9 @@ MAX_TEXT = 1_000_000
 
 MAX_DEFINITIONS = 200
 
-_HEADER = re.compile(r"(format|gait|states|mirror): *(.*?) *")
+HEADER = ("format", "gait", "states", "mirror")
+"""Keys of a file's header."""
+
 _SECTION = re.compile(r"state (\d{1,3})")
 _STATEMENT = re.compile(r"([A-Za-z_][\w.]*) *=(?!=)(.*)", re.DOTALL)
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)?")
@@ -48,6 +51,7 @@ class _Reader:
     definitions: list[Definition] = field(default_factory=list)
     formulas: dict[Place, Expression] = field(default_factory=dict)
     names: tuple[str, ...] = ()
+    observed: tuple[str, ...] = ()
     mirror: tuple[int, ...] | None = None
     section: str = ""
 
@@ -60,13 +64,16 @@ class _Reader:
         return self._finished(number)
 
     def _take(self, statement: str, line: int) -> None:
-        bare = statement.partition("#")[0].rstrip()
-        header = _HEADER.fullmatch(bare)
-        if header and not self.section:
-            if header[1] in self.header:
-                raise TextError(f"{header[1]!r} is said twice; leave one out", line, 1)
-            self.header[header[1]] = header[2]
-        elif bare in (DEFINITIONS, EVERY_STATE) or _SECTION.fullmatch(bare):
+        bare, *more = (part.partition("#")[0].rstrip() for part in statement.split("\n"))
+        key, colon, value = bare.partition(":")
+        is_header = colon and key in HEADER and not self.section
+        if (is_header or _is_title(bare)) and any(more):
+            raise TextError("nothing goes on from the line above; do not indent this", line + 1, 1)
+        if is_header:
+            if key in self.header:
+                raise TextError(f"{key!r} is said twice; leave one out", line, 1)
+            self.header[key] = value.strip()
+        elif _is_title(bare):
             self._begin(bare, line)
         elif assigned := _STATEMENT.fullmatch(statement):
             self._assign(assigned, line)
@@ -110,6 +117,7 @@ class _Reader:
         ):
             raise TextError(f"states: must be a number from 1 to {MOST_STATES}", line, 1)
         self.names = ObservationLayout(self._n_states).names
+        self.observed = Vocabulary(self.names).symbols
         if "mirror" in self.header:
             self.mirror = self._mirror(self.header["mirror"], line)
 
@@ -132,10 +140,9 @@ class _Reader:
         name = assigned[1]
         if not self.section:
             raise TextError("a formula stands under 'state 0' or 'every state'", line, 1)
-        symbols = Vocabulary(self.names, tuple(self.definitions)).symbols
-        if self.section == DEFINITIONS:
-            # What is defined is defined by what the robot senses, not by other definitions.
-            symbols = Vocabulary(self.names).symbols
+        # What is defined is defined by what the robot senses, not by other definitions.
+        known = [] if self.section == DEFINITIONS else self.definitions
+        symbols = (*self.observed, *(definition.symbol for definition in known))
         formula = _located(assigned, line, symbols)
         if self.section == DEFINITIONS:
             self._define(name, formula, assigned[2], line)
@@ -146,8 +153,9 @@ class _Reader:
         self.formulas[place] = formula
 
     def _define(self, name: str, formula: Expression, text: str, line: int) -> None:
-        taken = (*Vocabulary(self.names, tuple(self.definitions)).symbols, *robot.JOINTS)
-        if name in taken or not _NAME.fullmatch(name):
+        defined = (definition.symbol for definition in self.definitions)
+        taken = {*self.observed, *defined, *robot.JOINTS}
+        if name in taken or not _NAME.fullmatch(name) or any(map(iskeyword, name.split("."))):
             raise TextError(f"{shown(name)} cannot be defined; choose another name", line, 1)
         if len(self.definitions) >= MAX_DEFINITIONS:
             raise TextError(f"there are more than {MAX_DEFINITIONS} definitions", line, 1)
@@ -182,6 +190,10 @@ class _Reader:
                 raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
         ordered = {place: formulas[place] for place in wanted}
         return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror)
+
+
+def _is_title(line: str) -> bool:
+    return line in (DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

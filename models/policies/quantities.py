@@ -59,7 +59,9 @@ def targets_of(action: Array) -> Array:
 
 def actions_of(target: Array) -> Array:
     """Maps joint targets (..., 12; rad) to actions (..., 12)."""
-    return (target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE
+    # A formula may say anything; who acts by it refuses what is not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE
 
 
 def _offset(entry: ObservationEntry) -> float:

@@ -59,8 +59,10 @@ class FormulaPolicy(Policy):
                 formula: Any = reduce(lambda entries, index: entries[index], place, expressions)
                 with _naming_the_formula(place):
                     refuse_unfit(formula, len(self.vocabulary.symbols))
+                    # A sign that has moved may stand one deeper.
+                    refuse_unfit(canonical(formula), len(self.vocabulary.symbols))
+            self.mirror = None if mirror is None else self._refuse_other_states(mirror)
         self.expressions = _nested(canonical, expressions)
-        self.mirror = None if mirror is None else tuple(mirror)
         self._units = RobotUnits.of(self.observation_names)
 
     @property
@@ -159,6 +161,13 @@ class FormulaPolicy(Policy):
             found = Tape(expressions, n)(self._units.quantities(observation))
             derivatives[..., list(joints), list(variables)] = found
         return derivatives / (robot.ACTION_SCALE * self._units.scale)
+
+    def _refuse_other_states(self, mirror: Sequence[int]) -> tuple[int, ...]:
+        """Returns the states in the mirror, and refuses what is not its own mirror image."""
+        states = range(self._sizes(self.observation_names)["states"])
+        if sorted(mirror) != [*states] or any(mirror[mirror[s]] != s for s in states):
+            raise InputError(f"its mirror is {tuple(mirror)}; it must name each state's image")
+        return tuple(mirror)
 
     def _refuse_other_shape(self, entries: Any) -> list[int]:
         """Returns the shape that `expressions` have, and refuses entries of any other."""

@@ -53,29 +53,47 @@ def fit_gated_sums(
     observed = values[:, :n]
     opened = Tape(gates, values.shape[1])(values).T
     candidates = np.hstack([observed, *(observed * gate[:, None] for gate in opened)])
-    mean, spread = candidates.mean(axis=0), candidates.std(axis=0)
-    usable = np.flatnonzero(spread > SPREAD)
-    standard = (candidates[:, usable] - mean[usable]) / spread[usable]
-    gram = standard.T @ standard
-    # A product of a state with itself is the state again: of equal terms the first is enough.
-    known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
-    usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
-    gram += PENALTY * len(targets) * np.eye(len(usable))
-    target_means = targets.mean(axis=0)
-    products = standard.T @ (targets - target_means)
-
+    mean, target_means = candidates.mean(axis=0), targets.mean(axis=0)
     formulas = []
-    for target_mean, product in zip(target_means, products.T, strict=True):
-        found = _pursue(gram, product, max_length // 2)
-        path = np.zeros((len(found), candidates.shape[1]))
-        path[:, usable] = found / spread[usable]
+    for target_mean, path in zip(
+        target_means, weight_paths(candidates, targets, max_length // 2), strict=True
+    ):
         sums = (
-            _gated_expression(gates, weights.reshape(-1, n), target_mean - weights @ mean)
+            gated_expression(gates, weights.reshape(-1, n), target_mean - weights @ mean)
             for weights in path
         )
         *_, longest = takewhile(lambda formula: formula.length <= max_length, sums)
         formulas.append(longest)
     return formulas
+
+
+def weight_paths(candidates: Array, targets: Array, max_terms: int) -> list[Array]:
+    """Chooses terms one after the other, by orthogonal matching pursuit with a ridge penalty.
+
+    Args:
+        candidates: Samples of what may be a term (m, k).
+        targets: What to fit (m, j), a sum a column.
+        max_terms: Greatest number of terms of a sum, its constant not counted.
+
+    Returns:
+        For each of the j sums the weights of its terms (terms + 1, k), before the first and after
+        each. Together with them, a sum has the constant that makes its mean the target's.
+    """
+    spread = candidates.std(axis=0)
+    usable = np.flatnonzero(spread > SPREAD)
+    standard = (candidates[:, usable] - candidates[:, usable].mean(axis=0)) / spread[usable]
+    gram = standard.T @ standard
+    # A product of a state with itself is the state again: of equal terms the first is enough.
+    known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
+    usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
+    gram += PENALTY * len(targets) * np.eye(len(usable))
+    paths = []
+    for product in (standard.T @ (targets - targets.mean(axis=0))).T:
+        found = _pursue(gram, product, max_terms)
+        path = np.zeros((len(found), candidates.shape[1]))
+        path[:, usable] = found / spread[usable]
+        paths.append(path)
+    return paths
 
 
 def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
@@ -91,7 +109,14 @@ def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
     return np.concatenate([none, np.asarray(path).reshape(len(gram), -1).T])
 
 
-def _gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
+def gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
+    """Writes a gated sum.
+
+    Args:
+        gates: The gates (g).
+        weights: Weights of the variables (g + 1, n): those that count always, then by gate.
+        intercept: The constant.
+    """
     total = constant(float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
         terms = [scaled(variable(int(i)), float(row[i])) for i in np.flatnonzero(row)]

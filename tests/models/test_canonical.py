@@ -46,19 +46,10 @@ def test_canonical_formulas_stay_as_they_are(random_formulas, data):
 @given(st.data(), st.integers(0, 2**32 - 1))
 def test_canonical_form_changes_no_value(random_formulas, data, seed):
     formula, rows = data.draw(random_formulas(N)), random_rows(seed)
-    # What is divided by nothing has a test of its own.
+    # Of a zero the sign may change, and then that of what is divided by it.
     rows = rows[(values(divisors(formula), rows) != 0.0).all(axis=1)]
     before, after = values([formula], rows), values([canonical(formula)], rows)
     np.testing.assert_array_equal(after, before)
-
-
-@pytest.mark.parametrize("divisor", [constant(0.0), Expression("sub", (X, X))])
-def test_what_is_divided_by_a_negative_zero_keeps_its_sign(divisor):
-    formula = Expression("div", (Y, Expression("neg", (divisor,))))
-    rows = random_rows(0)
-    np.testing.assert_array_equal(
-        values([canonical(formula)], rows), values([formula], rows), err_msg=str(formula)
-    )
 
 
 @settings(max_examples=300)
@@ -73,9 +64,9 @@ def test_the_negative_of_the_negative_is_the_formula(random_formulas, data, seed
 
 @settings(max_examples=300)
 @given(st.data())
-def test_no_right_operand_and_no_sum_has_a_sign_before_it(random_formulas, data):
+def test_no_term_no_factor_and_no_sum_has_a_sign_before_it(random_formulas, data):
     for node in nodes(canonical(data.draw(random_formulas(N)))):
-        if node.operator in BINARY:
+        if node.operator in ("add", "sub", "mul"):
             assert not is_negative(node.operands[1])
         if node.operator == "neg":
             assert node.operands[0].operator not in ("constant", "neg", *BINARY)
@@ -95,7 +86,7 @@ def test_no_zero_is_below_zero(operator):
         ("x0 + -x1", "x0 - x1"),
         ("x0 * -x1", "-x0 * x1"),
         ("-x0 * -x1", "x0 * x1"),
-        ("x0 / -3.0", "-x0 / 3.0"),
+        ("x0 / -3.0", "x0 / -3.0"),
         ("-(2.0*x0)", "-2.0*x0"),
         ("-(x0 + x1)", "-x0 - x1"),
         ("-(x0 - x1 - 1.0)", "-x0 + x1 + 1.0"),

@@ -97,10 +97,21 @@ def test_many_policies_come_back_from_their_text(random_formulas, samples, data)
     assert_comes_back(data.draw(policies(random_formulas)), samples(20)[0])
 
 
-@pytest.mark.parametrize("gait", ["my own trot", "trot: fast", "Größe", "trot #2"])
+@pytest.mark.parametrize("gait", ["my own trot", "trot: fast", "Größe"])
 def test_the_name_of_any_gait_comes_back(symbolic, gait):
     policy = SymbolicPolicy(gait, NAMES, symbolic.expressions)
     assert policy_of(policy.to_text()).gait == gait
+
+
+def test_a_name_that_would_end_in_a_comment_is_refused(symbolic):
+    with pytest.raises(InputError, match=r"'trot #2' cannot stand in a file"):
+        SymbolicPolicy("trot #2", NAMES, symbolic.expressions).to_text()
+
+
+def test_a_mirror_that_is_none_is_refused(symbolic):
+    for mirror in ((0,), (0, 2), (1, 1), (0, 1, 2)):
+        with pytest.raises(InputError, match="must name each state's image"):
+            SymbolicPolicy("trot", NAMES, symbolic.expressions, mirror=mirror)
 
 
 def test_a_number_keeps_all_its_digits():

@@ -20,6 +20,7 @@ from glassgait.models.policies.formula_language import (
     written_number,
 )
 from glassgait.models.policies.quantities import Vocabulary, known_definitions
+from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -55,12 +56,17 @@ def test_the_deepest_formulas_come_back(operator, side):
     assert read(write_formula(formula, SYMBOLS)) == formula
 
 
-def test_a_sign_makes_no_formula_too_deep_to_be_read():
+def test_a_formula_that_a_sign_makes_too_deep_to_be_read_is_refused():
     deep = variable(0)
     for _ in range(MAX_DEPTH - 2):
         deep = Expression("tanh", (deep,))
-    formula = canonical(Expression("mul", (deep, Expression("neg", (variable(1),)))))
-    assert read(write_formula(formula, SYMBOLS)) == formula
+    product = Expression("mul", (deep, Expression("neg", (variable(1),))))
+    text = write_formula(product, SYMBOLS)
+    with pytest.raises(TextError, match="nested more than 100 deep"):
+        read(text)
+    names = ObservationLayout(2).names
+    with pytest.raises(InputError, match="nested more than 100 deep"):
+        SymbolicPolicy("trot", names, [product] * 12)
 
 
 @given(st.floats(-LARGEST, LARGEST))
@@ -198,9 +204,9 @@ def test_lines_are_filled():
         ("lambda: 0", 1, 1, "does not belong"),
         ("t[0]", 1, 1, "does not belong"),
         ("__import__('os')", 1, 1, "does not belong"),
-        ("t + é", 1, 5, "nothing is called 'é'"),
+        ("t + é", 1, 5, "'é' does not belong in a formula"),
         ("t − 1", 1, 3, "does not belong"),
-        ("t + ", 1, 5, "ends before it is complete"),
+        ("t + ", 1, 4, "ends before it is complete"),
         ("t $ s0", 1, 3, "does not belong"),
         ("tanh(" * 150 + "t" + ")" * 150, 1, 1, "nested more than 100 deep"),
     ],

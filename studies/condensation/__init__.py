@@ -1,0 +1,1 @@
+"""Short formulas: a gait on one page."""
