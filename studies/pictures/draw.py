@@ -30,7 +30,20 @@ from glassgait.studies.students.linear import untrained_student
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 
 FOLDER = Path(__file__).parent
-ABLATIONS = EXPERT_DIRECTORY / "ablation"
+ABLATION_DIRECTORY = EXPERT_DIRECTORY / "ablation"
+
+ABLATIONS = {
+    "curriculum": {
+        "with the curriculum": "bound_with_curriculum.csv",
+        "without (paper)": "bound_without_curriculum.csv",
+    },
+    "mirror_and_latency": {
+        "both (as shipped)": "trot_short.csv",
+        "without the mirror": "trot_without_mirror.csv",
+        "without latency": "trot_without_latency.csv",
+    },
+}
+"""Runs that differ in an ingredient, by picture and by the name of their line."""
 """Records and curves of runs that differ in an ingredient."""
 
 FRAME_STEPS = 2
@@ -55,14 +68,9 @@ def draw_all() -> None:
     say("drawing the learning curves")
     curves = {name: pd.read_csv(EXPERT_DIRECTORY / f"{name}.csv") for name in shipped_experts()}
     save_figure(learning_curves(curves), FOLDER / "learning_curves", extensions=("png",))
-    lines = {
-        "with the curriculum": "bound_with_curriculum",
-        "without (paper)": "bound_without_curriculum",
-    }
-    figure = ablation_curves(
-        {label: pd.read_csv(ABLATIONS / f"{name}.csv") for label, name in lines.items()}
-    )
-    save_figure(figure, FOLDER / "curriculum", extensions=("png",))
+    for name, lines in ABLATIONS.items():
+        curves = {label: pd.read_csv(ABLATION_DIRECTORY / file) for label, file in lines.items()}
+        save_figure(ablation_curves(curves), FOLDER / name, extensions=("png",))
 
 
 def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
