@@ -36,10 +36,6 @@ COMMANDS = {
         "glassgait.studies.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",
     ),
-    "condense": (
-        "glassgait.studies.condensation.command:Condense",
-        "Copy an expert into so few terms that they stand on a page, and let them walk alone.",
-    ),
     "pareto": (
         "glassgait.studies.pareto.command:Pareto",
         "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",

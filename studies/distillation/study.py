@@ -22,6 +22,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
@@ -265,6 +266,7 @@ class _Distillation:
             dataset.observations,
             dataset.actions,
             dataset.starts,
+            mirrored_states(self.gait),
         )
 
 

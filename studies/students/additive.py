@@ -91,6 +91,6 @@ EBM = Student(
     settings=EbmSettings(),
     fit_models=partial(fit_joints, _fit_ebm_joint),
     compile=AdditivePolicy.compile,
-    brevity=4,
+    brevity=5,
     paper_r2={"walk": 0.9787, "trot": 0.9906, "pace": 0.9819, "bound": 0.9637},
 )

@@ -6,13 +6,14 @@ g, h, … tell where in the gait the robot is.
 
 import warnings
 from collections.abc import Sequence
+from functools import reduce
 from itertools import takewhile
 
 import numpy as np
 from sklearn.linear_model import orthogonal_mp_gram
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.expression import Expression, constant, scaled, variable
+from glassgait.models.policies.expression import Expression, constant, plus, scaled, variable
 from glassgait.models.policies.tape import Tape
 
 SPREAD = 1e-12
@@ -119,13 +120,15 @@ def gated_expression(gates: Sequence[Expression], weights: Array, intercept: flo
     """
     total = constant(float(intercept))
     for gate, row in zip((None, *gates), weights, strict=True):
-        terms = [scaled(variable(int(i)), float(row[i])) for i in np.flatnonzero(row)]
-        if not terms:
-            continue
-        part = terms[0]
-        for term in terms[1:]:
-            part = Expression("add", (part, term))
-        if gate is not None:
-            part = Expression("mul", (gate, part))
-        total = Expression("add", (total, part))
+        terms = [(float(row[i]), variable(int(i))) for i in np.flatnonzero(row)]
+        if gate is None:
+            parts = [scaled(own, weight) for weight, own in terms]
+        elif len(terms) == 1:
+            ((weight, own),) = terms
+            parts = [Expression("mul", (scaled(gate, weight), own))]
+        else:
+            inner = [scaled(own, weight) for weight, own in terms]
+            parts = [Expression("mul", (gate, reduce(plus, inner)))] if inner else []
+        for part in parts:
+            total = Expression("add", (total, part))
     return total

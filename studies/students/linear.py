@@ -38,7 +38,7 @@ def _fit_statewise_linear(
     return StatewiseLinearPolicy(samples.gait, samples.observation_names, weights, intercepts)
 
 
-LINEAR = Student("linear", "Linear", _fit_linear, color="#999999", marker="v", brevity=5)
+LINEAR = Student("linear", "Linear", _fit_linear, color="#999999", marker="v", brevity=6)
 
 STATEWISE_LINEAR = Student(
     "statewise_linear",
@@ -46,5 +46,5 @@ STATEWISE_LINEAR = Student(
     _fit_statewise_linear,
     color="#666666",
     marker="^",
-    brevity=3,
+    brevity=4,
 )

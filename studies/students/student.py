@@ -68,6 +68,7 @@ class TrainingSet:
         observations: Samples (m, n).
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
+        mirror: State that each state of the machine is in the mirror; None where it favours a side.
     """
 
     gait: str
@@ -75,6 +76,7 @@ class TrainingSet:
     observations: Array
     actions: Array
     starts: NDArray[np.bool_]
+    mirror: tuple[int, ...] | None = None
 
     def subset(self, index: NDArray[np.int64]) -> "TrainingSet":
         """Returns the samples at an index (k,), which may name one more than once."""

@@ -53,7 +53,7 @@ SYMBOLIC = Student(
     color="#009E73",
     marker="D",
     settings=SymbolicSettings(),
-    brevity=1,
+    brevity=2,
     paper_r2={"walk": 0.6811, "trot": 0.7334, "pace": 0.7331, "bound": 0.6564},
 )
 
@@ -64,5 +64,5 @@ STATEWISE_SYMBOLIC = Student(
     color="#CC79A7",
     marker="P",
     settings=StatewiseSymbolicSettings(),
-    brevity=2,
+    brevity=3,
 )

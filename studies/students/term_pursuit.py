@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.formula_file import FormulaFile
 from glassgait.models.policies.formula_mirror import FormulaMirror, Place
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
-from glassgait.studies.condensation.samples import StateSamples, by_state
-from glassgait.studies.students.dataset import Dataset
 from glassgait.studies.students.formula_fit import FormulaFit, gates, readable, settled
 from glassgait.studies.students.gated_sum import gated_expression, weight_paths
+from glassgait.studies.students.mirrored_samples import StateSamples, samples_by_state
+from glassgait.studies.students.student import TrainingSet
 
 LONGEST = 40
 """Greatest number of terms of one formula."""
@@ -38,26 +39,29 @@ class _Growth:
     errors: Array
 
 
-def condense(
-    data: Dataset,
-    gait: str,
-    names: tuple[str, ...],
-    mirror: tuple[int, ...] | None,
-    n_terms: int,
-) -> FormulaPolicy:
+def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPolicy:
     """Fits the formulas of every joint and state of the machine with so many terms in all.
 
     A term is a number times quantities; a formula's constant is one. Mirror images cost none.
 
     Args:
-        data: What robots observed, and what the expert would do.
-        gait: Name of the gait.
-        names: Names of the observations.
-        mirror: State that each state is in the mirror; None for a policy without a mirror image.
+        samples: What robots observed, and what the expert would do.
         n_terms: Number of terms, one for each formula at least.
+        mirrored: Whether the formulas of one side are mirror images of the other's, where the
+            gait's machine has a mirror image.
+
+    Raises:
+        InputError: if there are fewer terms than formulas.
     """
+    names, mirror = samples.observation_names, samples.mirror if mirrored else None
     fit = FormulaFit(names, gates)
-    parts = by_state(data, fit.vocabulary, mirror)
+    parts = samples_by_state(samples, fit.vocabulary, mirror)
+    n_formulas = sum(len(part.places) for part in parts)
+    if n_terms < n_formulas:
+        raise InputError(
+            f"terms is {n_terms}; the {samples.gait} has {n_formulas} formulas with a term each at "
+            "least, so ask for more"
+        )
     grown = [_grow(part, fit) for part in parts]
     counts = allot([own.errors for growths in grown for own in growths], n_terms)
     formulas: dict[Place, Expression] = {}
@@ -79,7 +83,7 @@ def condense(
     places = sorted(formulas)
     vocabulary, kept = fit.vocabulary.using(formulas[place] for place in places)
     whole = dict(zip(places, kept, strict=True))
-    return FormulaPolicy.from_file(FormulaFile(gait, vocabulary, whole, mirror))
+    return FormulaPolicy.from_file(FormulaFile(samples.gait, vocabulary, whole, mirror))
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:

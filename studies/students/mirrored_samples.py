@@ -1,7 +1,7 @@
 """Samples for formulas that a mirror shares between left and right."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from glassgait.models.policies.formula_mirror import FormulaMirror, Place
 from glassgait.models.policies.quantities import Vocabulary, targets_of
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.student import TrainingSet
 
 
 @dataclass(frozen=True)
@@ -44,29 +44,32 @@ def written_places(vocabulary: Vocabulary, mirror: Sequence[int] | None) -> tupl
     return tuple(place for place in every if place < image.place(place))
 
 
-def by_state(
-    data: Dataset, vocabulary: Vocabulary, mirror: Sequence[int] | None
+def samples_by_state(
+    samples: TrainingSet, vocabulary: Vocabulary, mirror: Sequence[int] | None
 ) -> list[StateSamples]:
     """Sorts samples by the state whose formulas they serve; mirrored, each counts twice.
 
     Args:
-        data: What robots observed, and what the expert would do.
+        samples: What robots observed, and what the expert would do.
         vocabulary: What the formulas may hold.
         mirror: State that each state is in the mirror; None for a policy without a mirror image.
     """
-    observations, actions = data.observations, data.actions
-    if mirror is not None:
-        reflect = reflect_observation(vocabulary.names, mirror)
-        observations = np.concatenate([observations, reflect(observations)])
-        actions = np.concatenate([actions, REFLECT_JOINTS(actions)])
-    one_hot = observations[:, list(indices_of("machine state", vocabulary.names))]
-    states, targets = one_hot.argmax(axis=1), targets_of(actions)
-    places = written_places(vocabulary, mirror)
+    whole = samples if mirror is None else _with_mirror_images(samples, mirror)
+    targets, places = targets_of(whole.actions), written_places(vocabulary, mirror)
     parts = []
-    for state in sorted({state for state, _ in places}):
+    for state, mine in enumerate(whole.by_state()):
         own = tuple(place for place in places if place[0] == state)
-        # A state that was never visited is fitted like all together.
-        mine = states == state if (states == state).any() else np.ones(len(states), dtype=bool)
-        joints = [joint for _, joint in own]
-        parts.append(StateSamples(own, observations[mine], targets[mine][:, joints]))
+        if own:
+            joints = [joint for _, joint in own]
+            parts.append(StateSamples(own, whole.observations[mine], targets[mine][:, joints]))
     return parts
+
+
+def _with_mirror_images(samples: TrainingSet, mirror: Sequence[int]) -> TrainingSet:
+    reflect = reflect_observation(samples.observation_names, mirror)
+    return replace(
+        samples,
+        observations=np.concatenate([samples.observations, reflect(samples.observations)]),
+        actions=np.concatenate([samples.actions, REFLECT_JOINTS(samples.actions)]),
+        starts=np.tile(samples.starts, 2),
+    )

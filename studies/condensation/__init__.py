@@ -1,1 +1,0 @@
-"""Short formulas: a gait on one page."""

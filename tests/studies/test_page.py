@@ -1,0 +1,103 @@
+"""Pages of formulas: who gets the terms, whose samples count, and the command."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.policies.formula_mirror import FormulaMirror
+from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.quantities import Vocabulary
+from glassgait.models.task.observation import ObservationLayout, machine_state_entries
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.studies.cli import main
+from glassgait.studies.students.mirrored_samples import samples_by_state, written_places
+from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.students.term_pursuit import allot, condense
+
+NAMES = ObservationLayout(2).names
+MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
+
+
+def samples_of_a_sparse_law(generator, mirror=None, count=400):
+    """Actions that three observations tell, and a little of a fourth."""
+    observations = 0.3 * generator.normal(size=(count, len(NAMES)))
+    observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
+    actions = np.zeros((count, robot.N_JOINTS))
+    actions[:, 2] = 2.0 * observations[:, 0] + observations[:, 5] - 0.5 * observations[:, 20]
+    actions[:, 7] = 0.01 * observations[:, 30]
+    starts = np.zeros(count, dtype=bool)
+    return TrainingSet("trot", NAMES, observations, actions, starts, mirror)
+
+
+@pytest.mark.parametrize(("gait", "states"), [("trot", {0}), ("bound", {0, 1})])
+def test_half_of_the_formulas_are_written(gait, states):
+    places = written_places(Vocabulary(NAMES), MIRRORS[gait])
+    assert len(places) == 12
+    assert {state for state, _ in places} == states
+    image = FormulaMirror.of(Vocabulary(NAMES), MIRRORS[gait])
+    assert not {image.place(place) for place in places} & {*places}
+    assert len(written_places(Vocabulary(NAMES), None)) == 24
+
+
+@pytest.mark.parametrize("gait", MIRRORS)
+def test_mirrored_samples_count_twice(gait, generator):
+    data = samples_of_a_sparse_law(generator)
+    parts = samples_by_state(data, Vocabulary(NAMES), MIRRORS[gait])
+    assert sum(len(part.targets) for part in parts) == {"trot": 400, "bound": 800}[gait]
+    reflect = reflect_observation(NAMES, MIRRORS[gait])
+    whole = {row.tobytes() for row in data.observations}
+    whole |= {row.tobytes() for row in reflect(data.observations)}
+    assert {row.tobytes() for part in parts for row in part.observations} <= whole
+
+
+def test_a_term_goes_where_it_helps_most():
+    slow = np.array([1.0, 0.9, 0.8, 0.7])
+    fast = np.array([5.0, 1.0, 0.9, 0.9])
+    assert allot([slow, fast], 3) == [0, 1]
+    assert allot([slow, fast], 4) == [1, 1]
+    # Two terms may help together where the first alone does not.
+    assert allot([slow, np.array([5.0, 5.0, 0.0])], 4) == [0, 2]
+    # What does not help is not taken.
+    assert allot([np.array([1.0, 1.0, 1.0])], 3) == [0]
+
+
+def test_a_sparse_law_is_found_in_few_terms(generator):
+    data = samples_of_a_sparse_law(generator)
+    page = condense(data, 24 + 6, mirrored=True)
+    assert page.n_terms() == 30
+    lengths = [[len(formula.terms()) for formula in own] for own in page.formulas_by_state]
+    assert [own[2] for own in lengths] == [4, 4]
+    np.testing.assert_allclose(page(data.observations), data.actions, atol=0.05)
+
+
+@pytest.mark.parametrize("gait", MIRRORS)
+def test_mirrored_pages_act_alike_on_both_sides(gait, generator):
+    data = samples_of_a_sparse_law(generator, MIRRORS[gait])
+    page = condense(data, 20, mirrored=True)
+    assert page.n_terms() == 20
+    reflect = reflect_observation(NAMES, MIRRORS[gait])
+    mirrored = page(reflect(data.observations))
+    np.testing.assert_allclose(mirrored, REFLECT_JOINTS(page(data.observations)), atol=1e-12)
+
+
+def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    small = ["--episodes", "5", "--alone-rounds", "1", "--alone-steps", "20"]
+    small += ["--episode-steps", "20", "--page.alone-episodes", "2", "--page.terms", "60"]
+    main(["distill", "--students", "page", "--n-jobs", "1", *small])
+    path = tmp_path / "runs" / "distillation" / "trot" / "page.formulas"
+    page = load_policy(path)
+    page.check(gait="trot", observation_names=load_expert("trot").observation_names)
+    assert page.n_terms() <= 60
+    capsys.readouterr()
+    main(["show", "trot", "--policy", "page"])
+    told = capsys.readouterr().out
+    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n" in told
+
+
+def test_fewer_terms_than_formulas_are_refused(generator):
+    samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
+    with pytest.raises(InputError, match="the trot has 24 formulas with a term each"):
+        condense(samples, 23, mirrored=False)
+    assert condense(samples, 12, mirrored=True).n_terms() == 12
