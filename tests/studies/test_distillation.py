@@ -82,8 +82,8 @@ def test_students_that_are_made_side_by_side_are_the_same(finished, expert, tmp_
     alone = whole.set_index("student").loc[list(kinds)].reset_index()
     pd.testing.assert_frame_equal(r2[columns], alone[columns], check_exact=True)
     for kind in kinds:
-        name = f"{kind}.safetensors"
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+        made = policy_path(tmp_path, kind)
+        assert made.read_bytes() == policy_path(folder, kind).read_bytes()
 
 
 def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
