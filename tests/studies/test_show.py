@@ -11,9 +11,9 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(["show", "trot"])
     told = capsys.readouterr().out
-    text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
+    text = (STUDENT_DIRECTORY / "trot" / "page.formulas").read_text()
     assert told.startswith(text)
-    assert "# Symbolic: 422 terms in 12 formulas" in told
+    assert "# Page of formulas: 100 terms in 12 formulas" in told
     assert read_formulas(told) == read_formulas(text)
 
 
