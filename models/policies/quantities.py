@@ -52,11 +52,6 @@ class RobotUnits:
         return observation / self.scale + self.offset
 
 
-def targets_of(action: Array) -> Array:
-    """Maps actions (..., 12) to joint targets (..., 12; rad)."""
-    return robot.joint_targets(action)
-
-
 def actions_of(target: Array) -> Array:
     """Maps joint targets (..., 12; rad) to actions (..., 12)."""
     # A formula may say anything; who acts by it refuses what is not finite.

@@ -3,19 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from glassgait.models.a1.robot import N_JOINTS
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.quantities import Vocabulary
-from glassgait.models.policies.symbolic import (
-    FormulaPolicy,
-    StatewiseSymbolicPolicy,
-    SymbolicPolicy,
-)
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.formula_fit import FormulaFit, gates, settled, shared_gates
+from glassgait.studies.students.formula_fit import gates, shared_gates
 from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.students.symbolic import fit_policy
 from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
@@ -39,20 +33,8 @@ class Family:
     def fit(self, gait: str, names: tuple[str, ...], data: Dataset, length: int) -> FormulaPolicy:
         """Fits formulas of at most `length` nodes to samples."""
         settings = SymbolicSettings(shapes=((length, length),))
-        fit = FormulaFit(names, self.gates)
         samples = TrainingSet(gait, names, data.observations, data.actions, data.starts)
-        parts = samples.by_state() if self.statewise else [np.ones(len(data.actions), dtype=bool)]
-        formulas = [
-            settled(formula, names, state) if self.statewise else formula
-            for state, mine in enumerate(parts)
-            for formula in fit(data.observations[mine], data.actions[mine], 0, settings)
-        ]
-        vocabulary, kept = fit.vocabulary.using(formulas)
-        definitions = vocabulary.definitions
-        if not self.statewise:
-            return SymbolicPolicy(gait, names, kept, definitions=definitions)
-        rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
-        return StatewiseSymbolicPolicy(gait, names, rows, definitions=definitions)
+        return fit_policy(samples, self.gates, settings, statewise=self.statewise)
 
 
 def _no_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:

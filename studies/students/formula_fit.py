@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import Expression, constant
@@ -12,7 +13,6 @@ from glassgait.models.policies.quantities import (
     RobotUnits,
     Vocabulary,
     known_definitions,
-    targets_of,
 )
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import indices_of
@@ -86,7 +86,7 @@ class FormulaFit:
         Raises:
             InputError: if the engine is PySR and Julia cannot start.
         """
-        values, targets = self.values(observations), targets_of(actions)
+        values, targets = self.values(observations), robot.joint_targets(actions)
         n = observations.shape[1]
         formulas = fit_formulas(values, targets, seed, settings, self._gates, n, n_jobs)
         return readable(formulas, values, targets)

@@ -1,9 +1,17 @@
 """Formulas: one for each joint, or one for each joint and state of the machine."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from glassgait.models.a1.robot import N_JOINTS
-from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.policies.expression import Expression
+from glassgait.models.policies.quantities import Vocabulary
+from glassgait.models.policies.symbolic import (
+    FormulaPolicy,
+    StatewiseSymbolicPolicy,
+    SymbolicPolicy,
+)
 from glassgait.studies.students.formula_fit import FormulaFit, gates, settled, shared_gates
 from glassgait.studies.students.student import Student, TrainingSet
 from glassgait.studies.students.symbolic_settings import (
@@ -17,33 +25,58 @@ def _repeated_starts(samples: TrainingSet, settings: SymbolicSettings) -> Traini
     return samples.subset(np.repeat(np.arange(len(counts)), counts))
 
 
+def fit_policy(
+    samples: TrainingSet,
+    gates: Callable[[Vocabulary], Sequence[Expression]],
+    settings: SymbolicSettings,
+    *,
+    statewise: bool,
+    seed: int = 0,
+    n_jobs: int = 1,
+) -> FormulaPolicy:
+    """Fits a formula for each joint, or one for each joint and state of the machine.
+
+    Args:
+        samples: What the formulas are fitted to.
+        gates: Returns what tells a formula where in the gait the robot is.
+        settings: Engine and budget; of several shapes the first counts.
+        statewise: Whether each state of the machine has formulas of its own.
+        seed: Seed of the search.
+        n_jobs: Formulas that are searched at once.
+
+    Raises:
+        InputError: if the engine is PySR and Julia cannot start.
+    """
+    names = samples.observation_names
+    fit = FormulaFit(names, gates)
+    if not statewise:
+        formulas = fit(samples.observations, samples.actions, seed, settings, n_jobs)
+        vocabulary, kept = fit.vocabulary.using(formulas)
+        return SymbolicPolicy(samples.gait, names, kept, definitions=vocabulary.definitions)
+    formulas = [
+        settled(formula, names, state)
+        for state, mine in enumerate(samples.by_state())
+        for formula in fit(
+            samples.observations[mine], samples.actions[mine], seed, settings, n_jobs
+        )
+    ]
+    vocabulary, kept = fit.vocabulary.using(formulas)
+    rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
+    return StatewiseSymbolicPolicy(samples.gait, names, rows, definitions=vocabulary.definitions)
+
+
 def _fit_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
-) -> SymbolicPolicy:
+) -> FormulaPolicy:
     own = _repeated_starts(samples, settings)
-    fit = FormulaFit(own.observation_names, shared_gates)
-    formulas = fit(own.observations, own.actions, seed, settings, n_jobs)
-    vocabulary, kept = fit.vocabulary.using(formulas)
-    return SymbolicPolicy(
-        samples.gait, samples.observation_names, kept, definitions=vocabulary.definitions
-    )
+    return fit_policy(own, shared_gates, settings, statewise=False, seed=seed, n_jobs=n_jobs)
 
 
 def _fit_statewise_symbolic(
     samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
-) -> StatewiseSymbolicPolicy:
+) -> FormulaPolicy:
     own = _repeated_starts(samples, settings)
-    fit = FormulaFit(own.observation_names, gates)
-    formulas = [
-        settled(formula, own.observation_names, state)
-        for state, mine in enumerate(own.by_state())
-        for formula in fit(own.observations[mine], own.actions[mine], seed, settings, n_jobs)
-    ]
-    vocabulary, kept = fit.vocabulary.using(formulas)
-    rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
-    return StatewiseSymbolicPolicy(
-        samples.gait, samples.observation_names, rows, definitions=vocabulary.definitions
-    )
+    return fit_policy(own, gates, settings, statewise=True, seed=seed, n_jobs=n_jobs)
 
 
 SYMBOLIC = Student(

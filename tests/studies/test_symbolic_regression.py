@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
+from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.formula_language import parse_formula, write_formula
-from glassgait.models.policies.quantities import Vocabulary, targets_of
+from glassgait.models.policies.quantities import Vocabulary
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.students.formula_fit import FormulaFit, gates, rounded, settled
@@ -75,7 +76,7 @@ def test_fitted_formulas_have_three_digits_and_no_bias(trot, generator):
     formulas = fit(observations, actions, 0, settings)
     for formula in formulas:
         assert formula == canonical(formula) == rounded(formula)
-    residual = targets_of(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
+    residual = robot.joint_targets(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
         fit.values(observations)
     )
     assert np.abs(residual.mean(axis=0)).max() < 5e-3
