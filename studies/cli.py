@@ -24,6 +24,10 @@ COMMANDS = {
         "glassgait.studies.distillation.command:Distill",
         "Distil an expert into glass-box students by DAgger with alternation.",
     ),
+    "refine": (
+        "glassgait.studies.refinement.command:Refine",
+        "Let a policy of formulas learn on in closed loop: its numbers change, no term does.",
+    ),
     "evaluate": (
         "glassgait.studies.evaluation.command:Evaluate",
         "Roll policies out in closed loop and score them.",
@@ -79,7 +83,7 @@ COMMANDS = {
 }
 """Class and summary of each command: the help is told without importing Drake and torch."""
 
-TRAINS = ("train", "benchmark")
+TRAINS = ("train", "refine", "benchmark")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,7 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.policies.expression import Expression
 
 _FUNCTIONS: dict[str, Callable[..., Array]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
     "div": np.divide,
-    "neg": np.negative,
     "sin": np.sin,
     "cos": np.cos,
     "tanh": np.tanh,
@@ -28,23 +24,106 @@ _FUNCTIONS: dict[str, Callable[..., Array]] = {
     "cube": lambda x: x * x * x,
 }
 
+Index = NDArray[np.intp]
 
-@dataclass(frozen=True)
-class _Instruction:
+
+class _Instruction(Protocol):
     """One operator, applied to all nodes of a height at once."""
 
+    def row(self, values: Array) -> Array:
+        """Evaluates its nodes (k) for one robot, of the values of those before (size)."""
+        ...
+
+    def rows(self, values: Array) -> Array:
+        """Evaluates its nodes (k, m) for several robots, likewise (size, m)."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function of one operand or of two."""
+
     function: Callable[..., Array]
-    operands: tuple[NDArray[np.intp], ...]
-    start: int
-    stop: int
+    operands: Index
+
+    def row(self, values: Array) -> Array:
+        return self.function(*values[self.operands])
+
+    def rows(self, values: Array) -> Array:
+        return self.function(*(values[operand] for operand in self.operands))
+
+
+class _Chains:
+    """Sums or products of any number of operands, taken from left to right.
+
+    So long as the order is kept, a chain has the same last digit for one robot as for many, and as
+    in any other language.
+    """
+
+    def __init__(self, operands: Sequence[Sequence[int]]) -> None:
+        """
+        Args:
+            operands: Slots of each node's operands, the longest chain first.
+        """
+        lengths = [len(own) for own in operands]
+        self._flat = np.concatenate(operands).astype(np.intp)
+        self._starts = np.cumsum([0, *lengths[:-1]])
+        self._nodes = np.repeat(np.arange(len(operands)), lengths)
+        # Of each place in the chains the operands there are: the first nodes have one, not all.
+        self._places = [
+            np.array([own[place] for own in operands if len(own) > place], dtype=np.intp)
+            for place in range(lengths[0])
+        ]
+
+
+class _Products(_Chains):
+    def row(self, values: Array) -> Array:
+        return np.multiply.reduceat(values[self._flat], self._starts)
+
+    def rows(self, values: Array) -> Array:
+        first, *others = self._places
+        product = values[first]
+        for operands in others:
+            product[: len(operands)] *= values[operands]
+        return product
+
+
+class _Sums(_Chains):
+    def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
+        """
+        Args:
+            operands: Slots of each node's operands, the longest chain first.
+            signs: Their signs, 1 or -1.
+        """
+        super().__init__(operands)
+        self._signs = np.concatenate(signs)
+        self._signs_of_places = [
+            np.array([own[place] for own in signs if len(own) > place])[:, None]
+            for place in range(len(signs[0]))
+        ]
+
+    def row(self, values: Array) -> Array:
+        # `np.add.reduceat` would add up in pairs, in another order.
+        total: Array = np.bincount(self._nodes, self._signs * values[self._flat])  # type: ignore
+        return total
+
+    def rows(self, values: Array) -> Array:
+        places = zip(self._places, self._signs_of_places, strict=True)
+        first, sign = next(places)
+        total = sign * values[first]
+        for operands, sign in places:
+            total[: len(operands)] += sign * values[operands]
+        return total
 
 
 class _Nodes:
     """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
 
+    A sum of sums is one node, and so is a product of products, where the order of evaluation stays.
+
     Attributes:
-        keys: Operator of each, and what it is applied to: the numbers of its operands, the value of
-            a constant, the index of a variable.
+        keys: Operator of each, and what it is applied to: the numbers of its operands, with their
+            signs in a sum; the value of a constant, the index of a variable.
         heights: Operators on the longest way down from each.
     """
 
@@ -53,6 +132,7 @@ class _Nodes:
         self.heights: list[int] = []
         self._number_of_key: dict[tuple[str, Any], int] = {}
         self._number_of_object: dict[int, int] = {}
+        self._chains: dict[int, tuple[str, list[Expression], list[float]]] = {}
 
     def add(self, formula: Expression) -> int:
         """Adds a formula, which must outlive this object, and returns its number."""
@@ -61,7 +141,10 @@ class _Nodes:
         numbers, pending = self._number_of_object, [formula]
         while pending:
             node = pending[-1]
-            missing = [operand for operand in node.operands if id(operand) not in numbers]
+            if id(node) not in self._chains:
+                self._chains[id(node)] = _chain(node)
+            _, operands, _ = self._chains[id(node)]
+            missing = [operand for operand in operands if id(operand) not in numbers]
             if missing:
                 pending += reversed(missing)
                 continue
@@ -70,14 +153,39 @@ class _Nodes:
         return numbers[id(formula)]
 
     def _number(self, node: Expression) -> int:
-        operands = tuple(self._number_of_object[id(operand)] for operand in node.operands)
+        operator, operands, signs = self._chains[id(node)]
+        own = tuple(self._number_of_object[id(operand)] for operand in operands)
         leaf = {"variable": node.variable, "constant": node.value}
-        key = (node.operator, leaf.get(node.operator, operands))
+        key = (operator, leaf.get(operator, (own, tuple(signs))))
         if key not in self._number_of_key:
             self._number_of_key[key] = len(self.keys)
             self.keys.append(key)
-            self.heights.append(max((1 + self.heights[operand] for operand in operands), default=0))
+            self.heights.append(max((1 + self.heights[operand] for operand in own), default=0))
         return self._number_of_key[key]
+
+
+def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
+    """Returns the operator of a node, its operands from left to right, and their signs in a sum."""
+    operands: list[Expression] = []
+    match formula.operator:
+        case "add" | "sub" | "neg":
+            signs: list[float] = []
+            while formula.operator in ("add", "sub"):
+                left, right = formula.operands
+                operands.append(right)
+                signs.append(1.0 if formula.operator == "add" else -1.0)
+                formula = left
+            negative = formula.operator == "neg"
+            operands.append(formula.operands[0] if negative else formula)
+            signs.append(-1.0 if negative else 1.0)
+            return "sum", operands[::-1], signs[::-1]
+        case "mul":
+            while formula.operator == "mul":
+                formula, right = formula.operands
+                operands.append(right)
+            return "product", [*operands, formula][::-1], []
+        case operator:
+            return operator, list(formula.operands), []
 
 
 class Tape:
@@ -92,7 +200,7 @@ class Tape:
         nodes = _Nodes()
         roots = [nodes.add(expression) for expression in expressions]
         # The slot of each node among the values: variables first, then constants, then the rest.
-        slots = np.zeros(len(nodes.keys), dtype=np.int64)
+        slots = np.zeros(len(nodes.keys), dtype=np.intp)
         constants: list[float] = []
         by_height: dict[tuple[int, str], list[int]] = defaultdict(list)
         for number, (operator, operands) in enumerate(nodes.keys):
@@ -104,20 +212,24 @@ class Tape:
             else:
                 by_height[nodes.heights[number], operator].append(number)
         self._constants = np.array(constants)
-        self._instructions: list[_Instruction] = []
+        self._instructions: list[tuple[slice, _Instruction]] = []
         size = n_variables + len(constants)
         for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
-            sides = np.array([nodes.keys[number][1] for number in numbers]).T
-            slots[numbers] = np.arange(size, size + len(numbers))
-            self._instructions.append(
-                _Instruction(_FUNCTIONS[operator], tuple(slots[sides]), size, size + len(numbers))
-            )
-            size += len(numbers)
+            # The longest chain first; of functions all are as long.
+            numbers.sort(key=lambda number: -len(nodes.keys[number][1][0]))
+            own = slice(size, size + len(numbers))
+            slots[numbers] = np.arange(own.start, own.stop)
+            operands = [slots[list(nodes.keys[number][1][0])] for number in numbers]
+            signs = [nodes.keys[number][1][1] for number in numbers]
+            self._instructions.append((own, _instruction(operator, operands, signs)))
+            size = own.stop
         self._size = size
         self._outputs = slots[roots]
 
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
+        if observation.ndim == 1:
+            return self._of_row(observation)
         # Nodes along the first axis, so that an instruction writes one block of memory.
         rows = observation.reshape(-1, self._n_variables)
         values = np.empty((self._size, len(rows)))
@@ -125,7 +237,28 @@ class Tape:
         first = self._n_variables
         values[first : first + len(self._constants)] = self._constants[:, None]
         with np.errstate(all="ignore"):
-            for step in self._instructions:
-                operands = (values[operand] for operand in step.operands)
-                values[step.start : step.stop] = step.function(*operands)
+            for own, instruction in self._instructions:
+                values[own] = instruction.rows(values)
         return values[self._outputs].T.reshape(*observation.shape[:-1], len(self._outputs))
+
+    def _of_row(self, observation: Array) -> Array:
+        values = np.empty(self._size)
+        values[: self._n_variables] = observation
+        first = self._n_variables
+        values[first : first + len(self._constants)] = self._constants
+        with np.errstate(all="ignore"):
+            for own, instruction in self._instructions:
+                values[own] = instruction.row(values)
+        return values[self._outputs]
+
+
+def _instruction(
+    operator: str, operands: Sequence[Any], signs: Sequence[Sequence[float]]
+) -> _Instruction:
+    match operator:
+        case "sum":
+            return _Sums(operands, signs)
+        case "product":
+            return _Products(operands)
+        case _:
+            return _Function(_FUNCTIONS[operator], np.array(operands, dtype=np.intp).T)

@@ -1,6 +1,7 @@
 """Fitting formulas as they are written: in the robot's units, with three digits."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from glassgait.models.policies.quantities import (
     Vocabulary,
     known_definitions,
 )
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.students.symbolic_regression import fit_formulas
@@ -131,6 +133,13 @@ def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> l
 def rounded(formula: Expression, digits: int = DIGITS) -> Expression:
     """Rounds the numbers of a formula to so many significant digits, in canonical form."""
     return canonical(_rounded(formula, digits))
+
+
+def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
+    """Rounds the numbers of all formulas of a policy to the digits that are shown."""
+    file = policy.to_file()
+    formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
+    return FormulaPolicy.from_file(replace(file, formulas=formulas))
 
 
 def _rounded(formula: Expression, digits: int) -> Expression:

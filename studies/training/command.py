@@ -15,6 +15,7 @@ from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.study import TrainingRun
 
@@ -84,10 +85,15 @@ def _train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None
         free=("updates",),
     ):
         begun = (job.folder / CHECKPOINT_NAME).exists()
-        _train(TrainingRun(config, gait, job.folder, resume=begun))
+        show_learning(TrainingRun(config, gait, job.folder, resume=begun))
 
 
-def _train(run: TrainingRun) -> None:
+def show_learning(run: LearningRun) -> None:
+    """Lets a run learn to its end, and tells how it goes.
+
+    Raises:
+        InputError: if the run has more updates already than its settings name.
+    """
     updates = run.config.updates
     if run.progress.update > updates:
         raise InputError(
@@ -95,7 +101,7 @@ def _train(run: TrainingRun) -> None:
         )
     with progress_bar(updates, run.progress.update) as (progress, task):
 
-        def report(run: TrainingRun, row: dict[str, float]) -> None:
+        def report(run: LearningRun, row: dict[str, float]) -> None:
             line = (
                 f"{run.control_steps / run.progress.seconds:5.0f} steps/s  "
                 f"reward {row['reward']:.3f}  rhythm {row['rhythm']:.2f}  "

@@ -9,14 +9,35 @@ from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
+from torch import nn
 
 from glassgait.models.a1 import robot
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
-from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
-from glassgait.studies.training.estimator import EstimatorTrainer, StateEstimator, network_of
-from glassgait.studies.training.mirror import Mirrored
+from glassgait.studies.training.estimator import EstimatorTrainer, StateEstimator
+
+
+def gaussian_actor(ppo: PpoConfig, observations: TensorDict) -> MLPModel:
+    """Makes an actor: a network that gives the mean of each action, and their spread.
+
+    Args:
+        ppo: Settings.
+        observations: Observation groups of all robots, for their sizes.
+    """
+    return MLPModel(
+        observations,
+        OBSERVATION_GROUPS,
+        "actor",
+        robot.N_JOINTS,
+        hidden_dims=ppo.actor_layers,
+        distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
+    )
+
+
+def act_by(actor: MLPModel, network: nn.Module) -> MLPModel:
+    """Lets an actor's means be those of a network from observations (n, k) to actions (n, 12)."""
+    setattr(actor, "mlp", network)  # noqa: B010
+    return actor
 
 
 class Learner:
@@ -25,31 +46,21 @@ class Learner:
     def __init__(
         self,
         config: TrainingConfig,
-        estimator: StateEstimator,
         observations: TensorDict,
-        reflection: Reflection | None = None,
+        actor: MLPModel,
+        estimator: StateEstimator | None = None,
     ) -> None:
         """
         Args:
             config: Settings.
-            estimator: The estimator that the environment observes with.
             observations: Observation groups of all robots, for their sizes.
-            reflection: The mirror of observations, for an actor that treats left and right alike.
+            actor: Who acts.
+            estimator: The estimator that the environment observes with, if it learns too.
         """
         ppo = config.ppo
         self._config = ppo
-        self.estimator = estimator
-        self.estimator_trainer = EstimatorTrainer(estimator, config.estimator)
-        actor = MLPModel(
-            observations,
-            OBSERVATION_GROUPS,
-            "actor",
-            robot.N_JOINTS,
-            hidden_dims=ppo.actor_layers,
-            distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
-        )
-        if reflection is not None:
-            setattr(actor, "mlp", Mirrored(actor.mlp, reflection, REFLECT_JOINTS))  # noqa: B010
+        self._estimator = estimator
+        self._estimator_trainer = estimator and EstimatorTrainer(estimator, config.estimator)
         critic = MLPModel(
             observations, OBSERVATION_GROUPS, "critic", 1, hidden_dims=ppo.critic_layers
         )
@@ -73,6 +84,12 @@ class Learner:
         )
         self.ppo.train_mode()
 
+    def hold_actor(self, held: bool) -> None:
+        """Lets the critic learn alone, or both."""
+        self.ppo.actor.requires_grad_(not held)
+        # An actor that is held does not diverge, which would raise the rate without end.
+        self.ppo.schedule = "fixed" if held else "adaptive"
+
     def update(self, last_observations: TensorDict, number: int) -> dict[str, float]:
         """Learns from the stored steps and returns the losses by name.
 
@@ -88,25 +105,11 @@ class Learner:
             self.ppo.compute_returns(last_observations)
         stored = self.ppo.storage.observations.flatten(0, 1).clone()
         losses = self.ppo.update()
-        losses["estimator"] = self.estimator_trainer.update(stored)
+        if self._estimator_trainer is not None:
+            losses["estimator"] = self._estimator_trainer.update(stored)
         losses["action_std"] = self.ppo.actor.output_std.mean().item()
         losses["learning_rate"] = self.ppo.learning_rate
         return losses
-
-    def to_policy(
-        self,
-        gait: str,
-        observation_names: tuple[str, ...],
-        mirrored_states: tuple[int, ...] | None,
-    ) -> NeuralPolicy:
-        """Returns the expert as it is now."""
-        return NeuralPolicy(
-            gait,
-            observation_names,
-            network_of(self.ppo.actor.mlp),
-            self.estimator.to_network(),
-            mirrored_states,
-        )
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""
@@ -138,11 +141,14 @@ class Learner:
             group["lr"] = values["learning_rate"]
         torch.set_rng_state(tensors["torch_rng"])
 
-    def _modules(self) -> dict[str, torch.nn.Module]:
-        return {"actor": self.ppo.actor, "critic": self.ppo.critic, "estimator": self.estimator}
+    def _modules(self) -> dict[str, nn.Module]:
+        modules: dict[str, nn.Module] = {"actor": self.ppo.actor, "critic": self.ppo.critic}
+        if self._estimator is not None:
+            modules["estimator"] = self._estimator
+        return modules
 
     def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        return {
-            "ppo_optimizer": self.ppo.optimizer,
-            "estimator_optimizer": self.estimator_trainer.optimizer,
-        }
+        optimizers = {"ppo_optimizer": self.ppo.optimizer}
+        if self._estimator_trainer is not None:
+            optimizers["estimator_optimizer"] = self._estimator_trainer.optimizer
+        return optimizers

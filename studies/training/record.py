@@ -1,4 +1,4 @@
-"""What a training run leaves behind: the expert, its record and its learning curve."""
+"""What a run leaves behind: the policy that learned, its record and its learning curve."""
 
 import platform
 from importlib.metadata import version
@@ -8,7 +8,7 @@ import yaml
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.records import to_plain
 from glassgait.studies.training.config import TrainingConfig
@@ -17,16 +17,15 @@ from glassgait.studies.training.progress import Progress
 RECENT_UPDATES = 20
 
 
-def write_expert(
-    policy: NeuralPolicy, config: TrainingConfig, progress: Progress, folder: Path
+def write_learned(
+    policy: Policy, name: str, config: TrainingConfig, progress: Progress, folder: Path
 ) -> None:
-    """Writes `<gait>.safetensors`, `<gait>.yaml` and `<gait>.csv`, each atomically."""
-    name = policy.gait
+    """Writes a policy, its record `<name>.yaml` and its curve `<name>.csv`, each atomically."""
     curve = progress.curve_table()
     recent = curve.tail(RECENT_UPDATES).mean()
     steps = progress.update * config.steps_per_update
     record = {
-        "gait": name,
+        "gait": policy.gait,
         "seed": config.seed,
         "updates": progress.update,
         "control_steps": steps,
@@ -43,7 +42,7 @@ def write_expert(
         | {"python": platform.python_version()},
         "config": to_plain(config),
     }
-    policy.save(folder / f"{name}.safetensors")
+    policy.save(folder / f"{name}{policy.suffix}")
     write_atomically(folder / f"{name}.yaml", yaml.safe_dump(record, sort_keys=False))
     write_atomically(folder / f"{name}.csv", curve.to_csv(index=False, float_format="%.6g"))
 

@@ -116,7 +116,7 @@ def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states,
     observations = run.environment.observe()
     with torch.no_grad():
         expected = run.learner.ppo.actor(observations).numpy()
-        estimate = run.learner.estimator(observations["proprioception"]).numpy()
+        estimate = run.estimator(observations["proprioception"]).numpy()
     own = observations["proprioception"].numpy().astype(float)
     np.testing.assert_allclose(policy.estimator(own), estimate, atol=1e-5)
     seen = np.concatenate([own, estimate.astype(float)], axis=1)

@@ -1,0 +1,1 @@
+"""Refinement: a policy of formulas learns on, alone and in closed loop."""

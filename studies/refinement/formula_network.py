@@ -1,0 +1,200 @@
+"""Formulas as a network: PPO changes their numbers, and nothing else."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import torch
+from torch import nn
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.expression import Expression, constant
+from glassgait.models.policies.formula_file import FormulaFile
+from glassgait.models.policies.formula_mirror import FormulaMirror, Place
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.observation import indices_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+
+LEAST_EFFECT = 1e-3
+"""Least effect on a target (rad) that a number's unit of learning is reckoned from."""
+
+_TORCH: dict[str, Callable[..., torch.Tensor]] = {
+    "add": torch.add,
+    "sub": torch.sub,
+    "mul": torch.mul,
+    "div": torch.div,
+    "neg": torch.neg,
+    "sin": torch.sin,
+    "cos": torch.cos,
+    "tanh": torch.tanh,
+    "exp": torch.exp,
+    "log": torch.log,
+    "sqrt": torch.sqrt,
+    "abs": torch.abs,
+    "square": torch.square,
+    "cube": lambda x: x * x * x,
+}
+
+
+class FormulaNetwork(nn.Module):
+    """A policy of formulas in torch; what it learns are the numbers of the formulas it writes.
+
+    Formulas that are mirror images stay so: they share their numbers. Definitions stay as they are.
+
+    A number is `start + unit · change`, and the changes are what an optimizer sees. By a unit of
+    any of them the targets change by 1 rad on average, whether it counts metres or rad/s.
+
+    Attributes:
+        changes: Changes of the numbers (p), in units.
+    """
+
+    start: torch.Tensor
+    unit: torch.Tensor
+    _scale: torch.Tensor
+    _offset: torch.Tensor
+    _stance: torch.Tensor
+
+    def __init__(self, policy: FormulaPolicy) -> None:
+        """
+        Args:
+            policy: The policy to begin with.
+        """
+        super().__init__()
+        self._file = policy.to_file()
+        self._written = self._file.written()
+        numbers = [value for formula in self._written.values() for value in _numbers(formula)]
+        self.register_buffer("start", torch.tensor(numbers))
+        self.register_buffer("unit", torch.ones(len(numbers)))
+        self.changes = nn.Parameter(torch.zeros(len(numbers)))
+        self._first = dict(
+            zip(self._written, np.cumsum([0, *map(_count, self._written.values())]), strict=False)
+        )
+        names = self._file.vocabulary.names
+        units = RobotUnits.of(names)
+        self.register_buffer("_scale", _tensor(units.scale), persistent=False)
+        self.register_buffer("_offset", _tensor(units.offset), persistent=False)
+        self.register_buffer("_stance", _tensor(robot.DEFAULT_STANCE), persistent=False)
+        self._states = indices_of("machine state", names)
+        self._mirror: FormulaMirror | None = None
+        if self._file.mirror is not None:
+            self._mirror = FormulaMirror.of(self._file.vocabulary, self._file.mirror)
+            reflection = reflect_observation(names, self._file.mirror)
+            self._reflect_index = torch.from_numpy(reflection.index)
+            self._reflect_sign = _tensor(reflection.sign)
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Maps observations (n, n_observations) to actions (n, 12)."""
+        return self._actions(observation, self.start + self.unit * self.changes)
+
+    def balance(self, observations: torch.Tensor) -> None:
+        """Sets the units of all numbers by what they do where a robot goes.
+
+        Args:
+            observations: Samples (m, n_observations).
+        """
+        slopes = torch.func.jacfwd(lambda numbers: self._actions(observations, numbers))(self.start)
+        effect = robot.ACTION_SCALE * slopes.square().sum(dim=1).mean(dim=0).sqrt()
+        self.unit.copy_(1.0 / effect.clamp(min=LEAST_EFFECT))
+
+    def to_policy(self) -> FormulaPolicy:
+        """Returns the policy with the numbers as they are now."""
+        numbers = (self.start + self.unit * self.changes).detach().double().tolist()
+        remaining = iter(numbers)
+        written = {
+            place: _with_numbers(formula, remaining) for place, formula in self._written.items()
+        }
+        every = written if self._mirror is None else self._mirror.complete(written)
+        formulas = {place: every[place] for place in sorted(every)}
+        file = self._file
+        return FormulaPolicy.from_file(
+            FormulaFile(file.gait, file.vocabulary, formulas, file.mirror)
+        )
+
+    def _actions(self, observation: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
+        if self._file.n_states is None:
+            targets = self._targets((), observation, numbers)
+        else:
+            state = observation[:, self._states].argmax(dim=1)
+            rows = [torch.nonzero(state == index).flatten() for index in range(len(self._states))]
+            parts = [
+                self._targets((index,), observation[own], numbers) for index, own in enumerate(rows)
+            ]
+            # Each row has a state, so that the parts are all rows in another order.
+            targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
+        return (targets - self._stance) / robot.ACTION_SCALE
+
+    def _targets(
+        self, state: tuple[int, ...], observation: torch.Tensor, numbers: torch.Tensor
+    ) -> torch.Tensor:
+        """Evaluates the formulas of a state, or of every state: targets (n, 12; rad)."""
+        own = self._variables(observation)
+        image = own
+        if self._mirror is not None:
+            image = self._variables(observation[:, self._reflect_index] * self._reflect_sign)
+        targets = []
+        for joint in range(robot.N_JOINTS):
+            place: Place = (*state, joint)
+            if place in self._written:
+                targets.append(self._evaluate(place, own, numbers))
+            else:
+                assert self._mirror is not None
+                sign = float(REFLECT_JOINTS.sign[joint])
+                targets.append(sign * self._evaluate(self._mirror.place(place), image, numbers))
+        return torch.stack(targets, dim=1)
+
+    def _variables(self, observation: torch.Tensor) -> list[torch.Tensor]:
+        quantities = list((observation / self._scale + self._offset).unbind(dim=1))
+        definitions = (definition.formula for definition in self._file.vocabulary.definitions)
+        return quantities + [
+            _value(formula, quantities, map(torch.tensor, _numbers(formula)))
+            for formula in definitions
+        ]
+
+    def _evaluate(
+        self, place: Place, variables: list[torch.Tensor], numbers: torch.Tensor
+    ) -> torch.Tensor:
+        formula, first = self._written[place], int(self._first[place])
+        own = iter(numbers[first : first + _count(formula)].unbind())
+        # A formula that is a number is one for every robot.
+        return _value(formula, variables, own).expand_as(variables[0])
+
+
+def _numbers(formula: Expression) -> Iterator[float]:
+    """Lists the constants of a formula, from left to right."""
+    if formula.operator == "constant":
+        yield formula.value
+    for operand in formula.operands:
+        yield from _numbers(operand)
+
+
+def _count(formula: Expression) -> int:
+    return sum(1 for _ in _numbers(formula))
+
+
+def _value(
+    formula: Expression, variables: list[torch.Tensor], numbers: Iterator[torch.Tensor]
+) -> torch.Tensor:
+    """Evaluates a formula whose constants are the next of `numbers`."""
+    match formula.operator:
+        case "constant":
+            return next(numbers)
+        case "variable":
+            return variables[formula.variable]
+        case operator:
+            operands = [_value(operand, variables, numbers) for operand in formula.operands]
+            return _TORCH[operator](*operands)
+
+
+def _with_numbers(formula: Expression, numbers: Iterator[float]) -> Expression:
+    """Puts the next of `numbers` in the place of a formula's constants."""
+    if formula.operator == "constant":
+        return constant(next(numbers))
+    if not formula.operands:
+        return formula
+    operands = tuple(_with_numbers(operand, numbers) for operand in formula.operands)
+    return Expression(formula.operator, operands)
+
+
+def _tensor(values: Array) -> torch.Tensor:
+    return torch.from_numpy(np.asarray(values, dtype=np.float32))

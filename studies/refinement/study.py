@@ -1,0 +1,110 @@
+"""The refinement study: formulas that walk learn to walk better, their numbers alone."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from glassgait.models.a1.robot import Array
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.refinement.config import RefinementConfig
+from glassgait.studies.refinement.formula_network import FormulaNetwork
+from glassgait.studies.students.formula_fit import short_numbers
+from glassgait.studies.training.environment import TrainingEnvironment
+from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
+from glassgait.studies.training.learning_run import LearningRun
+from glassgait.studies.training.record import write_learned
+
+SEEN_STEPS = 100
+"""Control steps that robots walk before the run, to see what each number does."""
+
+N_BALANCED = 512
+"""Observations of these that the numbers' units are set by."""
+
+
+class RefinementRun(LearningRun):
+    """A refinement in its folder."""
+
+    def __init__(
+        self,
+        config: RefinementConfig,
+        gait: Gait,
+        expert: NeuralPolicy,
+        policy: FormulaPolicy,
+        folder: Path,
+        *,
+        name: str,
+        resume: bool = False,
+    ) -> None:
+        """
+        Args:
+            config: Settings; a resumed run must have the same, except for more updates.
+            gait: The gait.
+            expert: The expert; its estimator, which no longer learns, observes for the policy.
+            policy: The policy to begin with.
+            folder: Where policy, checkpoint, curve and TensorBoard events go.
+            name: What the policy's file is called.
+            resume: Whether to continue from the folder's checkpoint.
+
+        Raises:
+            InputError: if there is nothing to resume, or it is damaged.
+        """
+        self._refinement = config
+        self._expert = expert
+        self._policy = policy
+        self._name = name
+        super().__init__(config.training(gait.name), gait, folder, resume=resume)
+
+    def update(self) -> dict[str, float]:
+        """Collects one batch of steps, learns from it, and returns the row of the curve."""
+        self.learner.hold_actor(self.progress.update < self._refinement.critic_updates)
+        return super().update()
+
+    def policy(self) -> FormulaPolicy:
+        """Returns the policy as it is now, with the digits that its file shows."""
+        return short_numbers(self._network.to_policy())
+
+    def write_result(self) -> None:
+        """Writes the formulas as they are now, their record and their curve."""
+        write_learned(self.policy(), self._name, self.config, self.progress, self.folder)
+
+    def _begin(self) -> tuple[TrainingEnvironment, Learner]:
+        estimator = _Frozen(self._expert.estimator)
+        generator = np.random.default_rng(self.config.seed)
+        environment = TrainingEnvironment(self.config, self.gait, estimator, generator)
+        self._network = FormulaNetwork(self._policy)
+        self._network.balance(self._visited(environment, generator))
+        observations = environment.observe()
+        actor = act_by(gaussian_actor(self.config.ppo, observations), self._network)
+        return environment, Learner(self.config, observations, actor)
+
+    def _visited(
+        self, environment: TrainingEnvironment, generator: np.random.Generator
+    ) -> torch.Tensor:
+        """Lets the policy walk, and returns some of what it observed (m, n_observations)."""
+        seen = []
+        with torch.inference_mode():
+            for _ in range(SEEN_STEPS):
+                observed = environment.observe()
+                seen.append(torch.cat([observed["proprioception"], observed["estimate"]], dim=1))
+                environment.step(self._network(seen[-1]))
+        every = torch.cat(seen)
+        return every[generator.permutation(len(every))[:N_BALANCED]].clone()
+
+    def _inputs(self) -> tuple[str, ...]:
+        return self._expert.digest(), self._policy.digest()
+
+
+class _Frozen(nn.Module):
+    """An expert's estimator, as its robots are deployed with it."""
+
+    def __init__(self, estimator: Callable[[Array], Array]) -> None:
+        super().__init__()
+        self._estimator = estimator
+
+    def forward(self, proprioception: torch.Tensor) -> torch.Tensor:
+        return torch.from_numpy(self._estimator(proprioception.numpy().astype(float))).float()
