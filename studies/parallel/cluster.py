@@ -79,7 +79,9 @@ def run_on_cluster(
             if not running:
                 return
             ticket = cluster.first_done(list(running))
-            done[running.pop(ticket)] = cluster.result(ticket)
+            # It has ended, however it ended: what is told to end again may end Ray itself.
+            number = running.pop(ticket)
+            done[number] = cluster.result(ticket)
             while done and (not in_order or n_yielded in done):
                 yield done.pop(n_yielded if in_order else next(iter(done)))
                 n_yielded += 1

@@ -13,6 +13,7 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
 from glassgait.studies.refinement.config import RefinementConfig
+from glassgait.studies.refinement.formula_network import FormulaNetwork
 from glassgait.studies.refinement.study import RefinementRun
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import default_student, find_student
@@ -61,6 +62,12 @@ class Refine(Settings):
                 f"--policy {named}: is not made of formulas, but of the kind {policy.kind!r}; name "
                 "a student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
             )
+        terms = self.config.terms
+        if terms is not None and not _is_weighted_sum(policy):
+            raise InputError(
+                f"--policy {named}: has numbers that are not weights of terms, so that none can be "
+                "dropped; name a page, or leave --terms out"
+            )
         name = Path(named).stem
         folder = self.output or REFINEMENT_FOLDER / gait.name / name
         with open_run(
@@ -79,3 +86,8 @@ class Refine(Settings):
             run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
             show_learning(run)
         console.print(f"formulas written to {folder / name}{policy.suffix}")
+
+
+def _is_weighted_sum(policy: FormulaPolicy) -> bool:
+    """Tells whether each number of a policy's formulas is the weight of one of its terms."""
+    return FormulaNetwork(policy).n_numbers == policy.n_terms()

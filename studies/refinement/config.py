@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
+import numpy as np
 import tyro
 
 from glassgait.diagrams.worlds import Worlds
@@ -11,6 +12,9 @@ from glassgait.studies.training.config import CurriculumConfig, PpoConfig, Train
 
 REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.15)
 """PPO of a policy that walks already: it looks about near to what it does."""
+
+PRUNING_SHARE = 2 / 3
+"""Share of the updates after which no more terms are dropped."""
 
 FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0)
 
@@ -22,6 +26,7 @@ class RefinementConfig(Settings):
     Attributes:
         seed: Seed of all randomness.
         updates: Number of PPO updates.
+        terms: Terms of all formulas together that are left in the end; all by default.
         critic_updates: Updates at first in which the critic learns alone, since it begins anew.
         n_robots: Robots that walk at once.
         worlds: The worlds that they walk in.
@@ -32,10 +37,27 @@ class RefinementConfig(Settings):
 
     seed: Seed = 0
     updates: Count = 150
+    terms: Count | None = None
     critic_updates: Natural = 10
     n_robots: Count = 256
     worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = field(default_factory=Worlds)
     ppo: PpoConfig = REFINING
+
+    def n_terms(self, update: int, at_first: int) -> int:
+        """Returns how many terms are left after an update.
+
+        Many go early, and the last ones slowly (the cubic schedule of Zhu and Gupta, «To prune, or
+        not to prune», 2017). The last third of the updates has the terms that are left.
+
+        Args:
+            update: Updates done.
+            at_first: Terms at first.
+        """
+        if self.terms is None:
+            return at_first
+        span = PRUNING_SHARE * self.updates - self.critic_updates
+        left = 1.0 - np.clip((update - self.critic_updates) / max(span, 1.0), 0.0, 1.0)
+        return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
 
     def training(self, gait: str) -> TrainingConfig:
         """Returns the settings as those of a run that learns.

@@ -8,7 +8,7 @@ from torch import nn
 
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.expression import Expression, constant
+from glassgait.models.policies.expression import ZERO, Expression, constant, negated, plus
 from glassgait.models.policies.formula_file import FormulaFile
 from glassgait.models.policies.formula_mirror import FormulaMirror, Place
 from glassgait.models.policies.quantities import RobotUnits
@@ -16,8 +16,11 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
+UNIT_EFFECT = 0.1
+"""What a unit of change does to a target on average (rad): PPO's usual rates suit it."""
+
 LEAST_EFFECT = 1e-3
-"""Least effect on a target (rad) that a number's unit of learning is reckoned from."""
+"""Least effect of a number of 1 on a target (rad) that its unit is reckoned from."""
 
 _TORCH: dict[str, Callable[..., torch.Tensor]] = {
     "add": torch.add,
@@ -42,8 +45,9 @@ class FormulaNetwork(nn.Module):
 
     Formulas that are mirror images stay so: they share their numbers. Definitions stay as they are.
 
-    A number is `start + unit · change`, and the changes are what an optimizer sees. By a unit of
-    any of them the targets change by 1 rad on average, whether it counts metres or rad/s.
+    A number is `start + unit · change`, or 0 where it was dropped, and the changes are what an
+    optimizer sees. A unit of
+    any of them does as much to the targets, whether it counts metres or rad/s.
 
     Attributes:
         changes: Changes of the numbers (p), in units.
@@ -51,6 +55,7 @@ class FormulaNetwork(nn.Module):
 
     start: torch.Tensor
     unit: torch.Tensor
+    kept: torch.Tensor
     _scale: torch.Tensor
     _offset: torch.Tensor
     _stance: torch.Tensor
@@ -66,6 +71,7 @@ class FormulaNetwork(nn.Module):
         numbers = [value for formula in self._written.values() for value in _numbers(formula)]
         self.register_buffer("start", torch.tensor(numbers))
         self.register_buffer("unit", torch.ones(len(numbers)))
+        self.register_buffer("kept", torch.ones(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
         self._first = dict(
             zip(self._written, np.cumsum([0, *map(_count, self._written.values())]), strict=False)
@@ -85,7 +91,12 @@ class FormulaNetwork(nn.Module):
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Maps observations (n, n_observations) to actions (n, 12)."""
-        return self._actions(observation, self.start + self.unit * self.changes)
+        return self._actions(observation, self._numbers())
+
+    @property
+    def n_numbers(self) -> int:
+        """Number of the numbers that were not dropped."""
+        return int(self.kept.sum())
 
     def balance(self, observations: torch.Tensor) -> None:
         """Sets the units of all numbers by what they do where a robot goes.
@@ -93,23 +104,65 @@ class FormulaNetwork(nn.Module):
         Args:
             observations: Samples (m, n_observations).
         """
-        slopes = torch.func.jacfwd(lambda numbers: self._actions(observations, numbers))(self.start)
-        effect = robot.ACTION_SCALE * slopes.square().sum(dim=1).mean(dim=0).sqrt()
-        self.unit.copy_(1.0 / effect.clamp(min=LEAST_EFFECT))
+        effect = self._slopes(observations).square().sum(dim=1).mean(dim=0).sqrt()
+        self.unit.copy_(UNIT_EFFECT / effect.clamp(min=LEAST_EFFECT))
+
+    def prune(self, count: int, observations: torch.Tensor) -> None:
+        """Drops the numbers that move their targets least, until so many are left.
+
+        What a dropped term adds on average goes to the constant that its formula begins with, and
+        such a constant is never dropped.
+
+        Args:
+            count: Number of the numbers that are left.
+            observations: Samples of where robots go (m, n_observations).
+        """
+        numbers, slopes = self._numbers().detach(), self._slopes(observations)
+        moved = torch.full_like(numbers, torch.inf)
+        mean = torch.zeros_like(numbers)
+        for place, formula in self._written.items():
+            first = int(self._first[place])
+            own = slice(first + _begins_with_number(formula), first + _count(formula))
+            part = slopes[self._rows(place, observations), place[-1], own] * numbers[own]
+            moved[own], mean[own] = part.std(dim=0, correction=0), part.mean(dim=0)
+        moved[self.kept == 0.0] = -1.0
+        dropped = torch.argsort(moved)[: len(numbers) - count]
+        for place, formula in self._written.items():
+            first = int(self._first[place])
+            own = dropped[(dropped >= first) & (dropped < first + _count(formula))]
+            if _begins_with_number(formula):
+                self.start[first] += mean[own][self.kept[own] == 1.0].sum()
+        self.kept[dropped] = 0.0
 
     def to_policy(self) -> FormulaPolicy:
         """Returns the policy with the numbers as they are now."""
-        numbers = (self.start + self.unit * self.changes).detach().double().tolist()
-        remaining = iter(numbers)
+        remaining = iter(self._numbers().detach().double().tolist())
         written = {
-            place: _with_numbers(formula, remaining) for place, formula in self._written.items()
+            place: without_zeros(_with_numbers(formula, remaining))
+            for place, formula in self._written.items()
         }
         every = written if self._mirror is None else self._mirror.complete(written)
-        formulas = {place: every[place] for place in sorted(every)}
-        file = self._file
+        places = sorted(every)
+        vocabulary, formulas = self._file.vocabulary.using(every[place] for place in places)
+        whole = dict(zip(places, formulas, strict=True))
         return FormulaPolicy.from_file(
-            FormulaFile(file.gait, file.vocabulary, formulas, file.mirror)
+            FormulaFile(self._file.gait, vocabulary, whole, self._file.mirror)
         )
+
+    def _numbers(self) -> torch.Tensor:
+        return self.kept * (self.start + self.unit * self.changes)
+
+    def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
+        """Differentiates targets by numbers (m, 12, p; rad)."""
+        numbers = self._numbers().detach()
+        slopes = torch.func.jacfwd(lambda own: self._actions(observations, own))(numbers)
+        return robot.ACTION_SCALE * slopes
+
+    def _rows(self, place: Place, observations: torch.Tensor) -> torch.Tensor:
+        """Tells which samples (m) are in the state that a formula is of."""
+        if len(place) == 1:
+            return torch.ones(len(observations), dtype=torch.bool)
+        return observations[:, self._states].argmax(dim=1) == place[0]
 
     def _actions(self, observation: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
         if self._file.n_states is None:
@@ -184,6 +237,31 @@ def _value(
         case operator:
             operands = [_value(operand, variables, numbers) for operand in formula.operands]
             return _TORCH[operator](*operands)
+
+
+def _begins_with_number(formula: Expression) -> bool:
+    """Tells whether the first summand of a formula is a number."""
+    while formula.operator in ("add", "sub"):
+        formula = formula.operands[0]
+    return formula.operator == "constant"
+
+
+def without_zeros(formula: Expression) -> Expression:
+    """Leaves out what is multiplied by 0."""
+    if not formula.operands:
+        return formula
+    operands = tuple(without_zeros(operand) for operand in formula.operands)
+    match formula.operator, operands:
+        case "add", (left, right):
+            return plus(left, right)
+        case "sub", (left, right) if ZERO in (left, right):
+            return left if right == ZERO else negated(right)
+        case "mul", _ if ZERO in operands:
+            return ZERO
+        case (("div" | "neg"), (left, *_)) if left == ZERO:
+            return ZERO
+        case operator, _:
+            return Expression(operator, operands)
 
 
 def _with_numbers(formula: Expression, numbers: Iterator[float]) -> Expression:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import nn
 
 from glassgait.models.a1.robot import Array
@@ -62,7 +63,13 @@ class RefinementRun(LearningRun):
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""
         self.learner.hold_actor(self.progress.update < self._refinement.critic_updates)
-        return super().update()
+        row = super().update()
+        count = self._refinement.n_terms(self.progress.update, len(self._network.start))
+        if count < self._network.n_numbers:
+            stored = self.learner.ppo.storage.observations.flatten(0, 1)
+            index = torch.randperm(len(stored))[:N_BALANCED]
+            self._network.prune(count, _seen(stored[index]))
+        return row | {"terms": float(self._network.n_numbers)}
 
     def policy(self) -> FormulaPolicy:
         """Returns the policy as it is now, with the digits that its file shows."""
@@ -90,13 +97,18 @@ class RefinementRun(LearningRun):
         with torch.inference_mode():
             for _ in range(SEEN_STEPS):
                 observed = environment.observe()
-                seen.append(torch.cat([observed["proprioception"], observed["estimate"]], dim=1))
+                seen.append(_seen(observed))
                 environment.step(self._network(seen[-1]))
         every = torch.cat(seen)
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
     def _inputs(self) -> tuple[str, ...]:
         return self._expert.digest(), self._policy.digest()
+
+
+def _seen(observations: TensorDict) -> torch.Tensor:
+    """Returns what the policy observes (n, n_observations)."""
+    return torch.cat([observations["proprioception"], observations["estimate"]], dim=1)
 
 
 class _Frozen(nn.Module):
