@@ -1,0 +1,189 @@
+"""Refinement: formulas as a network, terms that are dropped, and the command."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from glassgait.diagrams.worlds import Worlds
+from glassgait.models.a1 import robot
+from glassgait.models.policies.expression import ZERO, Expression, constant, variable
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import load_expert, load_policy, load_student
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+from glassgait.studies.cli import main
+from glassgait.studies.distillation.visits import visit
+from glassgait.studies.refinement.config import RefinementConfig
+from glassgait.studies.refinement.formula_network import (
+    UNIT_EFFECT,
+    FormulaNetwork,
+    without_zeros,
+)
+from glassgait.studies.refinement.study import RefinementRun
+from glassgait.studies.students.formula_fit import short_numbers
+from glassgait.studies.training.config import PpoConfig
+
+PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)
+TINY = RefinementConfig(
+    updates=4, critic_updates=2, n_robots=8, worlds=Worlds(n_groups=2, fine_steps=()), ppo=PPO
+)
+SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps", "--updates", "2"]
+PAGE = load_student("trot", "page")
+
+
+def seen(gait, policy, n_robots=6, n_steps=30):
+    data = visit(
+        load_gait(gait), load_expert(gait), policy, n_robots=n_robots, n_steps=n_steps, seed=3
+    )
+    return data.observations, torch.from_numpy(data.observations).float()
+
+
+def refinement(folder, config=TINY, **resume):
+    trot = load_gait("trot")
+    return RefinementRun(config, trot, load_expert("trot"), PAGE, folder, name="page", **resume)
+
+
+@pytest.mark.parametrize(
+    ("gait", "kind"),
+    [("trot", "page"), ("trot", "symbolic"), ("walk", "statewise_symbolic")],
+)
+def test_the_network_acts_as_the_formulas(gait, kind):
+    policy = load_student(gait, kind)
+    observations, tensor = seen(gait, policy)
+    network = FormulaNetwork(policy)
+    with torch.no_grad():
+        np.testing.assert_allclose(network(tensor), policy(observations), atol=1e-4)
+    assert short_numbers(network.to_policy()).to_text() == policy.to_text()
+
+
+def test_mirror_images_stay_so_while_numbers_change():
+    observations, tensor = seen("trot", PAGE)
+    network = FormulaNetwork(PAGE)
+    with torch.no_grad():
+        network.changes += 0.01 * torch.randn(100, generator=torch.Generator().manual_seed(1))
+    policy = network.to_policy()
+    assert policy.digest() != PAGE.digest()
+    reflect = reflect_observation(policy.observation_names, PAGE.mirror)
+    image = REFLECT_JOINTS(policy(reflect(observations)))
+    np.testing.assert_allclose(image, policy(observations), atol=1e-12)
+    with torch.no_grad():
+        np.testing.assert_allclose(network(tensor), policy(observations), atol=1e-4)
+
+
+def test_a_unit_of_any_number_does_as_much():
+    _, tensor = seen("trot", PAGE)
+    network = FormulaNetwork(PAGE)
+    network.balance(tensor)
+    with torch.no_grad():
+        before = network(tensor)
+        for number in (0, 7, 50, 99):
+            network.changes[number] = 1.0
+            moved = robot.ACTION_SCALE * (network(tensor) - before)
+            network.changes[number] = 0.0
+            # A formula of one state and its image serve a half of the samples each.
+            assert moved.square().sum(dim=1).mean().sqrt() == pytest.approx(UNIT_EFFECT, rel=1e-2)
+
+
+def test_the_terms_that_do_least_are_dropped():
+    _, tensor = seen("trot", PAGE)
+    network = FormulaNetwork(PAGE)
+    before = network(tensor).detach()
+    network.prune(90, tensor)
+    pruned = network.to_policy()
+    assert pruned.n_terms() == network.n_numbers == 90
+    shift = robot.ACTION_SCALE * (network(tensor).detach() - before)
+    assert shift.std(dim=0).max() < 0.05
+    # What they added on average is in the constants, whose formula serves an image as well.
+    assert shift.mean(dim=0).abs().max() < 0.01
+    network.prune(12, tensor)
+    texts = [formula.operator for formula in network.to_policy().to_file().written().values()]
+    assert texts == ["constant"] * 12
+
+
+def test_definitions_go_with_their_last_term():
+    network = FormulaNetwork(PAGE)
+    _, tensor = seen("trot", PAGE)
+    network.prune(12, tensor)
+    policy = network.to_policy()
+    assert not policy.vocabulary.definitions
+    text = policy.to_text()
+    assert FormulaPolicy.from_file(read_formulas(text)).to_text() == text
+
+
+def test_what_is_multiplied_by_zero_is_left_out():
+    x, half = variable(0), constant(0.5)
+    nothing = Expression("mul", (ZERO, x))
+    something = Expression("mul", (half, x))
+    cases = {
+        ("add", nothing, something): something,
+        ("add", something, nothing): something,
+        ("sub", something, nothing): something,
+        ("sub", nothing, something): Expression("neg", (something,)),
+        ("mul", x, Expression("add", (nothing, nothing))): ZERO,
+        ("div", nothing, x): ZERO,
+    }
+    for (operator, *operands), expected in cases.items():
+        assert without_zeros(Expression(operator, tuple(operands))) == expected
+    assert without_zeros(Expression("neg", (nothing,))) == ZERO
+    assert without_zeros(Expression("tanh", (something,))) == Expression("tanh", (something,))
+
+
+def test_terms_go_early_and_the_last_ones_slowly():
+    config = RefinementConfig(updates=100, critic_updates=10, terms=60)
+    counts = [config.n_terms(update, 100) for update in range(101)]
+    assert counts[10] == 100 and counts[67] == counts[100] == 60
+    assert counts == sorted(counts, reverse=True)
+    assert counts[10] - counts[20] > counts[40] - counts[50]
+    assert replace(config, terms=None).n_terms(80, 100) == 100
+    assert config.n_terms(80, 50) == 50
+
+
+def test_the_critic_learns_first(tmp_path):
+    run = refinement(tmp_path)
+    start = run.policy().to_text()
+    run.update()
+    run.update()
+    assert run.policy().to_text() == start
+    run.update()
+    assert run.policy().to_text() != start
+
+
+def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
+    config = replace(TINY, terms=80)
+    whole = refinement(tmp_path / "whole", config)
+    whole.run(lambda run, row: None)
+    halted = refinement(tmp_path / "halted", config)
+    for _ in range(3):
+        halted.update()
+    halted.save()
+    again = refinement(tmp_path / "halted", config, resume=True)
+    again.run(lambda run, row: None)
+    assert again.policy().to_text() == whole.policy().to_text()
+    assert [row["terms"] for row in again.progress.curve][-1] == 80.0
+
+
+def test_the_command_writes_the_formulas_and_their_record(tmp_path):
+    folder = tmp_path / "refined"
+    main(["refine", *SMALL, "--critic-updates", "1", "--terms", "60", "--output", str(folder)])
+    policy = load_policy(folder / "page.formulas")
+    assert isinstance(policy, FormulaPolicy)
+    assert policy.n_terms() == 60
+    assert {path.suffix for path in folder.glob("page.*")} == {".formulas", ".yaml", ".csv"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--policy", "gbm"], "is not made of formulas"),
+        (["--policy", "statewise_symbolic", "--terms", "100"], "are not weights of terms"),
+        (["--n-robots", "4"], "fewer than n_groups"),
+        (["--gait", "walk", "--policy", str(__file__)], "unknown policy"),
+    ],
+)
+def test_what_cannot_be_refined_is_told(arguments, told, refused, tmp_path):
+    folder = tmp_path / "refined"
+    assert told in refused(["refine", *arguments, "--output", str(folder)])
+    assert not folder.exists()
