@@ -4,29 +4,35 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import numpy as np
 import pandas as pd
 import tyro
 from annotated_types import MinLen
 
+from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.console import console, say
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pareto.figures import pareto_figure
-from glassgait.studies.pareto.formulas import FAMILIES, LENGTHS
+from glassgait.studies.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of
+from glassgait.studies.refinement.config import RefinementConfig
+from glassgait.studies.refinement.study import RefinementRun
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.rollouts.scores import summarize_against
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores, round_paths
 from glassgait.studies.students.library import distillation_folder, samples_folder
-from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC
+from glassgait.studies.students.page import PAGE
+from glassgait.studies.students.student import TrainingSet
 from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.training.command import show_learning
 
 SHARES = (0.0, 0.9, 0.97)
 """Shares of the expert's reward for which the smallest formulas are named."""
@@ -42,9 +48,11 @@ class Pareto(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file.
         samples: Folder of the rounds that a student collected, whose samples the formulas are
-            fitted to; runs/distillation/<gait>/statewise_symbolic by default.
-        lengths: Greatest lengths of a joint's formula (nodes).
-        rollouts: How robots are rolled out.
+            fitted to; runs/distillation/<gait>/page by default.
+        terms: Numbers of terms of all formulas together, of mirror images those of one.
+        refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
+            default, since 100 take some 10 minutes of a core.
+        rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
@@ -54,7 +62,8 @@ class Pareto(Settings):
 
     gait: str = "trot"
     samples: Path | None = None
-    lengths: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = LENGTHS
+    terms: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = TERMS
+    refined_updates: Natural = 0
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
@@ -66,9 +75,7 @@ class Pareto(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
-        samples = self.samples or samples_folder(
-            distillation_folder(gait.name), STATEWISE_SYMBOLIC.name
-        )
+        samples = self.samples or samples_folder(distillation_folder(gait.name), PAGE.name)
         data = load_rounds(samples)
         folder = self.output or Path("runs/pareto") / gait.name
         inputs = {
@@ -93,30 +100,57 @@ class Pareto(Settings):
     def _measure(
         self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
     ) -> pd.DataFrame:
-        """Fits the formulas that the folder lacks, and rolls all of them out."""
-        seen, held_out = data.subset(~data.held_out), data.subset(data.held_out)
+        """Makes the formulas that the folder lacks, and rolls all of them out."""
+        samples = _training_set(gait, expert, data.subset(~data.held_out))
+        held_out = data.subset(data.held_out)
         students, rows = {}, []
-        for name, family in FAMILIES.items():
-            say(f"fitting: {family.title}")
-            for length in self.lengths:
-                label = f"{name} {length}"
-                path = folder / "formulas" / f"{name}_{length}{FormulaPolicy.suffix}"
+        for name, family in families_of(samples, refined=self.refined_updates > 0).items():
+            say(f"making formulas: {family.title}")
+            for n_terms in sizes_of(family, samples, self.terms):
+                path = folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
                 if not path.exists():
-                    family.fit(gait.name, expert.observation_names, seen, length).save(path)
+                    start = family.fit(samples, n_terms)
+                    made = self._refined(gait, expert, start, path) if family.refined else start
+                    made.save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
+                label = f"{name} {n_terms}"
                 students[label] = student
                 r2 = float(r2_scores(student, held_out).mean())
-                nodes = mean_nodes(student)
-                rows.append({"policy": label, "family": name, "nodes": nodes, "r2": r2})
-        jobs = alternation_jobs(gait, expert, students, self.rollouts, periods=(1, 0))
+                terms = student.n_terms()
+                rows.append({"policy": label, "family": name, "terms": terms, "r2": r2})
+        if not students:
+            raise InputError(
+                f"pareto: terms is {self.terms}; the {gait.name} has more formulas than that, with "
+                "a term each at least, so ask for more"
+            )
+        rollouts = self.rollouts.at_distilled_speeds(gait)
+        jobs = alternation_jobs(gait, expert, students, rollouts, periods=(1, 0))
         return pareto_table(pd.DataFrame(rows), run_jobs(jobs, folder / "rollouts"))
 
+    def _refined(
+        self, gait: Gait, expert: NeuralPolicy, start: FormulaPolicy, path: Path
+    ) -> FormulaPolicy:
+        """Lets formulas learn on, from their checkpoint if there is one."""
+        say(f"refining {start.n_terms()} terms")
+        config = RefinementConfig(updates=self.refined_updates)
+        own = path.parents[1] / "refined" / path.stem
+        own.mkdir(parents=True, exist_ok=True)
+        begun = (own / CHECKPOINT_NAME).exists()
+        run = RefinementRun(config, gait, expert, start, own, name=path.stem, resume=begun)
+        show_learning(run)
+        return run.policy()
 
-def mean_nodes(policy: FormulaPolicy) -> float:
-    """Counts the nodes of a joint's formulas, of all states together, the mean of the joints."""
-    nodes = [[formula.length for formula in own] for own in policy.formulas_by_state]
-    return float(np.sum(nodes, axis=0).mean())
+
+def _training_set(gait: Gait, expert: NeuralPolicy, data: Dataset) -> TrainingSet:
+    return TrainingSet(
+        gait.name,
+        expert.observation_names,
+        data.observations,
+        data.actions,
+        data.starts,
+        mirrored_states(gait),
+    )
 
 
 def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
@@ -124,7 +158,7 @@ def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
     columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
     front = fits.merge(means[["policy", *columns]], on="policy")
-    return front.sort_values("nodes", ignore_index=True)
+    return front.sort_values("terms", ignore_index=True)
 
 
 def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
@@ -133,8 +167,8 @@ def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
     A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
     Where no size does, there is no row.
     """
-    walks = front[(front["falls"] == 0) & (front["rhythm"] >= MIN_RHYTHM)].sort_values("nodes")
-    scores = ["nodes", "r2", "share", "share_ci", "rhythm", "robots"]
+    walks = front[(front["falls"] == 0) & (front["rhythm"] >= MIN_RHYTHM)].sort_values("terms")
+    scores = ["terms", "r2", "share", "share_ci", "rhythm", "robots"]
     rows = []
     for share in SHARES:
         enough = walks[walks["share"] >= share]

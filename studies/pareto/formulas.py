@@ -1,49 +1,64 @@
-"""The formulas whose sizes are compared, each family fitted by least squares alone."""
+"""The formulas whose sizes are compared."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.quantities import Vocabulary
+from glassgait.models.policies.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.formula_fit import gates, shared_gates
+from glassgait.studies.students.mirrored_samples import written_places
 from glassgait.studies.students.student import TrainingSet
-from glassgait.studies.students.symbolic import fit_policy
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.students.term_pursuit import condense
 
-LENGTHS = (2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 90, 120)
-"""Greatest lengths of a joint's formula, in nodes; a weighted sum of k observations has 2k."""
+TERMS = (30, 40, 50, 70, 100, 140, 200, 300)
+"""Numbers of terms of all formulas together."""
 
 
 @dataclass(frozen=True)
 class Family:
-    """A shape of formula.
+    """A way to make formulas.
 
     Attributes:
         title: What tables call it.
-        gates: Returns what tells where in the gait the robot is.
-        statewise: Whether a joint has a formula for each state of the machine.
+        mirrored: Whether formulas of one side are mirror images of the other's.
+        refined: Whether their numbers learn on in closed loop.
     """
 
     title: str
-    gates: Callable[[Vocabulary], tuple[Expression, ...]]
-    statewise: bool = False
+    mirrored: bool
+    refined: bool = False
 
-    def fit(self, gait: str, names: tuple[str, ...], data: Dataset, length: int) -> FormulaPolicy:
-        """Fits formulas of at most `length` nodes to samples."""
-        settings = SymbolicSettings(shapes=((length, length),))
-        samples = TrainingSet(gait, names, data.observations, data.actions, data.starts)
-        return fit_policy(samples, self.gates, settings, statewise=self.statewise)
+    def fewest_terms(self, samples: TrainingSet) -> int:
+        """Returns the fewest terms that there can be: one for each formula that is written."""
+        names = samples.observation_names
+        vocabulary = Vocabulary(names, known_definitions(names))
+        return len(written_places(vocabulary, samples.mirror if self.mirrored else None))
 
-
-def _no_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
-    return ()
+    def fit(self, samples: TrainingSet, n_terms: int) -> FormulaPolicy:
+        """Fits formulas of so many terms to samples."""
+        return condense(samples, n_terms, mirrored=self.mirrored)
 
 
 FAMILIES = {
-    "linear": Family("weighted sum", _no_gates),
-    "gated": Family("gated sum", shared_gates),
-    "statewise_linear": Family("weighted sum per RM state", _no_gates, statewise=True),
-    "statewise_gated": Family("gated sum per RM state", gates, statewise=True),
+    "mirrored": Family("mirrored", mirrored=True),
+    "unmirrored": Family("unmirrored", mirrored=False),
+    "refined": Family("mirrored, refined", mirrored=True, refined=True),
 }
+
+
+def families_of(samples: TrainingSet, *, refined: bool) -> dict[str, Family]:
+    """Returns the families that there are for a gait.
+
+    Args:
+        samples: The samples that formulas are fitted to.
+        refined: Whether there are refined ones.
+    """
+    return {
+        name: family
+        for name, family in FAMILIES.items()
+        if (samples.mirror or not family.mirrored) and (refined or not family.refined)
+    }
+
+
+def sizes_of(family: Family, samples: TrainingSet, terms: Sequence[int]) -> list[int]:
+    """Leaves, of numbers of terms, those that a family can have."""
+    return [n_terms for n_terms in terms if n_terms >= family.fewest_terms(samples)]

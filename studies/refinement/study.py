@@ -20,7 +20,7 @@ from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
 
-SEEN_STEPS = 100
+SEEN_STEPS = 50
 """Control steps that robots walk before the run, to see what each number does."""
 
 N_BALANCED = 512
@@ -69,7 +69,8 @@ class RefinementRun(LearningRun):
             stored = self.learner.ppo.storage.observations.flatten(0, 1)
             index = torch.randperm(len(stored))[:N_BALANCED]
             self._network.prune(count, _seen(stored[index]))
-        return row | {"terms": float(self._network.n_numbers)}
+        row["terms"] = float(self._network.n_numbers)
+        return row
 
     def policy(self) -> FormulaPolicy:
         """Returns the policy as it is now, with the digits that its file shows."""

@@ -30,8 +30,8 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
     assert "scenario is empty" in refused(["evaluate", "--scenario"])
-    assert "lengths is empty" in refused(["pareto", "--lengths"])
-    assert "lengths is (8, 0)" in refused(["pareto", "--lengths", "8", "0"])
+    assert "terms is empty" in refused(["pareto", "--terms"])
+    assert "terms is (8, 0)" in refused(["pareto", "--terms", "8", "0"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
     assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
@@ -67,7 +67,7 @@ REFUSED = {
     f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
     f"train --fine-steps {'0.001 ' * 101}": "it must be of 100 values at most",
     f"train --fine-steps {'0.005 ' * 101}": "it must be of 100 values at most",
-    f"pareto --lengths {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
+    f"pareto --terms {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
     f"distill --speeds {'0.5 ' * 101}": "it must be of 100 values at most",
     f"distill --symbolic.shapes {'9 9 ' * 101}": "it must be of 100 values at most",
     f"report --gait {' '.join(f'a{i}' for i in range(101))}": "it must be of 100 values at most",

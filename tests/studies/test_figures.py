@@ -78,7 +78,7 @@ def titled_figures(curve):
     ranks = lost.head(1)[["policy", "without"]].assign(method="terms", importance=1.0)
     ranks = pd.concat([ranks, ranks.assign(without="b", importance=0.5)])
     lost = pd.concat([lost, lost.assign(without="b", lost=0.2)])
-    front = pd.DataFrame({"family": ["linear"], "nodes": [9.0], "share": [0.9]})
+    front = pd.DataFrame({"family": ["mirrored"], "terms": [90], "share": [0.9]})
     front = front.assign(fall_rate=0.0, r2=0.9)
     curricula = pd.DataFrame({"student": ["linear"], "curriculum": ["half"], "share": [0.9]})
     world = {"policy": "expert", "scenario": "training", "world": HOSTILE, "robots": 2}

@@ -56,7 +56,7 @@ COMMANDS = {
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
     "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
     "robustness": [*ROLL_OUT, "--worlds", "training", "push_1.0", "--distillation", "{distilled}"],
-    "pareto": [*ROLL_OUT, "--lengths", "2", "6", "--samples", "{distilled}/statewise_symbolic"],
+    "pareto": [*ROLL_OUT, "--terms", "24", "30", "--samples", "{distilled}/statewise_symbolic"],
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
     "symmetry": [*ROLL_OUT, "--n-samples", "20", "--repeats", "2", "--distillation", "{distilled}"],

@@ -1,15 +1,21 @@
 """The front of size against reward."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from glassgait.diagrams.worlds import Worlds
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.pareto.command import mean_nodes, pareto_table, smallest_that_walk
-from glassgait.studies.pareto.formulas import FAMILIES
+from glassgait.studies.pareto import command
+from glassgait.studies.pareto.command import pareto_table, smallest_that_walk
+from glassgait.studies.pareto.formulas import FAMILIES, families_of, sizes_of
+from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.students.student import TrainingSet
 
 NAMES = load_expert("trot").observation_names
 
@@ -24,20 +30,33 @@ def samples():
     return Dataset(observations, actions, np.repeat(np.arange(1, 11), 60))
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_lengths_bound_the_formulas(family, samples):
-    sizes = [mean_nodes(FAMILIES[family].fit("trot", NAMES, samples, n)) for n in (2, 8, 24)]
-    states = 2 if FAMILIES[family].statewise else 1
-    assert sizes == sorted(sizes)
-    assert all(size <= n * states for size, n in zip(sizes, (2, 8, 24), strict=True))
+def training_set(data, mirror):
+    return TrainingSet("trot", NAMES, data.observations, data.actions, data.starts, mirror)
+
+
+@pytest.mark.parametrize("family", ["mirrored", "unmirrored"])
+def test_terms_are_counted(family, samples):
+    own = FAMILIES[family]
+    data = training_set(samples, (1, 0))
+    assert own.fewest_terms(data) == {"mirrored": 12, "unmirrored": 24}[family]
+    sizes = sizes_of(own, data, (20, 30, 40))
+    assert [own.fit(data, size).n_terms() for size in sizes] == sizes
+    assert sizes == {"mirrored": [20, 30, 40], "unmirrored": [30, 40]}[family]
+
+
+def test_a_gait_that_favours_a_side_has_no_mirrored_formulas(samples):
+    assert [*families_of(training_set(samples, None), refined=True)] == ["unmirrored"]
+    with_mirror = training_set(samples, (1, 0))
+    assert [*families_of(with_mirror, refined=False)] == ["mirrored", "unmirrored"]
+    assert [*families_of(with_mirror, refined=True)] == [*FAMILIES]
 
 
 def test_the_smallest_that_walk_are_named():
     fits = pd.DataFrame(
         {
             "policy": ["a", "b", "c"],
-            "family": ["gated", "linear", "linear"],
-            "nodes": [30.0, 12.0, 1.0],
+            "family": ["mirrored", "unmirrored", "unmirrored"],
+            "terms": [90, 40, 30],
             "r2": 0.9,
         }
     )
@@ -53,24 +72,34 @@ def test_the_smallest_that_walk_are_named():
     assert front["share"].tolist() == pytest.approx([0.1, 0.6, 0.9])
     smallest = smallest_that_walk(front)
     assert smallest["share asked for"].tolist() == [0.0, 0.9]
-    assert smallest["formulas"].tolist() == ["gated sum", "gated sum"]
-    assert smallest["nodes"].tolist() == [30.0, 30.0]
+    assert smallest["formulas"].tolist() == ["mirrored", "mirrored"]
+    assert smallest["terms"].tolist() == [90, 90]
     none = smallest_that_walk(front[front["falls"] > 0])
     assert none.empty and list(none.columns) == list(smallest.columns)
 
 
-def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys):
+def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, monkeypatch):
+    few = {"n_robots": 8, "worlds": Worlds(n_groups=2, fine_steps=())}
+    monkeypatch.setattr(command, "RefinementConfig", partial(RefinementConfig, **few))
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
-    small = ["--lengths", "2", "6", "--n-robots", "2", "--n-steps", "20"]
+    small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]
     output = tmp_path / "pareto"
     main(["pareto", *small, "--samples", str(tmp_path / "rounds"), "--output", str(output)])
     assert {path.name for path in output.glob("pareto.*")} == {
         "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip
     assert (output / "smallest.csv").exists()
-    assert len(list((output / "formulas").iterdir())) == 8
+    assert {path.stem for path in (output / "formulas").iterdir()} == {
+        "mirrored_20", "mirrored_30", "unmirrored_30", "refined_20", "refined_30",
+    }  # fmt: skip
     assert "written to" in capsys.readouterr().out
 
 
 def test_missing_samples_are_told(tmp_path, refused):
     assert "holds no samples" in refused(["pareto", "--samples", str(tmp_path)])
+
+
+def test_fewer_terms_than_formulas_are_told(samples, tmp_path, refused):
+    samples.save(tmp_path / "rounds" / "round_1.safetensors")
+    few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
+    assert "terms is (5,)" in refused(["pareto", *few])

@@ -178,7 +178,6 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
     ("arguments", "told"),
     [
         (["--policy", "gbm"], "is not made of formulas"),
-        (["--policy", "statewise_symbolic", "--terms", "100"], "are not weights of terms"),
         (["--n-robots", "4"], "fewer than n_groups"),
         (["--gait", "walk", "--policy", str(__file__)], "unknown policy"),
     ],
@@ -187,3 +186,9 @@ def test_what_cannot_be_refined_is_told(arguments, told, refused, tmp_path):
     folder = tmp_path / "refined"
     assert told in refused(["refine", *arguments, "--output", str(folder)])
     assert not folder.exists()
+
+
+def test_numbers_within_a_function_are_not_dropped(refused, tmp_path):
+    path = tmp_path / "own.formulas"
+    path.write_text(PAGE.to_text().replace("0.7*e.v", "0.7*tanh(2*e.v)"))
+    assert "not weights of terms" in refused(["refine", "--policy", str(path), "--terms", "90"])

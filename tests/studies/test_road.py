@@ -31,7 +31,10 @@ ROAD = {
     "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
     "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
-    "pareto": ["--n-robots", "2", "--n-steps", "10", "--lengths", "2"],
+    "pareto": [
+        *["--n-robots", "2", "--n-steps", "10", "--terms", "48"],
+        *["--samples", "runs/distillation/hop/statewise_symbolic"],
+    ],
 }
 
 
