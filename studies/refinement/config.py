@@ -10,7 +10,7 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
-REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.15)
+REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
 """PPO of a policy that walks already: it looks about near to what it does."""
 
 PRUNING_SHARE = 2 / 3

@@ -19,6 +19,9 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 UNIT_EFFECT = 0.1
 """What a unit of change does to a target on average (rad): PPO's usual rates suit it."""
 
+PEAK = 4.0
+"""Greatest effect, as a multiple of the mean one, that does not count by itself."""
+
 LEAST_EFFECT = 1e-3
 """Least effect of a number of 1 on a target (rad) that its unit is reckoned from."""
 
@@ -104,7 +107,9 @@ class FormulaNetwork(nn.Module):
         Args:
             observations: Samples (m, n_observations).
         """
-        effect = self._slopes(observations).square().sum(dim=1).mean(dim=0).sqrt()
+        squares = self._slopes(observations).square().sum(dim=1)
+        # What does little but seldom much would be learned too fast by its mean alone.
+        effect = torch.maximum(squares.mean(dim=0), squares.amax(dim=0) / PEAK**2).sqrt()
         self.unit.copy_(UNIT_EFFECT / effect.clamp(min=LEAST_EFFECT))
 
     def prune(self, count: int, observations: torch.Tensor) -> None:

@@ -4,6 +4,7 @@ from glassgait.studies.students.additive import EBM
 from glassgait.studies.students.boosting import GBM, HISTOGRAM_GBM
 from glassgait.studies.students.linear import LINEAR, STATEWISE_LINEAR
 from glassgait.studies.students.open_loop import OPEN_LOOP
+from glassgait.studies.students.oscillator import OSCILLATOR
 from glassgait.studies.students.page import PAGE
 from glassgait.studies.students.student import Student
 from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
@@ -12,6 +13,7 @@ STUDENTS: dict[str, Student] = {
     student.name: student
     for student in (
         OPEN_LOOP,
+        OSCILLATOR,
         LINEAR,
         STATEWISE_LINEAR,
         GBM,

@@ -18,6 +18,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.distillation.visits import visit
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import (
+    PEAK,
     UNIT_EFFECT,
     FormulaNetwork,
     without_zeros,
@@ -83,8 +84,9 @@ def test_a_unit_of_any_number_does_as_much():
             network.changes[number] = 1.0
             moved = robot.ACTION_SCALE * (network(tensor) - before)
             network.changes[number] = 0.0
-            # A formula of one state and its image serve a half of the samples each.
-            assert moved.square().sum(dim=1).mean().sqrt() == pytest.approx(UNIT_EFFECT, rel=1e-2)
+            effect = moved.square().sum(dim=1).sqrt()
+            mean, greatest = effect.square().mean().sqrt(), effect.max()
+            assert max(mean, greatest / PEAK) == pytest.approx(UNIT_EFFECT, rel=1e-2)
 
 
 def test_the_terms_that_do_least_are_dropped():
