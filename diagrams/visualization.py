@@ -40,7 +40,8 @@ def AddLocomotionDisplay(  # noqa: N802
     meshcat: Meshcat,
 ) -> None:
     """Shows robot, ground, contacts and machine state in Meshcat."""
-    _draw_ground(meshcat)
+    draw_ground(meshcat)
+    meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
     MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
     )
@@ -52,20 +53,12 @@ def AddLocomotionDisplay(  # noqa: N802
     )
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps Drake from telling of a server that nobody needs to open."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
+def draw_ground(meshcat: Meshcat) -> None:
+    """Draws a pavement of tiles, since a plain plane hides how fast a robot moves.
 
-
-def _draw_ground(meshcat: Meshcat) -> None:
-    # A pavement of tiles, since a plain plane hides how fast the robot moves.
+    Args:
+        meshcat: Where it shows, at `PAVEMENT_PATH`.
+    """
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
@@ -82,4 +75,15 @@ def _draw_ground(meshcat: Meshcat) -> None:
         ):
             meshcat.SetObject(f"{PAVEMENT_PATH}/{name}", box, Rgba(0.5, 0.52, 0.54, 1.0))
             meshcat.SetTransform(f"{PAVEMENT_PATH}/{name}", RigidTransform(place))
-    meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keeps Drake from telling of a server that nobody needs to open."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        log.setLevel(level)

@@ -36,6 +36,10 @@ COMMANDS = {
         "glassgait.studies.robustness.command:Robustness",
         "Let the expert and every student walk alone in every world, and tell who falls where.",
     ),
+    "compare": (
+        "glassgait.studies.compare.command:Compare",
+        "Set two policies side by side: their lines, targets, scores, and one replay of both.",
+    ),
     "convergence": (
         "glassgait.studies.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",

@@ -19,15 +19,25 @@ def world_jobs(
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> list[RolloutJob]:
-    """Lists the rollouts of the expert and of every student in every world, the slow ones first.
-
-    In a world all policies meet the same initial states, commands and noise, at the speeds of
-    distillation unless the settings or the scenario name others: robots can be compared in pairs.
-    """
+    """Lists the rollouts of the expert and of every student alone, as `jobs_in_worlds` does."""
     policies = {"expert": AlternatingPolicy(expert)}
     policies |= {
         kind: AlternatingPolicy(expert, student, period=0) for kind, student in students.items()
     }
+    return jobs_in_worlds(gait, policies, scenarios, config)
+
+
+def jobs_in_worlds(
+    gait: Gait,
+    policies: Mapping[str, AlternatingPolicy],
+    scenarios: Mapping[str, Scenario],
+    config: RolloutConfig,
+) -> list[RolloutJob]:
+    """Lists the rollouts of every policy in every world, the slow ones first.
+
+    In a world all policies meet the same initial states, commands and noise, at the speeds of
+    distillation unless the settings or the scenario name others: robots can be compared in pairs.
+    """
     # Where physics is slow, few robots are rolled out.
     ordered = sorted(scenarios.items(), key=lambda item: item[1].max_robots or math.inf)
     return [

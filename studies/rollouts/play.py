@@ -50,6 +50,20 @@ def play(
         InputError: if a policy or the command does not fit the gait.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
+    rollout = roll_one_out(diagram, scenario, seconds=seconds, seed=seed)
+    save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
+    return rollout
+
+
+def roll_one_out(diagram: Diagram, scenario: Scenario, *, seconds: float, seed: int) -> Rollout:
+    """Rolls one robot out as fast as it goes, pushed as the scenario says.
+
+    Args:
+        diagram: What `MakeLocomotion` built.
+        scenario: The world that it was built for.
+        seconds: Length of the rollout (s); a fall ends it before.
+        seed: Seed of noise, pushes and drawn commands.
+    """
     simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
     pushed = pusher(simulator, scenario, seed)
 
@@ -57,9 +71,7 @@ def play(
         pushed()
         return False
 
-    rollout = record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
-    save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
-    return rollout
+    return record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
 
 
 def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:
