@@ -1,4 +1,4 @@
-"""The figure of the claims: what formulas foretell beside what robots do."""
+"""The figure of the claims: what formulas predict beside what robots do."""
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -7,8 +7,8 @@ from matplotlib.lines import Line2D
 
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 
-HOLDS, FAILS, FORETOLD = "#1b6ca8", "#c0392b", "0.35"
-"""Colours of claims that hold, of those that do not, and of what was foretold."""
+HOLDS, FAILS, PREDICTED = "#1b6ca8", "#c0392b", "0.35"
+"""Colours of claims that hold, of those that do not, and of what was predicted."""
 
 TITLES = {
     "joint": "The term sees one standard deviation more of its input",
@@ -26,7 +26,7 @@ ROW = 0.3
 
 @styled
 def claims_figure(table: pd.DataFrame, title: str) -> Figure:
-    """Draws each claim's foretold effect and the measured one with its 95 % interval, a row each.
+    """Draws each claim's predicted effect and the measured one with its 95 % interval, a row each.
 
     Args:
         table: What `Examiner.examine` returned.
@@ -54,7 +54,7 @@ def _draw(panel: Axes, part: pd.DataFrame) -> None:
     for row, cell in enumerate(part.to_dict(orient="records")):
         color = HOLDS if cell["holds"] else FAILS
         panel.plot(
-            cell["predicted"], row, marker="D", color=FORETOLD, markersize=4, fillstyle="none"
+            cell["predicted"], row, marker="D", color=PREDICTED, markersize=4, fillstyle="none"
         )
         panel.errorbar(
             cell["measured"],
@@ -79,7 +79,7 @@ def _label(cell: dict) -> str:
 def _legend(table: pd.DataFrame) -> list[Line2D]:
     style = {"linestyle": "none", "markersize": 4}
     handles = [
-        Line2D([], [], marker="D", color=FORETOLD, fillstyle="none", label="foretold", **style),
+        Line2D([], [], marker="D", color=PREDICTED, fillstyle="none", label="predicted", **style),
         Line2D([], [], marker="o", color=HOLDS, label="measured: the claim holds", **style),
     ]
     if not table["holds"].all():

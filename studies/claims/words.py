@@ -37,7 +37,7 @@ def told_of_following(claim: Claim, score: str) -> str:
     """Tells the claim that a command's term is there for the command."""
     joint = _joint(claim.term.joint_name)
     missed = FOLLOWED[score]
-    return f"Without its term, the {joint} lets robots miss their commanded {missed} by more"
+    return f"Without this term of the {joint}, robots miss their commanded {missed} by more"
 
 
 def unit_of(symbol: str) -> str:
