@@ -60,6 +60,10 @@ COMMANDS = {
         "glassgait.studies.symmetry.command:Symmetry",
         "Measure whether an expert and its students treat left and right alike.",
     ),
+    "claims": (
+        "glassgait.studies.claims.command:Claims",
+        "Test what a policy of formulas says: change a term, and see how the robot moves.",
+    ),
     "explain": (
         "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",

@@ -185,8 +185,9 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
 TAKES_EXPERT = ["distill", "evaluate", "pareto", "curricula", "importance", "symmetry", "rollout"]
-TAKES_EXPERT += ["explain", "robustness"]
+TAKES_EXPERT += ["explain", "robustness", "claims"]
 SOURCES = [["train", "--like"], ["importance", "--distillation"], ["symmetry", "--distillation"]]
+SOURCES += [["claims", "--distillation"]]
 
 
 @pytest.mark.parametrize("path", FILES)

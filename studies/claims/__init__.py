@@ -1,0 +1,1 @@
+"""Are the claims that a policy of formulas makes true of the robot?"""

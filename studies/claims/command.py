@@ -1,0 +1,113 @@
+"""`glassgait claims`: whether what a page of formulas says is true of the robot."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import pandas as pd
+from annotated_types import Ge
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import Count, Seed, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.claims.derivation import derive_claims, refuse_too_few
+from glassgait.studies.claims.figures import claims_figure
+from glassgait.studies.claims.study import Examiner, readable_table
+from glassgait.studies.claims.terms import readable_terms
+from glassgait.studies.claims.walks import Walk, walk
+from glassgait.studies.console import console, say
+from glassgait.studies.figures import save_figure
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.registry import student_title
+from glassgait.studies.tables import print_table, write_metrics, write_table
+
+
+@dataclass(frozen=True)
+class Claims(Settings):
+    """Test what a policy of formulas says: change a term, and see whether the robot moves so.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
+            default.
+        n_claims: Claims of joints, one a term, the terms that move a target most.
+        n_robots: Robots of each walk.
+        n_steps: Control steps of each.
+        seed: Seed of starts, commands and noise, the same for every walk.
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/claims/<gait>/<policy> by default.
+    """
+
+    title: ClassVar[str] = "claims"
+
+    gait: str = "trot"
+    policy: str | None = None
+    n_claims: Count = 8
+    n_robots: Annotated[Count, Ge(2)] = 26
+    n_steps: Annotated[Count, Ge(2)] = 500
+    seed: Seed = 1000
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Derives claims, tests them, and writes how they did."""
+        gait = load_gait(self.gait)
+        expert = load_expert(gait, self.expert)
+        name = self.policy or default_student(gait.name, self.distillation)
+        policy = self._formulas(name, expert)
+        stem = Path(name).stem
+        folder = self.output or Path("runs/claims") / gait.name / stem
+        # Before a folder is claimed: a refusal leaves nothing behind.
+        refuse_too_few(len(readable_terms(policy.to_file())), self.n_claims)
+        inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
+        with open_run(folder, study="claims", settings=self, inputs=inputs, resume=self.resume):
+            table, plain = self._test(gait, expert, policy, folder)
+            write_table(readable_table(table), folder / "claims")
+            metrics = {
+                "claims": _records(table),
+                "held": int(table["holds"].sum()),
+                "tested": len(table),
+                "falls": plain.falls,
+            }
+            write_metrics(metrics, folder / "metrics.json")
+            title = f"{gait.name.capitalize()}, {student_title(stem)}"
+            save_figure(claims_figure(table, title), folder / "claims")
+        print_table(f"{gait.name}: what {student_title(stem)} says", readable_table(table))
+        console.print(f"{metrics['held']} of {metrics['tested']} claims hold; written to {folder}")
+
+    def _test(
+        self, gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, folder: Path
+    ) -> tuple[pd.DataFrame, Walk]:
+        def walk_with(walker: FormulaPolicy) -> Walk:
+            robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
+            return walk(gait, expert, walker, **robots)
+
+        file = policy.to_file()
+        say(f"{gait.name}: walking with the formulas as they are")
+        plain = walk_with(policy)
+        claims = derive_claims(file, plain, self.n_claims)
+        return Examiner(file, plain, walk_with, folder).examine(claims), plain
+
+    def _formulas(self, name: str, expert: NeuralPolicy) -> FormulaPolicy:
+        student = find_student(name, expert, self.distillation)
+        if not isinstance(student, FormulaPolicy):
+            raise InputError(
+                f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name "
+                "a student of the kind symbolic or statewise_symbolic, or a .formulas file"
+            )
+        return student
+
+
+def _records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    # JSON has no NaN, which is the size of what a formula tells a sign of alone.
+    return table.astype(object).where(table.notna(), None).to_dict(orient="records")
