@@ -73,7 +73,7 @@ class Refine(Settings):
         with open_run(
             folder,
             study="refine",
-            settings=self,
+            settings=self.config,
             inputs={
                 "gait": gait.digest(),
                 "policy": policy.digest(),

@@ -174,6 +174,9 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
     assert isinstance(policy, FormulaPolicy)
     assert policy.n_terms() == 60
     assert {path.suffix for path in folder.glob("page.*")} == {".formulas", ".yaml", ".csv"}
+    more = ["--updates", "3", "--terms", "60", "--critic-updates", "1", "--resume"]
+    main(["refine", *SMALL[:-2], *more, "--output", str(folder)])
+    assert len((folder / "page.csv").read_text().splitlines()) == 1 + 3
 
 
 @pytest.mark.parametrize(
