@@ -1,12 +1,12 @@
 """The settings of a refinement: its command line and its record."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
 import tyro
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.worlds import HARSH, GroupRanges, Worlds
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
@@ -15,6 +15,13 @@ REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
 
 PRUNING_SHARE = 2 / 3
 """Share of the updates after which no more terms are dropped."""
+
+MILD = Worlds(
+    groups=GroupRanges(payload=(0.0, 1.0), motor_strength=(0.9, 1.1), gains=(0.9, 1.1)),
+    fine_steps=(),
+    randomization=replace(HARSH, push_speed=0.5, latency=(0.0, 0.01)),
+)
+"""About half of what experts meet: few terms that learn in the harshest worlds forget home."""
 
 FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0)
 
@@ -40,7 +47,7 @@ class RefinementConfig(Settings):
     terms: Count | None = None
     critic_updates: Natural = 10
     n_robots: Count = 256
-    worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = field(default_factory=Worlds)
+    worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = MILD
     ppo: PpoConfig = REFINING
 
     def n_terms(self, update: int, at_first: int) -> int:
