@@ -14,6 +14,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import FormulaNetwork
+from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.students.formula_fit import short_numbers
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
@@ -83,7 +84,9 @@ class RefinementRun(LearningRun):
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         estimator = _Frozen(self._expert.estimator)
         generator = np.random.default_rng(self.config.seed)
-        environment = TrainingEnvironment(self.config, self.gait, estimator, generator)
+        # Told to go as the students of a distillation: few terms cannot serve every speed.
+        speeds = distilled_speeds(self.gait)
+        environment = TrainingEnvironment(self.config, self.gait, estimator, generator, speeds)
         self._network = FormulaNetwork(self._policy)
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()

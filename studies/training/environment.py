@@ -10,6 +10,7 @@ from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1 import kinematics, robot
@@ -55,7 +56,16 @@ class TrainingEnvironment:
         gait: Gait,
         estimator: nn.Module,
         generator: np.random.Generator,
+        speed_range: tuple[float, float] | None = None,
     ) -> None:
+        """
+        Args:
+            config: Settings.
+            gait: The gait.
+            estimator: Maps proprioception (n, k) to what it tells of the trunk and feet (n, 7).
+            generator: Source of randomness.
+            speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
+        """
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
@@ -63,7 +73,11 @@ class TrainingEnvironment:
         stations = worlds.stations(generator)
         self.simulator = BatchSimulator(
             TaskConfig(
-                gait, config.worlds.randomization, weights=config.weights, limits=config.limits
+                gait,
+                config.worlds.randomization,
+                weights=config.weights,
+                limits=config.limits,
+                command=DrawnCommands(speed_range),
             ),
             BatchPhysics(*stations),
             n_robots=config.n_robots,
