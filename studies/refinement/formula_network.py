@@ -19,11 +19,11 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 UNIT_EFFECT = 0.1
 """What a unit of change does to a target on average (rad): PPO's usual rates suit it."""
 
-PEAK = 4.0
-"""Greatest effect, as a multiple of the mean one, that does not count by itself."""
-
 LEAST_EFFECT = 1e-3
 """Least effect of a number of 1 on a target (rad) that its unit is reckoned from."""
+
+RIDGE = 1e-2
+"""What is added to how little terms that tell nearly the same differ, lest they part too fast."""
 
 _TORCH: dict[str, Callable[..., torch.Tensor]] = {
     "add": torch.add,
@@ -48,9 +48,10 @@ class FormulaNetwork(nn.Module):
 
     Formulas that are mirror images stay so: they share their numbers. Definitions stay as they are.
 
-    A number is `start + unit · change`, or 0 where it was dropped, and the changes are what an
-    optimizer sees. A unit of
-    any of them does as much to the targets, whether it counts metres or rad/s.
+    The numbers are `start + unit @ changes`, or 0 where they were dropped, and the changes are what
+    an optimizer sees. A step of any direction among them does as much to the targets, whether it
+    counts metres or rad/s, and whether or not two terms tell nearly the same: with actions of
+    Gaussian spread a gradient step then is one of the natural gradient.
 
     Attributes:
         changes: Changes of the numbers (p), in units.
@@ -73,7 +74,7 @@ class FormulaNetwork(nn.Module):
         self._written = self._file.written()
         numbers = [value for formula in self._written.values() for value in _numbers(formula)]
         self.register_buffer("start", torch.tensor(numbers))
-        self.register_buffer("unit", torch.ones(len(numbers)))
+        self.register_buffer("unit", torch.eye(len(numbers)))
         self.register_buffer("kept", torch.ones(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
         self._first = dict(
@@ -102,15 +103,23 @@ class FormulaNetwork(nn.Module):
         return int(self.kept.sum())
 
     def balance(self, observations: torch.Tensor) -> None:
-        """Sets the units of all numbers by what they do where a robot goes.
+        """Sets the units by what the numbers do where a robot goes.
 
         Args:
             observations: Samples (m, n_observations).
         """
-        squares = self._slopes(observations).square().sum(dim=1)
-        # What does little but seldom much would be learned too fast by its mean alone.
-        effect = torch.maximum(squares.mean(dim=0), squares.amax(dim=0) / PEAK**2).sqrt()
-        self.unit.copy_(UNIT_EFFECT / effect.clamp(min=LEAST_EFFECT))
+        slopes = self._slopes(observations)
+        blocks = []
+        for place, formula in self._written.items():
+            first = int(self._first[place])
+            own = slopes[:, :, first : first + _count(formula)].flatten(0, 1).double()
+            # Of all numbers those of one formula alone work together.
+            alone = own.square().sum(dim=0).div(len(observations)).sqrt().clamp(min=LEAST_EFFECT)
+            likeness = (own / alone).T @ (own / alone) / len(observations)
+            squares, directions = torch.linalg.eigh(likeness)
+            apart = directions @ torch.diag((squares.clamp(min=0.0) + RIDGE).rsqrt())
+            blocks.append(UNIT_EFFECT * (apart @ directions.T) / alone[:, None])
+        self.unit.copy_(torch.block_diag(*blocks))
 
     def prune(self, count: int, observations: torch.Tensor) -> None:
         """Drops the numbers that move their targets least, until so many are left.
@@ -155,7 +164,7 @@ class FormulaNetwork(nn.Module):
         )
 
     def _numbers(self) -> torch.Tensor:
-        return self.kept * (self.start + self.unit * self.changes)
+        return self.kept * (self.start + self.unit @ self.changes)
 
     def _slopes(self, observations: torch.Tensor) -> torch.Tensor:
         """Differentiates targets by numbers (m, 12, p; rad)."""
