@@ -26,7 +26,7 @@ COMMANDS = {
     ),
     "refine": (
         "glassgait.studies.refinement.command:Refine",
-        "Let a policy of formulas learn on in closed loop: its numbers change, no term does.",
+        "Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.",
     ),
     "evaluate": (
         "glassgait.studies.evaluation.command:Evaluate",
@@ -62,7 +62,7 @@ COMMANDS = {
     ),
     "claims": (
         "glassgait.studies.claims.command:Claims",
-        "Test what a policy of formulas says: change a term, and see how the robot moves.",
+        "Test what a policy of formulas says: change a term, and see whether the robot moves so.",
     ),
     "explain": (
         "glassgait.studies.explanation.command:Explain",

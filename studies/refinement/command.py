@@ -25,7 +25,7 @@ REFINEMENT_FOLDER = Path("runs/refinement")
 
 @dataclass(frozen=True)
 class Refine(Settings):
-    """Let a policy of formulas learn on in closed loop, by PPO: its numbers change, no term does.
+    """Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.

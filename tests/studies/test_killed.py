@@ -23,12 +23,11 @@ DRIVER = """
 import sys
 from glassgait.studies.cli import main
 
-if sys.argv[1] in ("demo", "report"):
+if sys.argv[1] == "demo":
     sys.path.insert(0, sys.argv.pop())
-    import glassgait.studies.demo.command, glassgait.studies.report.command, test_demo, test_report
+    import glassgait.studies.demo.command, test_demo
     glassgait.studies.demo.command.QUICK = test_demo.TINY
     glassgait.studies.demo.command.REPLAY_SECONDS = 0.2
-    glassgait.studies.report.command.QUICK = test_report.TINY
 main(sys.argv[1:])
 """
 
@@ -56,19 +55,18 @@ COMMANDS = {
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
     "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
     "robustness": [*ROLL_OUT, "--worlds", "training", "push_1.0", "--distillation", "{distilled}"],
-    "pareto": [*ROLL_OUT, "--terms", "24", "30", "--samples", "{distilled}/statewise_symbolic"],
+    "pareto": [*ROLL_OUT, "--terms", "24", "--samples", "{distilled}/statewise_symbolic"],
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
     "symmetry": [*ROLL_OUT, "--n-samples", "20", "--repeats", "2", "--distillation", "{distilled}"],
     "convergence": ["--n-robots", "1", "--n-steps", "5", "--n-seeds", "1"],
     "demo": ["--n-robots", "2"],
-    "report": ["--quick", "--gait", "trot"],
 }
 
 
 def start(command, folder, distilled, *more):
     arguments = [text.format(distilled=distilled) for text in COMMANDS[command]]
-    tail = [str(Path(__file__).parent)] if command in ("demo", "report") else []
+    tail = [str(Path(__file__).parent)] if command == "demo" else []
     whole = [command, *arguments, "--output", str(folder), *more, *tail]
     # In a group of its own, so that a kill leaves nobody else behind.
     return subprocess.Popen(
@@ -88,8 +86,10 @@ def results(folder):
     """Returns what must be equal: every number and every policy, but no times."""
     policies = {
         str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*.safetensors")
-        if path.name != "checkpoint.safetensors" and not path.name.startswith("round_")
+        for path in folder.rglob("*")
+        if path.suffix in (".safetensors", ".formulas")
+        and path.name != "checkpoint.safetensors"
+        and not path.name.startswith("round_")
     }
     metrics = {
         str(path.relative_to(folder)): json.loads(path.read_text())
