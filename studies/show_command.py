@@ -8,13 +8,11 @@ import tyro
 from rich.text import Text
 
 from glassgait.models.a1 import robot
-from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_formulas
 from glassgait.studies.students.registry import student_title
 
 
@@ -44,12 +42,7 @@ class Show(Settings):
         """Prints the formulas."""
         gait = load_gait(self.gait)
         name = self.policy or default_student(gait.name, self.distillation)
-        student = find_student(name, load_expert(gait, self.expert), self.distillation)
-        if not isinstance(student, FormulaPolicy):
-            raise InputError(
-                f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name "
-                "a student of the kind symbolic or statewise_symbolic, or a .formulas file"
-            )
+        student = find_formulas(name, load_expert(gait, self.expert), self.distillation)
         if self.joint is not None:
             robot.joint_index(self.joint)
         lines = student.to_text().splitlines()

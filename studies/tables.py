@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,11 @@ def write_table(frame: pd.DataFrame, stem: Path) -> None:
 def write_metrics(values: Any, path: Path) -> None:
     """Writes metrics as JSON, keys sorted, so that equal runs give equal files."""
     write_atomically(path, json.dumps(values, indent=2, sort_keys=True) + "\n")
+
+
+def json_records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
+    """Returns the rows of a table for JSON, which has no NaN: null stands in its place."""
+    return table.astype(object).where(table.notna(), None).to_dict(orient="records")
 
 
 def to_markdown(frame: pd.DataFrame) -> str:

@@ -1,14 +1,12 @@
 """`glassgait claims`: whether what a page of formulas says is true of the robot."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import pandas as pd
 from annotated_types import Ge
 
-from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -22,9 +20,9 @@ from glassgait.studies.claims.walks import Walk, walk
 from glassgait.studies.console import console, say
 from glassgait.studies.figures import save_figure
 from glassgait.studies.run_folder import open_run
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_formulas
 from glassgait.studies.students.registry import student_title
-from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Claims(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
-        policy = self._formulas(name, expert)
+        policy = find_formulas(name, expert, self.distillation)
         stem = Path(name).stem
         folder = self.output or Path("runs/claims") / gait.name / stem
         # Before a folder is claimed: a refusal leaves nothing behind.
@@ -74,7 +72,7 @@ class Claims(Settings):
             table, plain = self._test(gait, expert, policy, folder)
             write_table(readable_table(table), folder / "claims")
             metrics = {
-                "claims": _records(table),
+                "claims": json_records(table),
                 "held": int(table["holds"].sum()),
                 "tested": len(table),
                 "falls": plain.falls,
@@ -97,17 +95,3 @@ class Claims(Settings):
         plain = walk_with(policy)
         claims = derive_claims(file, plain, self.n_claims)
         return Examiner(file, plain, walk_with, folder).examine(claims), plain
-
-    def _formulas(self, name: str, expert: NeuralPolicy) -> FormulaPolicy:
-        student = find_student(name, expert, self.distillation)
-        if not isinstance(student, FormulaPolicy):
-            raise InputError(
-                f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name "
-                "a student of the kind symbolic or statewise_symbolic, or a .formulas file"
-            )
-        return student
-
-
-def _records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    # JSON has no NaN, which is the size of what a formula tells a sign of alone.
-    return table.astype(object).where(table.notna(), None).to_dict(orient="records")

@@ -1,6 +1,5 @@
 """`glassgait compare`: two policies side by side."""
 
-from collections.abc import Hashable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -41,7 +40,7 @@ from glassgait.studies.rollouts.jobs import inputs_of, run_jobs
 from glassgait.studies.rollouts.play import Seconds, roll_one_out
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import WorkersConfig
-from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
@@ -125,8 +124,8 @@ class Compare(Settings):
             metrics = {
                 "policies": {side.letter: side.name for side in (a, b)},
                 "lines": {"only_a": changes.only_a, "only_b": changes.only_b} if changes else None,
-                "targets": _records(joints),
-                "scores": _records(table),
+                "targets": json_records(joints),
+                "scores": json_records(table),
                 "walks": {letter: _end(walk) for letter, walk in walks.items()},
             }
             write_metrics(metrics, folder / "metrics.json")
@@ -177,8 +176,3 @@ def _replayed(side: Side, walk: Rollout) -> ReplayedRobot:
 def _end(walk: Rollout) -> dict[str, Any]:
     """Tells how a rollout ended."""
     return {"fell": walk.failed, "seconds": round(float(walk.time[-1] - walk.time[0]), 6)}
-
-
-def _records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    # JSON has no NaN, which is the interval of one robot.
-    return table.astype(object).where(table.notna(), None).to_dict(orient="records")

@@ -22,7 +22,6 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
@@ -186,7 +185,9 @@ class _Distillation:
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
             self.report(f"{title}: fitting to {len(seen.actions)} samples")
-            student = self._fit(kind, config.settings.of(kind).for_rounds(), self._training(seen))
+            student = self._fit(
+                kind, config.settings.of(kind).for_rounds(), seen.training_set(self.gait)
+            )
         ratio = ratio_title(plan.period)
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
         samples = collect(
@@ -205,7 +206,7 @@ class _Distillation:
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, self._training(seen))
+        settings, student = self._choose(kind, seen.training_set(self.gait))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
         student.save(self.folder / f"{kind}{student.suffix}")
@@ -222,7 +223,7 @@ class _Distillation:
         )
         train, test = (np.asarray(share) for share in shares)
         shuffled = self._fit(
-            kind, settings.for_shuffled_split(), self._training(paper).subset(train)
+            kind, settings.for_shuffled_split(), paper.training_set(self.gait).subset(train)
         )
         tested = paper.subset(np.isin(index, test))
         return {
@@ -258,16 +259,6 @@ class _Distillation:
     def _fit(self, kind: str, settings: StudentSettings, samples: TrainingSet) -> Policy:
         seed, n_jobs = self.config.seed, self.config.n_jobs
         return STUDENTS[kind].fit(samples, settings, seed=seed, n_jobs=n_jobs)
-
-    def _training(self, dataset: Dataset) -> TrainingSet:
-        return TrainingSet(
-            self.expert.gait,
-            self.expert.observation_names,
-            dataset.observations,
-            dataset.actions,
-            dataset.starts,
-            mirrored_states(self.gait),
-        )
 
 
 def _make(work: _Distillation, kinds: Sequence[str], registry: Mapping[str, Student]) -> dict:

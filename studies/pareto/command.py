@@ -14,7 +14,6 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.console import console, say
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.figures import save_figure
@@ -29,7 +28,6 @@ from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores, round_paths
 from glassgait.studies.students.library import distillation_folder, samples_folder
 from glassgait.studies.students.page import PAGE
-from glassgait.studies.students.student import TrainingSet
 from glassgait.studies.tables import print_table, write_metrics, write_table
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
@@ -51,7 +49,7 @@ class Pareto(Settings):
             fitted to; runs/distillation/<gait>/page by default.
         terms: Numbers of terms of all formulas together, of mirror images those of one.
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
-            default, since 100 take some 10 minutes of a core.
+            default, since 100 take some 5 minutes of a core.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
@@ -101,7 +99,7 @@ class Pareto(Settings):
         self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
     ) -> pd.DataFrame:
         """Makes the formulas that the folder lacks, and rolls all of them out."""
-        samples = _training_set(gait, expert, data.subset(~data.held_out))
+        samples = data.subset(~data.held_out).training_set(gait)
         held_out = data.subset(data.held_out)
         students, rows = {}, []
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():
@@ -140,17 +138,6 @@ class Pareto(Settings):
         run = RefinementRun(config, gait, expert, start, own, name=path.stem, resume=begun)
         show_learning(run)
         return run.policy()
-
-
-def _training_set(gait: Gait, expert: NeuralPolicy, data: Dataset) -> TrainingSet:
-    return TrainingSet(
-        gait.name,
-        expert.observation_names,
-        data.observations,
-        data.actions,
-        data.starts,
-        mirrored_states(gait),
-    )
 
 
 def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:

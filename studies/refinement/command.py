@@ -16,7 +16,7 @@ from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import FormulaNetwork
 from glassgait.studies.refinement.study import RefinementRun
 from glassgait.studies.run_folder import open_run
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_formulas
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
@@ -56,12 +56,7 @@ class Refine(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         named = self.policy or default_student(gait.name, self.distillation)
-        policy = find_student(named, expert, self.distillation)
-        if not isinstance(policy, FormulaPolicy):
-            raise InputError(
-                f"--policy {named}: is not made of formulas, but of the kind {policy.kind!r}; name "
-                "a student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
-            )
+        policy = find_formulas(named, expert, self.distillation)
         terms = self.config.terms
         if terms is not None and not _is_weighted_sum(policy):
             raise InputError(

@@ -77,9 +77,9 @@ class FormulaNetwork(nn.Module):
         self.register_buffer("unit", torch.eye(len(numbers)))
         self.register_buffer("kept", torch.ones(len(numbers)))
         self.changes = nn.Parameter(torch.zeros(len(numbers)))
-        self._first = dict(
-            zip(self._written, np.cumsum([0, *map(_count, self._written.values())]), strict=False)
-        )
+        ends = np.cumsum([sum(1 for _ in _numbers(own)) for own in self._written.values()]).tolist()
+        # Where each formula's numbers stand among all.
+        self._spans = dict(zip(self._written, map(slice, [0, *ends], ends), strict=True))
         names = self._file.vocabulary.names
         units = RobotUnits.of(names)
         self.register_buffer("_scale", _tensor(units.scale), persistent=False)
@@ -110,9 +110,8 @@ class FormulaNetwork(nn.Module):
         """
         slopes = self._slopes(observations)
         blocks = []
-        for place, formula in self._written.items():
-            first = int(self._first[place])
-            own = slopes[:, :, first : first + _count(formula)].flatten(0, 1).double()
+        for span in self._spans.values():
+            own = slopes[:, :, span].flatten(0, 1).double()
             # Of all numbers those of one formula alone work together.
             alone = own.square().sum(dim=0).div(len(observations)).sqrt().clamp(min=LEAST_EFFECT)
             likeness = (own / alone).T @ (own / alone) / len(observations)
@@ -135,17 +134,17 @@ class FormulaNetwork(nn.Module):
         moved = torch.full_like(numbers, torch.inf)
         mean = torch.zeros_like(numbers)
         for place, formula in self._written.items():
-            first = int(self._first[place])
-            own = slice(first + _begins_with_number(formula), first + _count(formula))
+            span = self._spans[place]
+            own = slice(span.start + _begins_with_number(formula), span.stop)
             part = slopes[self._rows(place, observations), place[-1], own] * numbers[own]
             moved[own], mean[own] = part.std(dim=0, correction=0), part.mean(dim=0)
         moved[self.kept == 0.0] = -1.0
         dropped = torch.argsort(moved)[: len(numbers) - count]
         for place, formula in self._written.items():
-            first = int(self._first[place])
-            own = dropped[(dropped >= first) & (dropped < first + _count(formula))]
+            span = self._spans[place]
+            own = dropped[(dropped >= span.start) & (dropped < span.stop)]
             if _begins_with_number(formula):
-                self.start[first] += mean[own][self.kept[own] == 1.0].sum()
+                self.start[span.start] += mean[own][self.kept[own] == 1.0].sum()
         self.kept[dropped] = 0.0
 
     def to_policy(self) -> FormulaPolicy:
@@ -221,10 +220,9 @@ class FormulaNetwork(nn.Module):
     def _evaluate(
         self, place: Place, variables: list[torch.Tensor], numbers: torch.Tensor
     ) -> torch.Tensor:
-        formula, first = self._written[place], int(self._first[place])
-        own = iter(numbers[first : first + _count(formula)].unbind())
+        own = iter(numbers[self._spans[place]].unbind())
         # A formula that is a number is one for every robot.
-        return _value(formula, variables, own).expand_as(variables[0])
+        return _value(self._written[place], variables, own).expand_as(variables[0])
 
 
 def _numbers(formula: Expression) -> Iterator[float]:
@@ -233,10 +231,6 @@ def _numbers(formula: Expression) -> Iterator[float]:
         yield formula.value
     for operand in formula.operands:
         yield from _numbers(operand)
-
-
-def _count(formula: Expression) -> int:
-    return sum(1 for _ in _numbers(formula))
 
 
 def _value(

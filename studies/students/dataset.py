@@ -12,6 +12,10 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, refuse_another, save_arrays
 from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import mirrored_states
+from glassgait.studies.students.student import TrainingSet
 
 START_STEPS = 5
 """Control steps that an episode's start takes: the robot stands and has hardly acted before."""
@@ -59,6 +63,17 @@ class Dataset:
             np.concatenate([self.actions, other.actions]),
             np.concatenate([self.episodes, other.episodes]),
             self.minutes + other.minutes,
+        )
+
+    def training_set(self, gait: Gait) -> TrainingSet:
+        """Returns what a student of a gait is fitted to."""
+        return TrainingSet(
+            gait.name,
+            ObservationLayout(gait.n_states).names,
+            self.observations,
+            self.actions,
+            self.starts,
+            mirrored_states(gait),
         )
 
     def save(self, path: Path, of: str = "") -> None:

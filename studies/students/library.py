@@ -13,6 +13,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.console import say
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
@@ -110,6 +111,21 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     """
     student = _load_student(name, expert, folder)
     student.check(gait=expert.gait, observation_names=expert.observation_names)
+    return student
+
+
+def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -> FormulaPolicy:
+    """Loads a student that is made of formulas, as `find_student` does.
+
+    Raises:
+        InputError: if there is no such student, it is of another kind, or does not fit the expert.
+    """
+    student = find_student(name, expert, folder)
+    if not isinstance(student, FormulaPolicy):
+        raise InputError(
+            f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
+            "student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
+        )
     return student
 
 

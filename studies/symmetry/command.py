@@ -1,11 +1,10 @@
 """`glassgait symmetry`: whether policies treat left and right alike."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
-import pandas as pd
 from annotated_types import Ge
 
 from glassgait.models.errors import InputError
@@ -20,7 +19,7 @@ from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import Gaits, gaits_named, tell_refused
 from glassgait.studies.symmetry.figures import symmetry_figure
 from glassgait.studies.symmetry.study import measure_symmetry, policies_of, titled
-from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 
 
 @dataclass(frozen=True)
@@ -104,17 +103,12 @@ class Symmetry(Settings):
             )
             write_table(table, folder / "symmetry")
             write_table(left_right, folder / "left_right")
-            metrics = {"symmetry": _records(table), "left_right": _records(left_right)}
+            metrics = {"symmetry": json_records(table), "left_right": json_records(left_right)}
             write_metrics(metrics, folder / "metrics.json")
             figure = symmetry_figure(table, left_right, gait.name.capitalize())
             save_figure(figure, folder / "symmetry")
         print_table(f"{gait.name}: left and right", titled(table))
         console.print(f"written to {folder}")
-
-
-def _records(table: pd.DataFrame) -> list[dict[Hashable, Any]]:
-    # JSON has no NaN, which is the share of nothing.
-    return table.astype(object).where(table.notna(), None).to_dict(orient="records")
 
 
 def _with_mirror_image(names: Sequence[str]) -> tuple[str, ...]:
