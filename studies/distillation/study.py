@@ -25,8 +25,8 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
-from glassgait.studies.distillation.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.parallel.loop import run_parallel, runs_here
+from glassgait.studies.rollouts.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.dataset import Dataset, r2_scores
 from glassgait.studies.students.formula_latex import write_latex

@@ -11,6 +11,7 @@ from annotated_types import MinLen
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
@@ -128,7 +129,7 @@ class Pareto(Settings):
 
     def _refined(
         self, gait: Gait, expert: NeuralPolicy, start: FormulaPolicy, path: Path
-    ) -> FormulaPolicy:
+    ) -> Policy:
         """Lets formulas learn on, from their checkpoint if there is one."""
         say(f"refining {start.n_terms()} terms")
         config = RefinementConfig(updates=self.refined_updates)
@@ -137,7 +138,7 @@ class Pareto(Settings):
         begun = (own / CHECKPOINT_NAME).exists()
         run = RefinementRun(config, gait, expert, start, own, name=path.stem, resume=begun)
         show_learning(run)
-        return run.policy()
+        return load_policy(own / path.name)
 
 
 def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:

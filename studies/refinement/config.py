@@ -8,6 +8,7 @@ import tyro
 
 from glassgait.diagrams.worlds import HARSH, GroupRanges, Worlds
 from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 
 REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
@@ -35,6 +36,9 @@ class RefinementConfig(Settings):
         updates: Number of PPO updates.
         terms: Terms of all formulas together that are left in the end; all by default.
         critic_updates: Updates at first in which the critic learns alone, since it begins anew.
+        candidate_updates: Updates from one candidate to the next: the formulas that there are then
+            walk alone, and those that do best are the result.
+        candidate_steps: Control steps that each of a candidate's robots walks.
         n_robots: Robots that walk at once.
         worlds: The worlds that they walk in.
         ppo: Settings of PPO.
@@ -46,6 +50,8 @@ class RefinementConfig(Settings):
     updates: Count = 150
     terms: Count | None = None
     critic_updates: Natural = 10
+    candidate_updates: Count = 20
+    candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
     worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = MILD
     ppo: PpoConfig = REFINING
@@ -65,6 +71,16 @@ class RefinementConfig(Settings):
         span = PRUNING_SHARE * self.updates - self.critic_updates
         left = 1.0 - np.clip((update - self.critic_updates) / max(span, 1.0), 0.0, 1.0)
         return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
+
+    def is_candidate(self, update: int, n_terms: int) -> bool:
+        """Tells whether the formulas after an update may be the result.
+
+        Args:
+            update: Updates done; 0 for the formulas that the run begins with.
+            n_terms: Terms that they have.
+        """
+        due = update % self.candidate_updates == 0 or update == self.updates
+        return due and (self.terms is None or n_terms <= self.terms)
 
     def training(self, gait: str) -> TrainingConfig:
         """Returns the settings as those of a run that learns.

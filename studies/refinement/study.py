@@ -9,13 +9,18 @@ from tensordict import TensorDict
 from torch import nn
 
 from glassgait.models.a1.robot import Array
+from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.console import say
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import FormulaNetwork
 from glassgait.studies.rollouts.config import distilled_speeds
+from glassgait.studies.rollouts.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.students.formula_fit import short_numbers
+from glassgait.studies.tables import write_table
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
@@ -71,6 +76,8 @@ class RefinementRun(LearningRun):
             index = torch.randperm(len(stored))[:N_BALANCED]
             self._network.prune(count, _seen(stored[index]))
         row["terms"] = float(self._network.n_numbers)
+        if self._refinement.is_candidate(self.progress.update, self._network.n_numbers):
+            self.policy().save(self._candidate(self.progress.update))
         return row
 
     def policy(self) -> FormulaPolicy:
@@ -78,8 +85,34 @@ class RefinementRun(LearningRun):
         return short_numbers(self._network.to_policy())
 
     def write_result(self) -> None:
-        """Writes the formulas as they are now, their record and their curve."""
-        write_learned(self.policy(), self._name, self.config, self.progress, self.folder)
+        """Writes formulas, record and curve: the formulas as they are now, and in the end the best.
+
+        Noise and worlds of learning tell little of how formulas walk alone, and more learning may
+        make them worse. So the candidates walk alone, and the best of them is the result.
+        """
+        finished = self.progress.update >= self.config.updates
+        best = self._best_candidate() if finished else self.policy()
+        write_learned(best, self._name, self.config, self.progress, self.folder)
+
+    def _best_candidate(self) -> Policy:
+        candidates: dict[str, Policy] = {
+            f"update {update}": load_policy(self._candidate(update))
+            for update in range(1, self.progress.update + 1)
+            if self._candidate(update).exists()
+        }
+        if self._refinement.is_candidate(0, self._policy.n_terms()):
+            candidates["as they were"] = self._policy
+        say(f"letting {len(candidates)} candidates walk alone, to choose one")
+        n_steps = self._refinement.candidate_steps
+        ranked = rank_alone(candidates, self.gait, self._expert, n_steps)
+        # Of those that fall least the one that earns most, however short the others are.
+        places = {label: place for place, label in enumerate(ranked["candidate"])}
+        chosen = simplest_of_the_best(ranked, places)
+        write_table(ranked.assign(chosen=ranked["candidate"] == chosen), self.folder / "candidates")
+        return candidates[chosen]
+
+    def _candidate(self, update: int) -> Path:
+        return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         estimator = _Frozen(self._expert.estimator)

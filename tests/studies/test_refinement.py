@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
@@ -16,6 +17,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.visits import visit
+from glassgait.studies.refinement import study
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import (
     UNIT_EFFECT,
@@ -28,9 +30,16 @@ from glassgait.studies.training.config import PpoConfig
 
 PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)
 TINY = RefinementConfig(
-    updates=4, critic_updates=2, n_robots=8, worlds=Worlds(n_groups=2, fine_steps=()), ppo=PPO
+    updates=4,
+    critic_updates=2,
+    candidate_updates=2,
+    candidate_steps=10,
+    n_robots=8,
+    worlds=Worlds(n_groups=2, fine_steps=()),
+    ppo=PPO,
 )
-SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps", "--updates", "2"]
+SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps"]
+SMALL += ["--candidate-steps", "10", "--updates", "2"]
 PAGE = load_student("trot", "page")
 
 
@@ -156,6 +165,33 @@ def test_the_critic_learns_first(tmp_path):
     assert run.policy().to_text() != start
 
 
+def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
+    asked = {}
+
+    def rank(candidates, *_):
+        asked.update(candidates)
+        rewards = [3.0 if label == "update 2" else 1.0 for label in candidates]
+        table = pd.DataFrame({"candidate": list(candidates), "reward": rewards, "falls": 0})
+        return table.sort_values("reward", ascending=False, ignore_index=True)
+
+    monkeypatch.setattr(study, "rank_alone", rank)
+    run = refinement(tmp_path)
+    texts = {}
+    run.run(lambda run, row: texts.update({int(row["update"]): run.policy().to_text()}))
+    assert list(asked) == ["update 2", "update 4", "as they were"]
+    assert texts[2] != texts[4]
+    assert (tmp_path / "page.formulas").read_text() == texts[2]
+    chosen = pd.read_csv(tmp_path / "candidates.csv").query("chosen")
+    assert list(chosen["candidate"]) == ["update 2"]
+
+
+def test_only_formulas_as_short_as_asked_for_are_candidates():
+    config = replace(TINY, updates=50, candidate_updates=20, terms=60)
+    assert [update for update in range(51) if config.is_candidate(update, 60)] == [0, 20, 40, 50]
+    assert not config.is_candidate(40, 61)
+    assert replace(config, terms=None).is_candidate(40, 61)
+
+
 def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
     config = replace(TINY, terms=80)
     whole = refinement(tmp_path / "whole", config)
@@ -167,6 +203,9 @@ def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
     again = refinement(tmp_path / "halted", config, resume=True)
     again.run(lambda run, row: None)
     assert again.policy().to_text() == whole.policy().to_text()
+    for made in ("page.formulas", "candidates.csv"):
+        halted_bytes = (tmp_path / "halted" / made).read_bytes()
+        assert halted_bytes == (tmp_path / "whole" / made).read_bytes()
     assert [row["terms"] for row in again.progress.curve][-1] == 80.0
 
 
@@ -177,6 +216,7 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
     assert isinstance(policy, FormulaPolicy)
     assert policy.n_terms() == 60
     assert {path.suffix for path in folder.glob("page.*")} == {".formulas", ".yaml", ".csv"}
+    assert list(pd.read_csv(folder / "candidates.csv")["candidate"]) == ["update 2"]
     more = ["--updates", "3", "--terms", "60", "--critic-updates", "1", "--resume"]
     main(["refine", *SMALL[:-2], *more, "--output", str(folder)])
     assert len((folder / "page.csv").read_text().splitlines()) == 1 + 3
