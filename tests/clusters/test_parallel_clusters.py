@@ -184,14 +184,13 @@ def test_experts_of_a_sweep_that_loses_a_node_are_those_of_this_machine(tmp_path
     assert _experts(there) == _experts(here)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_sweep_on_a_cluster_ends_on_signals_as_a_run_does(number, backend, tmp_path):
+def test_a_sweep_on_a_cluster_ends_when_told_to_as_a_run_does(backend, tmp_path):
     process = _train(tmp_path / "experts", "--backend", backend)
     while "done (" not in process.stdout.readline():
         pass
-    process.send_signal(number)
+    process.terminate()
     _, told = process.communicate(timeout=60)
-    assert process.returncode == 128 + number
+    assert process.returncode == 128 + signal.SIGTERM
     assert told.strip().endswith("what was finished is kept")
     assert "Traceback" not in told
 

@@ -59,7 +59,6 @@ COMMANDS = {
     "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
     "symmetry": [*ROLL_OUT, "--n-samples", "20", "--repeats", "2", "--distillation", "{distilled}"],
-    "convergence": ["--n-robots", "1", "--n-steps", "5", "--n-seeds", "1"],
     "demo": ["--n-robots", "2"],
 }
 
