@@ -239,9 +239,18 @@ def test_the_front_page_is_short():
     assert max(len(line) for line in lines if not line.startswith(("|", "<img"))) <= LONGEST_README
 
 
-def test_the_front_page_lists_every_command():
-    (table,) = re.findall(r"## The commands\n\n(.*?)\n\n", PAGES["README.md"], flags=re.DOTALL)
-    assert set(re.findall(r"^\| `glassgait (\w+)", table, flags=re.MULTILINE)) == COMMANDS.keys()
+def commands_of(page, form):
+    """Names of the commands in the table of a page, in the order in which they stand there."""
+    (table,) = re.findall(r"## The commands\n\n(.*?)\n\n(?!\|)", PAGES[page], flags=re.DOTALL)
+    return re.findall(form, table, flags=re.MULTILINE)
+
+
+def test_the_front_page_names_every_command_once():
+    assert sorted(commands_of("README.md", r"\[`(\w+)`\]")) == sorted(COMMANDS)
+
+
+def test_the_page_of_studies_tells_what_every_command_does():
+    assert sorted(commands_of("studies/README.md", r"^\| `glassgait (\w+)")) == sorted(COMMANDS)
 
 
 @pytest.mark.parametrize(
