@@ -1,7 +1,7 @@
 """The nearest answer on a smooth target, by branch and bound over its curved observations."""
 
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class SmoothSearch:
         curved = self._target.curved
         low, high = (np.where(masks[:, curved], e[curved], 0.0) for e in (self._down, self._up))
         waiting = _Boxes(masks, low, high, np.zeros(len(masks)))
-        best, moves = (self._descended() if masks.all() else (np.inf, None))
+        best, moves = self._descended() if masks.all() else (np.inf, None)
         weights, bound = None, 0.0
         for _ in range(_MOST_BATCHES + len(masks) // _BATCH):
             if not len(waiting):
@@ -97,6 +97,22 @@ class SmoothSearch:
         if moves is None:
             return None
         return answered(self._question, moved(self._question, moves), float(np.sqrt(bound)))
+
+    def fewest(self) -> Answer | None:
+        """Returns the nearest answer that changes one observation, or else two; None if none."""
+        ends = (self._down[self._target.curved], self._up[self._target.curved])
+        least, greatest = self._target.slopes(*(end[None] for end in ends))
+        used = np.flatnonzero((least[0] != 0) | (greatest[0] != 0))
+        for count in (1, 2):
+            chosen = np.array(list(combinations(used, count)), dtype=np.intp).reshape(-1, count)
+            if not len(chosen):
+                continue
+            masks = np.zeros((len(chosen), self._target.size), dtype=bool)
+            masks[np.arange(len(chosen))[:, None], chosen] = True
+            found = self.nearest(masks)
+            if found is not None:
+                return found
+        return None
 
     def reach(self) -> float:
         """Returns the greatest rise that is found (rad); of an affine target it is the greatest."""
@@ -169,7 +185,9 @@ class SmoothSearch:
             passed = (slopes[:, curved] * point).sum(axis=1)
             need = self._question.need - self._target.rise(point) + passed
             steps, _ = shortest_steps(np.abs(slopes), need, np.zeros_like(slopes), limits)
-            there = np.clip((np.sign(slopes) * steps)[:, curved], self._down[curved], self._up[curved])
+            there = np.clip(
+                (np.sign(slopes) * steps)[:, curved], self._down[curved], self._up[curved]
+            )
             point = 0.5 * (point + there)
         return best, moves
 

@@ -24,18 +24,22 @@ def nearest_leaves(leaves: Leaves, need: float, farthest: float) -> tuple[Array 
         The cut up to which each free observation moves (k; spreads), 0 where it stays, if a choice
         was found, and a bound of the squared distance.
     """
+    if not len(leaves.trees):
+        return None, farthest
     program = Program()
     _, trees = np.unique(leaves.trees, return_inverse=True)
     chosen = program.add_variables(np.zeros(len(trees)), whole=False)
     program.add_rows(int(trees.max()) + 1, [(trees, chosen, 1.0)], (1.0, 1.0))
     every = np.zeros(len(chosen), dtype=np.intp)
     program.add_rows(1, [(every, chosen, leaves.values)], (need + SLACK, np.inf))
-    sides = [
-        (place, sign, *_add_side(program, trees, chosen, low, high, np.sqrt(farthest)))
-        for place, (lows, highs) in enumerate(zip(leaves.low.T, leaves.high.T, strict=True))
+    sides = []
+    for place, (low, high) in enumerate(zip(leaves.low.T, leaves.high.T, strict=True)):
+        up = _add_side(program, trees, chosen, low, high, np.sqrt(farthest))
         # Where an observation goes down, all is as where it goes up, mirrored.
-        for sign, low, high in ((1.0, lows, highs), (-1.0, -highs, -lows))
-    ]
+        down = _add_side(program, trees, chosen, -high, -low, np.sqrt(farthest))
+        sides += [(place, 1.0, *up), (place, -1.0, *down)]
+        either = np.concatenate([numbers[:1] for _, numbers in (up, down)])
+        program.add_rows(1, [(np.zeros_like(either), either, 1.0)], (0.0, 1.0))
     solution, bound = program.solve(farthest)
     if solution is None:
         return None, bound

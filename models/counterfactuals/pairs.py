@@ -68,5 +68,3 @@ def _front(cells: Cells, gain: Array) -> NDArray[np.intp]:
     order = np.lexsort((-gain, cells.squared))
     most = np.maximum.accumulate(gain[order])
     return order[np.flatnonzero(np.diff(most, prepend=-np.inf) > 0)]
-
-

@@ -45,7 +45,10 @@ class Program:
         return np.arange(self._n_variables - len(costs), self._n_variables)
 
     def add_rows(
-        self, count: int, entries: list[tuple[Indices, Indices, float | Array]], limits: tuple[float, float]
+        self,
+        count: int,
+        entries: list[tuple[Indices, Indices, float | Array]],
+        limits: tuple[float, float],
     ) -> None:
         """Asks that sums of weighted variables lie within limits.
 
@@ -64,7 +67,7 @@ class Program:
         """Solves the program.
 
         Args:
-            farthest: What the costs are known to be at most, infinite where nothing is known.
+            farthest: What was left out costs more than this; infinite where nothing was.
 
         Returns:
             The variables, if a solution was found, and a bound that the costs are not below.
@@ -82,6 +85,5 @@ class Program:
             options={"mip_rel_gap": _GAP, "node_limit": _NODES},
         )
         if result.status == _INFEASIBLE:
-            # What was left out is farther than what is known.
             return None, farthest
-        return result.x, max(float(result.mip_dual_bound or 0.0), 0.0)
+        return result.x, min(max(float(result.mip_dual_bound or 0.0), 0.0), farthest)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.counterfactuals.cells import Cells, cells_of
+from glassgait.models.counterfactuals.cells import cells_of
 from glassgait.models.counterfactuals.pairs import Chosen, nearest_pair, nearest_single
 from glassgait.models.counterfactuals.program import SLACK, Program
 from glassgait.models.counterfactuals.question import Answer, Question, answered
@@ -68,9 +68,7 @@ class AdditiveSearch:
         """Returns the nearest answer, with a bound of how near another might be; None if none."""
         chosen = self._descended()
         found, bound = self._solved(np.inf if chosen is None else self._squared(chosen))
-        if found is not None and (
-            chosen is None or self._squared(found) < self._squared(chosen)
-        ):
+        if found is not None and (chosen is None or self._squared(found) < self._squared(chosen)):
             chosen = found
         if chosen is None:
             return None

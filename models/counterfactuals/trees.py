@@ -34,6 +34,7 @@ class TreeSearch:
         chosen = self._priced()
         chosen = None if chosen is None else self._brought_nearer(chosen)
         farthest = np.inf if chosen is None else self._squared(chosen)
+        # Few leaves are as near as an answer that there is.
         leaves = self._forest.leaves().within(farthest)
         moves, bound = nearest_leaves(leaves, self._question.need + self._forest.before, farthest)
         found = None if moves is None else self._moved(moves)
@@ -159,5 +160,3 @@ class TreeSearch:
             if self._does(tried):
                 return tried
         return chosen
-
-
