@@ -208,7 +208,7 @@ class SmoothSearch:
         return np.linalg.norm(greatest - least, axis=1)[:n] / width + 1e-12
 
     def _halved(self, boxes: _Boxes, weights: Array) -> _Boxes:
-        """Cuts every box in two, where its slopes vary most; at what was observed, if that is in."""
+        """Cuts every box in two where its slopes vary most, at what was observed if that is in."""
         if not len(self._target.curved) or not len(boxes):
             return boxes[:0]
         row = np.arange(len(boxes))

@@ -66,6 +66,8 @@ class AdditiveSearch:
 
     def nearest(self) -> Answer | None:
         """Returns the nearest answer, with a bound of how near another might be; None if none."""
+        if self._most() < self._question.need:
+            return None
         chosen = self._descended()
         found, bound = self._solved(np.inf if chosen is None else self._squared(chosen))
         if found is not None and (chosen is None or self._squared(found) < self._squared(chosen)):
@@ -125,6 +127,12 @@ class AdditiveSearch:
     def _rise(self, chosen: list[int]) -> float:
         alone = sum(gain[cell] for gain, cell in zip(self._gains, chosen, strict=True))
         return float(alone + sum(self._of_pair(p, chosen) for p in self._pairs) - self._before)
+
+    def _most(self) -> float:
+        """Returns what no rise is above: every table at its greatest (rad)."""
+        single = sum(float(gain.max()) for gain in self._gains)
+        pairs = sum(float(p.table[np.ix_(*map(np.unique, p.bins))].max()) for p in self._pairs)
+        return single + pairs - self._before
 
     @staticmethod
     def _of_pair(pair: _Pair, chosen: list[int]) -> float:

@@ -12,6 +12,9 @@ from glassgait.models.counterfactuals.question import Answer, Question, answered
 _PRICES = 16
 """Prices of distance that are tried."""
 
+_MOST_LEAVES = 2500
+"""Leaves with which the program takes a second or two; with more it is not tried."""
+
 _STEPS = 12
 """Steps by which an answer is brought nearer, at most."""
 
@@ -30,18 +33,25 @@ class TreeSearch:
         self._alone = self._forest.alone(question.observation, self._cells)
 
     def nearest(self) -> Answer | None:
-        """Returns the nearest answer, with a bound of how near another might be; None if none."""
+        """Returns the nearest answer, with a bound of how near another might be; None if none.
+
+        Where nothing is found by going along single moves, nothing else is tried.
+        """
         chosen = self._priced()
-        chosen = None if chosen is None else self._brought_nearer(chosen)
-        farthest = np.inf if chosen is None else self._squared(chosen)
-        # Few leaves are as near as an answer that there is.
-        leaves = self._forest.leaves().within(farthest)
-        moves, bound = nearest_leaves(leaves, self._question.need + self._forest.before, farthest)
-        found = None if moves is None else self._moved(moves)
-        if found is not None and self._does(found) and self._squared(found) < farthest:
-            chosen = found
         if chosen is None:
-            return None
+            chosen = self._climbed()
+            if not self._does(chosen):
+                return None
+        chosen = self._brought_nearer(chosen)
+        farthest = self._squared(chosen)
+        # Few leaves are as near as an answer that there is.
+        leaves, bound = self._forest.leaves().within(farthest), 0.0
+        if len(leaves.trees) <= _MOST_LEAVES:
+            need = self._question.need + self._forest.before
+            moves, bound = nearest_leaves(leaves, need, farthest)
+            found = None if moves is None else self._moved(moves)
+            if found is not None and self._does(found) and self._squared(found) < farthest:
+                chosen = found
         return answered(self._question, self._observation(chosen), float(np.sqrt(bound)))
 
     def fewest(self) -> Answer | None:
@@ -62,17 +72,7 @@ class TreeSearch:
 
     def reach(self) -> float:
         """Returns the greatest rise that is found (rad)."""
-        chosen = np.array([int(gain.argmax()) for gain in self._alone])
-        most = 0.0
-        for _ in range(_STEPS):
-            observation = self._observation(chosen)
-            most = max(most, float(self._forest.rise(observation[None])[0]))
-            tables = self._forest.alone(observation, self._cells)
-            place = int(np.argmax([table.max() for table in tables]))
-            if tables[place].max() <= 0:
-                break
-            chosen[place] = tables[place].argmax()
-        return most
+        return float(self._forest.rise(self._observation(self._climbed())[None])[0])
 
     def _answer_of(self, chosen: Chosen, bound: float) -> Answer | None:
         whole = np.array([own.here for own in self._cells])
@@ -97,6 +97,17 @@ class TreeSearch:
 
     def _squared(self, chosen: Array) -> float:
         return float(sum(own.squared[c] for own, c in zip(self._cells, chosen, strict=True)))
+
+    def _climbed(self) -> Array:
+        """Moves one observation after the other to where the target goes farthest."""
+        chosen = np.array([own.here for own in self._cells])
+        for _ in range(2 * len(self._cells)):
+            tables = self._forest.alone(self._observation(chosen), self._cells)
+            place = int(np.argmax([table.max() for table in tables]))
+            if tables[place].max() <= 1e-12:
+                break
+            chosen[place] = tables[place].argmax()
+        return chosen
 
     def _does(self, chosen: Array) -> bool:
         rise = self._forest.rise(self._observation(chosen)[None])[0]

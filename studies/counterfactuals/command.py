@@ -39,6 +39,9 @@ from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import default_student, find_student
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
+REPETITIONS = 100
+"""How often the short replay plays before it stands still."""
+
 
 @dataclass(frozen=True)
 class Counterfactual(Settings):
@@ -190,7 +193,7 @@ def _write(folder: Path, question: Question, answers: Answers, futures: Futures)
     was, would_be = futures.shown()
     left = ReplayedRobot("was", "as it was", WAS, was)
     right = ReplayedRobot("other", "given the other observation", WOULD_BE, would_be)
-    save_pair_replay(left, right, folder / "replay.html")
+    save_pair_replay(left, right, folder / "replay.html", repetitions=REPETITIONS)
 
 
 def _plain(own: Answer | None) -> dict[str, Any] | None:
