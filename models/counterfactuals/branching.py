@@ -40,7 +40,7 @@ class _Boxes:
     def __len__(self) -> int:
         return len(self.bound)
 
-    def __getitem__(self, which: NDArray[np.generic] | slice) -> "_Boxes":
+    def __getitem__(self, which: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "_Boxes":
         return _Boxes(self.masks[which], self.low[which], self.high[which], self.bound[which])
 
     def join(self, other: "_Boxes") -> "_Boxes":

@@ -1,5 +1,8 @@
 """A mixed-integer program of variables from 0 to 1, put together piece by piece."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
@@ -14,8 +17,11 @@ SLACK = 1e-6
 _GAP = 1.0 - (1.0 + 0.95 * TOLERANCE) ** -2
 """Gap of the squared distance at which the solver ends."""
 
-_NODES = 2000
+_NODES = 200
 """Nodes after which it ends with the gap that it then has."""
+
+_SECONDS = 3.0
+"""Time after which it ends likewise; few questions of large trees take so long."""
 
 _INFEASIBLE = 2
 
@@ -47,7 +53,7 @@ class Program:
     def add_rows(
         self,
         count: int,
-        entries: list[tuple[Indices, Indices, float | Array]],
+        entries: Sequence[tuple[Indices, Indices, float | Array]],
         limits: tuple[float, float],
     ) -> None:
         """Asks that sums of weighted variables lie within limits.
@@ -77,12 +83,14 @@ class Program:
         shape = self._n_rows, self._n_variables
         matrix = coo_array((weights, (rows, columns)), shape=shape).tocsr()
         least, greatest = (np.concatenate(part) for part in zip(*self._limits, strict=True))
+        # SciPy's stubs say that limits are numbers; they are arrays as well.
+        limits: tuple[Any, Any] = least, greatest
         result = milp(
             np.concatenate(self._costs),
-            constraints=LinearConstraint(matrix, least, greatest),
+            constraints=LinearConstraint(matrix, *limits),
             integrality=np.concatenate(self._whole).astype(int),
             bounds=Bounds(0, 1),
-            options={"mip_rel_gap": _GAP, "node_limit": _NODES},
+            options={"mip_rel_gap": _GAP, "node_limit": _NODES, "time_limit": _SECONDS},
         )
         if result.status == _INFEASIBLE:
             return None, farthest

@@ -1,5 +1,8 @@
 """Questions and answers in words and tables."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -75,7 +78,7 @@ def certainty_in_words(answer: Answer) -> str:
     return f"not proved to be the nearest: one nearer by {100 * answer.gap:.0f} % may be missed"
 
 
-def outcome_in_words(outcome: dict, by: float) -> str:
+def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
     """Tells what the joint and its foot did, of `Futures.outcome`."""
     followed = np.sign(outcome["joint"]) == np.sign(by) and abs(outcome["joint"]) > 1e-4
     told = (
