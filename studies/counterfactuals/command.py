@@ -179,8 +179,8 @@ class Counterfactual(Settings):
             return answers.nearest
         if answers.fewest is None:
             raise InputError(
-                "--replayed fewest: no change of one observation or two was found that does what is "
-                "asked; replay the nearest, or ask for less with --by"
+                "--replayed fewest: no change of one observation or two was found that does what "
+                "is asked; replay the nearest, or ask for less with --by"
             )
         return answers.fewest
 
