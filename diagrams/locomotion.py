@@ -13,6 +13,7 @@ from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
+from glassgait.models.counterfactuals.intervention import Intervention
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
@@ -26,6 +27,7 @@ from glassgait.systems.contact_noise import ContactNoise
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
+from glassgait.systems.observation_offset import ObservationOffset
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
@@ -39,6 +41,7 @@ def MakeLocomotion(  # noqa: N802
     *,
     policy: AlternatingPolicy | Policy | None = None,
     meshcat: Meshcat | None = None,
+    intervention: Intervention | None = None,
 ) -> Diagram:
     """Builds the station with the task and the policies around it.
 
@@ -82,6 +85,8 @@ def MakeLocomotion(  # noqa: N802
             that the reward machine reads; they are the true ones where there is none, or the
             scenario says so.
         meshcat: Shows robot, contacts and machine state there.
+        intervention: Gives the policy another observation for some control steps; the outputs are
+            the robot's own.
 
     Raises:
         InputError: if a policy was made for another gait or observation, or the gait is not made
@@ -128,7 +133,8 @@ def MakeLocomotion(  # noqa: N802
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
     else:
-        action = _add_policies(builder, observation, policy.period, acting)
+        given = _given_observation(builder, observation, intervention)
+        action = _add_policies(builder, given, policy.period, acting)
         builder.Connect(action, hold.get_action_input_port())
         builder.ExportOutput(action, "actions")
     targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
@@ -262,6 +268,17 @@ def _add_observation(
     builder.Connect(proprioception, observation.get_input_port(0))
     builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
     return observation.get_output_port(), sensed_height
+
+
+def _given_observation(
+    builder: DiagramBuilder, observation: OutputPort, intervention: Intervention | None
+) -> OutputPort:
+    """Returns what the policies observe."""
+    if intervention is None:
+        return observation
+    offset = builder.AddNamedSystem("observation_offset", ObservationOffset(intervention))
+    builder.Connect(observation, offset.get_observation_input_port())
+    return offset.get_given_observation_output_port()
 
 
 def _acting(policy: AlternatingPolicy) -> dict[str, Policy]:

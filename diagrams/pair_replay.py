@@ -52,7 +52,9 @@ class ReplayedRobot:
     rollout: Rollout
 
 
-def save_pair_replay(left: ReplayedRobot, right: ReplayedRobot, path: Path) -> None:
+def save_pair_replay(
+    left: ReplayedRobot, right: ReplayedRobot, path: Path, *, repetitions: int = 1
+) -> None:
     """Draws two rollouts into one animation and writes its page with a legend, atomically.
 
     The robots begin `LANE` apart, and the picture follows their middle. One that falls stays where
@@ -62,6 +64,7 @@ def save_pair_replay(left: ReplayedRobot, right: ReplayedRobot, path: Path) -> N
         left: The robot on the left.
         right: The robot on the right, of another name.
         path: HTML file of the replay.
+        repetitions: How often it plays before it stands still.
     """
     meshcat, robots = open_meshcat(), (left, right)
     diagram, plant, instances = _make_display(meshcat, robots)
@@ -84,6 +87,7 @@ def save_pair_replay(left: ReplayedRobot, right: ReplayedRobot, path: Path) -> N
         meshcat.SetTransform(PAVEMENT_PATH, RigidTransform([*tiles, 0.0]), time)
         diagram.ForcedPublish(context)
     meshcat.StopRecording()
+    meshcat.get_mutable_recording().set_repetitions(repetitions)
     meshcat.PublishRecording()
     write_atomically(path, _with_legend(meshcat.StaticHtml(), robots))
 

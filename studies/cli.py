@@ -68,6 +68,10 @@ COMMANDS = {
         "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",
     ),
+    "counterfactual": (
+        "glassgait.studies.counterfactuals.command:Counterfactual",
+        "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
+    ),
     "show": (
         "glassgait.studies.show_command:Show",
         "Print the formulas of a policy: the lines that its file holds, and that act.",

@@ -1,0 +1,1 @@
+"""What a policy would have had to observe to ask something else of a joint."""

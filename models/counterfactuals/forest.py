@@ -1,0 +1,137 @@
+"""One joint's boosted trees around an observation: what each move alone changes, and leaves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.counterfactuals.cells import Cells
+from glassgait.models.counterfactuals.question import Question
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """Leaves that free observations can reach.
+
+    Attributes:
+        trees: Tree of each leaf (m), ascending.
+        values: What each adds to the target (m; rad), the way that was asked.
+        low: The move of each free observation that it lies above (m, k; spreads).
+        high: The move that it lies below, or at (m, k).
+    """
+
+    trees: NDArray[np.intp]
+    values: Array
+    low: Array
+    high: Array
+
+    def within(self, squared: float) -> "Leaves":
+        """Leaves out those that are farther."""
+        nearest = np.clip(0.0, self.low, self.high)
+        kept = (nearest * nearest).sum(axis=1) <= squared
+        return Leaves(self.trees[kept], self.values[kept], self.low[kept], self.high[kept])
+
+
+class Forest:
+    """The trees of one joint, for one question."""
+
+    def __init__(self, question: Question) -> None:
+        policy, joint = question.policy, question.joint
+        assert isinstance(policy, BoostedTreesPolicy)
+        self._question, self._depth = question, policy.depth
+        self._features = policy.features[joint]
+        self._thresholds = policy.thresholds[joint]
+        self._values = question.sign * robot.ACTION_SCALE * policy.leaves[joint]
+        self._free = question.room.free
+        self.before = float(self.total(question.observation[None])[0])
+
+    def cuts(self) -> list[Array]:
+        """Returns the thresholds of every observation (n arrays)."""
+        n = len(self._question.observation)
+        finite = np.isfinite(self._thresholds)
+        features, thresholds = self._features[finite], self._thresholds[finite]
+        return [np.unique(thresholds[features == index]) for index in range(n)]
+
+    def total(self, observations: Array) -> Array:
+        """Returns the sum of all trees (m; rad), of observations (m, n)."""
+        row = np.arange(len(observations))[:, None]
+        tree = np.arange(len(self._features))
+        node = np.zeros((len(observations), len(tree)), dtype=np.intp)
+        for _ in range(self._depth):
+            asked = self._features[tree, node]
+            node = 2 * node + 1 + (observations[row, asked] > self._thresholds[tree, node])
+        return self._values[tree, node - (2**self._depth - 1)].sum(axis=1)
+
+    def rise(self, observations: Array) -> Array:
+        """Returns by how much the target goes the way that was asked (m; rad)."""
+        return self.total(observations) - self.before
+
+    def alone(self, observation: Array, cells: Sequence[Cells]) -> list[Array]:
+        """Returns what each cell of each free observation changes (k arrays; rad).
+
+        All trees are gone through for all observations at once: a node that asks for the
+        observation that moves is left by both sides.
+
+        Args:
+            observation: Where all others stay (n).
+            cells: Cells of each free observation (k).
+        """
+        n_trees, k = len(self._features), len(self._free)
+        tree, mover = (part.ravel() for part in np.indices((n_trees, k)))
+        node = np.zeros(len(tree), dtype=np.intp)
+        low, high = np.full(len(tree), -np.inf), np.full(len(tree), np.inf)
+        for _ in range(self._depth):
+            asked, cut = self._features[tree, node], self._thresholds[tree, node]
+            both = (asked == self._free[mover]) & np.isfinite(cut)
+            right = np.where(both, high > cut, observation[asked] > cut)
+            left = np.where(both, low < cut, ~right)
+            down, up = np.flatnonzero(left), np.flatnonzero(right)
+            highest = np.where(both, np.minimum(high, cut), high)[down]
+            lowest = np.where(both, np.maximum(low, cut), low)[up]
+            tree, mover = np.append(tree[down], tree[up]), np.append(mover[down], mover[up])
+            low, high = np.append(low[down], lowest), np.append(highest, high[up])
+            node = np.append(2 * node[down] + 1, 2 * node[up] + 2)
+        values = self._values[tree, node - (2**self._depth - 1)]
+        found = []
+        for place, own in enumerate(cells):
+            mine = mover == place
+            # A leaf counts from the first value above its lower end up to its upper end.
+            start = np.searchsorted(own.values, low[mine], side="right")
+            end = np.searchsorted(own.values, high[mine], side="right")
+            size = len(own.values) + 1
+            steps = np.bincount(start, values[mine], size) - np.bincount(end, values[mine], size)
+            gain = np.cumsum(steps)[:-1]
+            at = np.searchsorted(own.values, observation[own.index])
+            found.append(gain - gain[min(at, len(gain) - 1)])
+        return found
+
+    def leaves(self) -> Leaves:
+        """Returns all leaves that the free observations can reach within their range."""
+        observation, room = self._question.observation, self._question.room
+        low, high = observation.copy(), observation.copy()
+        low[self._free] = np.minimum(room.lower, observation)[self._free]
+        high[self._free] = np.maximum(room.upper, observation)[self._free]
+        tree = np.arange(len(self._features))
+        node = np.zeros(len(tree), dtype=np.intp)
+        lows, highs = np.tile(low, (len(tree), 1)), np.tile(high, (len(tree), 1))
+        for _ in range(self._depth):
+            row = np.arange(len(tree))
+            asked, cut = self._features[tree, node], self._thresholds[tree, node]
+            down = np.flatnonzero(lows[row, asked] <= cut)
+            up = np.flatnonzero(highs[row, asked] > cut)
+            lowest, highest = lows[up], highs[down]
+            lowest[np.arange(len(up)), asked[up]] = np.maximum(lows[up, asked[up]], cut[up])
+            ends = np.minimum(highs[down, asked[down]], cut[down])
+            highest[np.arange(len(down)), asked[down]] = ends
+            lows, highs = np.append(lows[down], lowest, 0), np.append(highest, highs[up], 0)
+            tree = np.append(tree[down], tree[up])
+            node = np.append(2 * node[down] + 1, 2 * node[up] + 2)
+        order = np.argsort(tree, kind="stable")
+        free, here, spread = self._free, observation[self._free], room.spread[self._free]
+        values = self._values[tree[order], node[order] - (2**self._depth - 1)]
+        moves = [(ends[order][:, free] - here) / spread for ends in (lows, highs)]
+        return Leaves(tree[order], values, *moves)

@@ -1,0 +1,112 @@
+"""The page that asks what a robot would have had to observe."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.studies.cli import main
+from glassgait.studies.counterfactuals.futures import BEFORE
+
+STEP = 12
+
+
+@pytest.fixture(scope="module")
+def students(tmp_path_factory):
+    """A folder with a linear student, which leans a little, and one that is not searched."""
+    folder = tmp_path_factory.mktemp("students")
+    names = load_expert("trot").observation_names
+    weights = 0.02 * np.random.default_rng(3).normal(size=(12, len(names)))
+    LinearPolicy("trot", names, weights, np.full(12, 0.1)).save(folder / "linear.safetensors")
+    OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(students, tmp_path_factory):
+    output = tmp_path_factory.mktemp("page") / "run"
+    where = ["--distillation", str(students), "--output", str(output)]
+    asked = ["--policy", "linear", "--step", str(STEP), "--by", "0.004", "--survey", "4"]
+    main(["counterfactual", *asked, "--seconds", "0.8", *where])
+    return output / "index.html"
+
+
+def test_page_needs_nothing_from_elsewhere(page, embedded):
+    text = page.read_text()
+    head = text[: text.index('id="replay-page"')]
+    assert "https://" not in head and "http://" not in head
+    assert "<script src" not in text
+    assert "given the other observation" in embedded(page, "replay-page")
+
+
+def test_page_asks_in_words_and_lists_what_would_differ(page):
+    text = page.read_text()
+    assert f"Why did FR calf not stretch more at step {STEP}?" in text
+    assert "The nearest observation" in text and "The fewest changes" in text
+    nearest = pd.read_csv(page.parent / "nearest.csv")
+    fewest = pd.read_csv(page.parent / "fewest.csv")
+    assert len(fewest) in (1, 2) and len(nearest) >= len(fewest)
+    for row in nearest.itertuples():
+        assert row.observation in text
+    np.testing.assert_allclose(nearest["would be"] - nearest["was"], nearest["difference"])
+
+
+def test_the_replayed_robot_is_asked_for_what_was_answered(page):
+    metrics = json.loads((page.parent / "metrics.json").read_text())
+    nearest, outcome = metrics["nearest"], metrics["outcome"]
+    assert nearest["change_of_target"] == pytest.approx(0.004)
+    assert outcome["target"] == pytest.approx(nearest["change_of_target"], abs=1e-9)
+    assert outcome["joint"] > 0
+    assert 0 < outcome["after"] <= 0.2
+    survey = pd.read_csv(page.parent / "survey.csv")
+    assert len(survey) == 4
+    assert set(survey["joint"]) <= set(robot.JOINTS)
+    assert (survey["by"].abs() == 0.004).all()
+
+
+def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatch):
+    kept = []
+
+    def keep(left, right, path, **_):
+        kept.extend((left, right))
+        path.write_text("")
+
+    monkeypatch.setattr("glassgait.studies.counterfactuals.command.save_pair_replay", keep)
+    where = ["--distillation", str(students), "--output", str(tmp_path / "run")]
+    asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
+    main(["counterfactual", *asked, "--seconds", "0.8", *where])
+    was, would_be = (own.rollout for own in kept)
+    moment = min(STEP, BEFORE)
+    for port in ("observations", "state"):
+        np.testing.assert_array_equal(was[port][: moment + 1], would_be[port][: moment + 1])
+        assert (was[port][moment + 1] != would_be[port][moment + 1]).any()
+    joint = robot.joint_index("FR_calf")
+    np.testing.assert_array_equal(was["actions"][:moment], would_be["actions"][:moment])
+    change = robot.ACTION_SCALE * (would_be["actions"] - was["actions"])[moment, joint]
+    assert change == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--by", "40"], "the most that was found is"),
+        (["--by", "0"], "by is 0; give 1e-6 rad or more"),
+        (["--step", "-1"], "step is -1; it must be"),
+        (["--joint", "FL_knee"], "unknown joint 'FL_knee'"),
+        (["--policy", "expert"], "a network is not searched"),
+        (["--policy", "open_loop"], "kind 'open_loop' cannot be searched"),
+        (["--lasting", "0"], "lasting is 0; it must be"),
+        (["--gait", "gallop"], "gallop"),
+    ],
+)
+def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
+    short = ["--step", "3", "--seconds", "0.1"]
+    policy = [] if "--policy" in arguments else ["--policy", "linear"]
+    where = ["--distillation", str(students), "--output", str(tmp_path / "page")]
+    assert message in refused(["counterfactual", *policy, *short, *arguments, *where])
+    assert not (tmp_path / "page").exists()

@@ -1,0 +1,42 @@
+"""Giving a policy another observation."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.systems.observation_offset import ObservationOffset
+
+
+@pytest.fixture
+def system():
+    return ObservationOffset(Intervention(np.array([0.5, -1.0, 0.0]), first=2, count=2))
+
+
+def given(system, context):
+    return system.get_given_observation_output_port().Eval(context)
+
+
+def test_ports_and_feedthrough(system, port_sizes, feedthrough):
+    assert port_sizes(system) == ({"observation": 3}, {"given_observation": 3})
+    assert feedthrough(system) == {("observation", "given_observation")}
+
+
+def test_the_offset_is_there_while_the_intervention_lasts(system, fix_inputs):
+    context = fix_inputs(system, observation=np.arange(3.0))
+    for step in range(6):
+        context.SetTime(step * 0.02)
+        offset = [0.5, -1.0, 0.0] if step in (2, 3) else np.zeros(3)
+        np.testing.assert_array_equal(given(system, context), np.arange(3.0) + offset)
+
+
+def test_clones_go_by_their_own_time(system, fix_inputs):
+    context = fix_inputs(system, observation=np.zeros(3))
+    clone = context.Clone()
+    clone.SetTime(0.04)
+    np.testing.assert_array_equal(given(system, context), np.zeros(3))
+    np.testing.assert_array_equal(given(system, clone), [0.5, -1.0, 0.0])
+
+
+def test_another_size_is_refused(system, fix_inputs):
+    with pytest.raises(Exception, match="size"):
+        fix_inputs(system, observation=np.zeros(4))
