@@ -252,7 +252,7 @@ def test_refuses_what_it_cannot_compare(refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "unknown policy 'oracle'" in refused(["compare", "oracle", "page"])
     assert "unknown policy 'oracle'" in refused(["compare", "page", "oracle"])
-    assert "no student 'page' of the walk" in refused(["compare", "--gait", "walk"])
+    assert "no student 'page' of the three_one" in refused(["compare", "--gait", "three_one"])
     other = str(policy_path(tmp_path, "none"))
     assert "none" in refused(["compare", "page", other])
     assert "unknown scenario 'mars'" in refused(["compare", "--worlds", "mars"])
