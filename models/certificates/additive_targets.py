@@ -85,9 +85,7 @@ class AdditiveTargets:
             pick = np.array([_pick(values, own.coarse == label) for label in range(len(best))])
             unary.append(best)
             chosen.append(at[pick])
-        pairs = [
-            (first, second, sign * table) for first, second, table in self._pairs_of(joint)
-        ]
+        pairs = [(first, second, sign * table) for first, second, table in self._pairs_of(joint)]
         value, labels = greatest_sum(unary, pairs)
         observation = np.array([own[label] for own, label in zip(chosen, labels, strict=True)])
         constant = sign * (
@@ -96,8 +94,25 @@ class AdditiveTargets:
         found = float(constant + robot.ACTION_SCALE * value)
         return Maximum(found, found - lost, self._units.quantities(observation))
 
-    def _change(self, question: Question, cells: Sequence[_Cells]) -> Maximum:
-        """Bounds the step from a bin to the next, or the change between any two."""
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        cells = [self._cells(i, joint, region) for i in range(len(region.lower))]
+        apart = most * self._units.scale[index]
+        found = [
+            self._change(Question("effect", state, joint, sign, index), cells, apart).bound
+            for sign in (1, -1)
+        ]
+        return max(found)
+
+    def _change(
+        self, question: Question, cells: Sequence[_Cells], apart: float = np.inf
+    ) -> Maximum:
+        """Bounds the step from a bin to the next, or the change between two bins.
+
+        Args:
+            question: What is asked.
+            cells: Bins of each observation.
+            apart: Distance of two bins beyond which a change does not count.
+        """
         index = question.observation
         if index is None:
             raise AssertionError(f"{question.of} asks for an observation")
@@ -121,6 +136,9 @@ class AdditiveTargets:
             allowed = np.full_like(whole, -np.inf)
             allowed[steps, steps + 1] = whole[steps, steps + 1]
             whole = allowed if len(steps) else np.zeros_like(whole)
+        distance = np.maximum(own.first[None, :] - own.last[:, None], 0.0)
+        distance = np.maximum(distance, own.first[:, None] - own.last[None, :])
+        whole = np.where(distance <= apart + INSIDE, whole, -np.inf)
         before, after = np.unravel_index(int(np.argmax(whole)), whole.shape)
         observation = np.array([each.middle[0] for each in cells])
         observation[index] = own.middle[after]

@@ -22,6 +22,7 @@ from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import indices_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
 
 
 class FormulaTargets:
@@ -56,7 +57,9 @@ class FormulaTargets:
         """Writes weighted sums of observations as formulas of quantities."""
         shape = (-1, robot.N_JOINTS)
         intercepts = np.tile(policy.intercepts.reshape(shape), (n_states, 1))
-        weights = np.tile(policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1))
+        weights = np.tile(
+            policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1)
+        )
         units = RobotUnits.of(policy.observation_names)
         rows = [
             [
@@ -91,15 +94,27 @@ class FormulaTargets:
             threshold=threshold,
         )
 
-    def steepest(self, state: int, joint: int, index: int, region: Region) -> float:
-        """Bounds the size of a slope over a box, at once and less tightly."""
-        found = 0.0
+    def image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
+        """Returns what a joint's target is in the mirror, multiplied out.
+
+        Args:
+            state: The state.
+            joint: The joint whose image is returned.
+            reflection: The reflection of the observations.
+        """
+        mirrored = _mirrored(self._formulas[state][joint], reflection)
+        sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
+        return combined(self._ring.polynomial(mirrored), factor=sign)
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        """Bounds the change by the slope, which is bounded at once and not by search."""
+        steepest = 0.0
         for sign in (1, -1):
             question = Question("slope", state, joint, sign, index)
             relaxation = Relaxation(self._ring, self._polynomial(question))
             bound = relaxation.upper(region.lower[None], region.upper[None])
-            found = max(found, float(bound[0]))
-        return found
+            steepest = max(steepest, float(bound[0]))
+        return most * steepest
 
     def _of(self, question: Question) -> Polynomial:
         polynomial = self._ring.polynomial(self._asked(question))
@@ -132,9 +147,17 @@ def _renamed(formula: Expression, old: int, new: int) -> Expression:
     return Expression(formula.operator, operands, formula.value)
 
 
-def _weighted_sum(
-    weights: Array, intercept: float, units: RobotUnits, joint: int
-) -> Expression:
+def _mirrored(formula: Expression, reflection: Reflection) -> Expression:
+    """Puts, for each quantity, its image into a formula; angles turn about zero."""
+    if formula.operator == "variable":
+        image = variable(int(reflection.index[formula.variable]))
+        negative = reflection.sign[formula.variable] < 0.0
+        return Expression("neg", (image,)) if negative else image
+    operands = tuple(_mirrored(operand, reflection) for operand in formula.operands)
+    return Expression(formula.operator, operands, formula.value)
+
+
+def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:
     """Writes a joint's target; products of numbers stay apart, so that nothing is rounded."""
     whole = constant(float(intercept))
     for index, weight in enumerate(weights.tolist()):

@@ -161,7 +161,9 @@ def _split(
         bounds.append(pair)
         lowered = parents.bound - pair
         width = (parents.upper - parents.lower)[:, relaxation.shared[place]]
-        gain[place] = np.where(splits, lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width, -np.inf)
+        gain[place] = np.where(
+            splits, lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width, -np.inf
+        )
     stuck, rows = -np.inf, [[] for _ in range(4)]
     for row in range(m):
         place = int(np.argmax(gain[:, row])) if tried else 0

@@ -154,7 +154,8 @@ class ObservationBox:
         """Writes the box in the robot's units, a line a quantity."""
         ends = zip(entries_of(self.names), *self.quantities, strict=True)
         return [
-            f"{entry.symbol}: {low:g} to {high:g} {entry.unit}".rstrip() for entry, low, high in ends
+            f"{entry.symbol}: {low:g} to {high:g} {entry.unit}".rstrip()
+            for entry, low, high in ends
         ]
 
     def save(self, path: Path, measured: str) -> None:

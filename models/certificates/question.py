@@ -56,6 +56,10 @@ class Targets(Protocol):
         """
         ...
 
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        """Bounds the change of a target (rad) where one quantity changes by `most` at most."""
+        ...
+
     def used(self, state: int, joint: int) -> frozenset[int]:
         """Returns the observations that a joint's target may depend on."""
         ...

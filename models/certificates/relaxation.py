@@ -135,9 +135,7 @@ class Relaxation:
                 whole = whole + part
             return whole
 
-        return {
-            (factor, power): of_factor(factor).power(power) for factor, power in self._elements
-        }
+        return {(factor, power): of_factor(factor).power(power) for factor, power in self._elements}
 
     def _is_shared(self, index: int) -> bool:
         own = self._elements_of(index)

@@ -53,6 +53,10 @@ class TreeTargets:
         witness, reached = self._witness(question, region)
         return Maximum(float(max(bound, reached)), reached, witness)
 
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        question = Question("effect", state, joint, 1, index)
+        return self.answer(question, region, gap=0.0).bound
+
     def _change(self, question: Question, region: Region, spans: Array) -> Maximum:
         """Bounds an effect by the trees that ask for the observation; it bounds steps too."""
         policy, joint = self._policy, question.joint
