@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
 
@@ -94,7 +95,7 @@ class Interval:
         low = np.where(wide | self._may_hold(crest + 1.0), -1.0, np.maximum(ends.lower, -1.0))
         return Interval(low, high)
 
-    def _may_hold(self, halves: float) -> "Array":
+    def _may_hold(self, halves: float) -> NDArray[np.bool_]:
         """Tells where a number (halves + 2 k)·π may be in it; where it is not sure, it may."""
         slack = 1e-9
         first = (self.lower / np.pi - halves) / 2.0 - slack
@@ -151,5 +152,5 @@ def _outward(lower: Array, upper: Array, ulps: int = 1) -> Interval:
     return Interval(lower, upper)
 
 
-def _unbounded_where(lost: Array, found: Interval) -> Interval:
+def _unbounded_where(lost: NDArray[np.bool_], found: Interval) -> Interval:
     return Interval(np.where(lost, -np.inf, found.lower), np.where(lost, np.inf, found.upper))

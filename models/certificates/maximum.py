@@ -164,7 +164,8 @@ def _split(
         gain[place] = np.where(
             splits, lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width, -np.inf
         )
-    stuck, rows = -np.inf, [[] for _ in range(4)]
+    stuck = -np.inf
+    lower, upper, bound, leaves = [], [], [], []
     for row in range(m):
         place = int(np.argmax(gain[:, row])) if tried else 0
         if not tried or gain[place, row] == -np.inf:
@@ -175,12 +176,12 @@ def _split(
         children: tuple[Tree, Tree] = ([], [])
         cut = 0.5 * (below[row, index] + above[row, index])
         parents.leaves[row][:] = [index, float(cut), *children]
-        rows[0] += [parents.lower[row], above[row]]
-        rows[1] += [below[row], parents.upper[row]]
-        rows[2] += bounds[place][:, row].tolist()
-        rows[3] += children
-    corners = [np.array(own).reshape(-1, n) for own in rows[:2]]
-    return _Cells(*corners, np.array(rows[2]), rows[3]), stuck
+        lower += [parents.lower[row], above[row]]
+        upper += [below[row], parents.upper[row]]
+        bound += bounds[place][:, row].tolist()
+        leaves += children
+    low, high = (np.array(own).reshape(-1, n) for own in (lower, upper))
+    return _Cells(low, high, np.array(bound), leaves), stuck
 
 
 def _halves(cells: _Cells, index: int, counted: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -218,6 +219,7 @@ def _ascended(
     function: Callable[[Array], Array], relaxation: Relaxation, region: Region, points: Array
 ) -> tuple[Array, float]:
     """Climbs from points, a quantity at a time, and returns where it is highest, and how high."""
+    points = np.clip(points, region.lower, region.upper)
     values = function(points)
     rest = [index for index in relaxation.used if index not in relaxation.gates]
     for sweep in range(SWEEPS):

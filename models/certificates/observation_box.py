@@ -30,7 +30,7 @@ from glassgait.models.task.termination import TerminationLimits
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
 
 FASTEST_JOINT = 50.0
-"""Greatest joint velocity that the encoders tell (rad/s), stated: twice the motors' own and more."""
+"""Greatest joint velocity that the encoders tell (rad/s), stated; the motors reach 21."""
 
 FASTEST_TRUNK = 3.0
 """Greatest trunk velocity that the estimator tells, along any axis (m/s), stated."""

@@ -156,7 +156,7 @@ class Relaxation:
         inner = [factor for monomial, _ in argument for factor, _ in monomial]
         return (
             len(inner) != len(set(inner))
-            or any(len(monomial) > 1 or monomial[0][1] > 1 for monomial, _ in argument if monomial)
+            or any(sum(power for _, power in monomial) > 1 for monomial, _ in argument)
             or any(self._ring.factors[factor].function != "variable" for factor in inner)
         )
 

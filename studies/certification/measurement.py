@@ -17,7 +17,6 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
