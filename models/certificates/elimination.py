@@ -90,7 +90,8 @@ def _cut(table: Table, label: int, value: int) -> Table:
     axes, values = table
     if label not in axes:
         return table
-    return tuple(axis for axis in axes if axis != label), values.take(value, axes.index(label))
+    left = np.asarray(values.take(value, axes.index(label)))
+    return tuple(axis for axis in axes if axis != label), left
 
 
 def _cost(label: int, tables: Sequence[Table], sizes: Sequence[int]) -> int:

@@ -76,7 +76,7 @@ class Interval:
     def inverse(self) -> "Interval":
         """Returns 1 divided by it; without ends where it holds 0."""
         holds_zero = (self.lower <= 0.0) & (self.upper >= 0.0)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             low, high = 1.0 / self.upper, 1.0 / self.lower
         return _unbounded_where(holds_zero, _outward(low, high))
 

@@ -25,7 +25,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.symmetry import mirrored_states
 
-GAP = 0.005
+GAP = 0.008
 """Share of a joint's range that a bound may be away from its witness."""
 
 FINE = 1e-7

@@ -103,10 +103,19 @@ class TreeTargets:
         return point, value
 
     def _values(self, question: Question, quantities: Array) -> Array:
-        actions = self._policy(self._observed(quantities))
-        values = robot.joint_targets(actions)[..., question.joint]
+        """Evaluates what is asked (m,), of quantities (m, n), for the joint alone."""
+        policy, joint = self._policy, question.joint
+        observed, row = self._observed(quantities), np.arange(len(quantities))[:, None]
+        tree = np.arange(policy.features.shape[1])
+        node = np.zeros((len(quantities), len(tree)), dtype=np.intp)
+        for _ in range(policy.depth):
+            asked = policy.features[joint, tree, node]
+            node = 2 * node + 1 + (observed[row, asked] > policy.thresholds[joint, tree, node])
+        leaves = policy.leaves[joint, tree, node - (2**policy.depth - 1)]
+        action = leaves.sum(axis=-1) + policy.intercepts[joint]
+        values = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * action
         if question.of == "offset":
-            values = values - quantities[..., self._positions[question.joint]]
+            values = values - quantities[..., self._positions[joint]]
         return question.sign * values
 
     def _observed(self, quantities: Array) -> Array:

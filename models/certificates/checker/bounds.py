@@ -102,10 +102,15 @@ def ranged(factor: str, box: dict[str, tuple]) -> tuple:
     if function in ("sin", "cos"):
         # Crests and troughs are where this is whole, and turn about.
         halves = fmpq(1, 2) if function == "sin" else fmpq(0)
-        first, last = ((end / arb.pi() - halves).floor().unique_fmpz() for end in (low, high))
-        refuse_unless(None not in (first, last), f"it is not sure where a {function} turns")
-        ends += [arb((-1) ** (k % 2)) for k in range(int(first) + 1, int(last) + 1)][:2]
+        first, last = (_floor(end / arb.pi() - halves) for end in (low, high))
+        ends += [arb((-1) ** (k % 2)) for k in range(first + 1, last + 1)][:2]
     return hull(ends)
+
+
+def _floor(number: Any) -> int:
+    whole = number.floor().unique_fmpz()
+    refuse_unless(whole is not None, "it is not sure where a wave turns")
+    return int(str(whole))
 
 
 def value_at(polynomial: dict, point: dict[str, float]) -> Any:

@@ -89,9 +89,12 @@ class Check:
         told = f"{own['of']} of {joint} in state {state}"
         polynomial = plus({}, self.asked(own["of"], state, joint, name), own["sign"])
         refuse_unless(own["sign"] in (1, -1), f"{told}: its sign is {own['sign']}")
-        box, counted = self.box(own["box"], stuck, state), set(COUNTED)
+        refuse_unless(state in range(self.n_states), f"{told}: there is no such state")
+        box, counted = self.box(own["box"], stuck, state), set[str](COUNTED)
         if name is not None:
-            box["other"], counted = box[name], counted | ({"other"} if name in COUNTED else set())
+            box["other"] = box[name]
+            if name in COUNTED:
+                counted.add("other")
         bound = greatest(polynomial, box, own.get("splits", []), counted)
         refuse_unless(bound <= own["bound"], f"{told}: the bound {own['bound']} is not proved")
         point = {name: low for name, (low, high) in box.items() if low == high} | own["witness"]

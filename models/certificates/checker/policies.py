@@ -81,7 +81,7 @@ def parsed(node: ast.expr, known: dict[str, dict]) -> dict:
             return plus({}, parsed(inner, known), factor)
         case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=2 | 3 as power)):
             whole = one = parsed(left, known)
-            for _ in range(power - 1):
+            for _ in range(1 if power == 2 else 2):
                 whole = times(whole, one)
             return whole
         case ast.BinOp(left=left, op=operator, right=right):
