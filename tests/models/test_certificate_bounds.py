@@ -149,6 +149,7 @@ def test_labels_that_meet_too_many_are_tried_one_by_one(monkeypatch):
     unary = [generator.normal(size=3) for _ in range(5)]
     pairs = [(a, b, generator.normal(size=(3, 3))) for a in range(5) for b in range(a)]
     value, labels = greatest_sum(unary, pairs)
+    assert len(labels) == len(unary)
     assert value == pytest.approx(
         max(
             sum(own[i] for own, i in zip(unary, each, strict=True))

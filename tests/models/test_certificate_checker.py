@@ -186,11 +186,11 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
 
 def test_restates_the_robot_as_it_is():
     assert tuple(read.JOINTS) == robot.JOINTS
-    assert read.STANCE == robot.DEFAULT_STANCE.tolist()
+    assert robot.DEFAULT_STANCE.tolist() == read.STANCE
     assert read.ACTION_SCALE == robot.ACTION_SCALE
     assert checked.LIMITS == robot.POSITION_LIMITS
     assert (checked.STIFFNESS, checked.EFFORT) == (robot.STIFFNESS, robot.EFFORT_LIMIT)
-    assert checked.ABRUPT == TerminationLimits().action_change
+    assert TerminationLimits().action_change == checked.ABRUPT
     entries = ObservationLayout(4).entries
     assert read.symbols(4) == [entry.symbol for entry in entries]
 
