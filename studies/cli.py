@@ -64,6 +64,14 @@ COMMANDS = {
         "glassgait.studies.claims.command:Claims",
         "Test what a policy of formulas says: change a term, and see whether the robot moves so.",
     ),
+    "certify": (
+        "glassgait.studies.certification.command:Certify",
+        "Prove what a policy can never do, or find the observation where it does.",
+    ),
+    "check": (
+        "glassgait.studies.certification.check_command:Check",
+        "Check a certificate by arithmetic of its own, without the program that proved it.",
+    ),
     "explain": (
         "glassgait.studies.explanation.command:Explain",
         "Roll a student out alone and write a page that explains its every action.",

@@ -5,6 +5,7 @@ from pathlib import Path
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
+    STUDENT_DIRECTORY,
     load_expert,
     load_policy,
     load_student,
@@ -109,7 +110,7 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    student = _load_student(name, expert, folder)
+    student = load_policy(student_file(name, expert, folder))
     student.check(gait=expert.gait, observation_names=expert.observation_names)
     return student
 
@@ -129,7 +130,12 @@ def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -
     return student
 
 
-def _load_student(name: str, expert: NeuralPolicy, folder: Path | None) -> Policy:
+def student_file(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Path:
+    """Returns the file of a student, which `find_student` loads.
+
+    Raises:
+        InputError: if there is no such student.
+    """
     gait = expert.gait
     if name not in STUDENTS:
         if Path(name).suffix not in POLICY_SUFFIXES:
@@ -137,12 +143,12 @@ def _load_student(name: str, expert: NeuralPolicy, folder: Path | None) -> Polic
                 f"unknown policy {shown(name)}; the policies are expert, {', '.join(STUDENTS)}, or "
                 f"the path of a policy file ending in {' or '.join(POLICY_SUFFIXES)}"
             )
-        return load_policy(Path(name))
+        return Path(name)
     path = policy_path(folder or distillation_folder(gait), name)
     if path.exists():
         if folder is None and name in shipped_students(gait):
             say(f"{name}: that of {path.parent}, in place of the shipped one")
-        return load_policy(path)
+        return path
     if folder is None and name in shipped_students(gait):
         if expert.digest() != load_expert(gait).digest():
             raise InputError(
@@ -150,7 +156,7 @@ def _load_student(name: str, expert: NeuralPolicy, folder: Path | None) -> Polic
                 "estimator tells, and this is another expert; distil one with "
                 f"'glassgait distill --gait {gait} --students {name} --expert <its file>'"
             )
-        return load_student(gait, name)
+        return policy_path(STUDENT_DIRECTORY / gait, name)
     raise InputError(
         f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
         f"'glassgait distill --gait {gait} --students {name}'"

@@ -1,0 +1,1 @@
+"""What a policy can never do, proved over all observations of a box at once."""

@@ -1,0 +1,182 @@
+"""Exact bounds of targets that are sums of tables of one or two observations.
+
+Within a coarse bin of each observation the fine ones count by their greatest value alone. What is
+left is a sum of tables over pairs of coarse bins, whose maximum is found by eliminating one
+observation after another: few pairs meet in each, so that no table grows large.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.elimination import greatest_sum
+from glassgait.models.certificates.maximum import Maximum, Region
+from glassgait.models.certificates.question import Question
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.task.observation import indices_of
+
+INSIDE = 1e-9
+"""Share of a bin by which a witness stays away from its end, where rounding could leave it."""
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The bins, fine and coarse, that an observation of a box can be in.
+
+    Attributes:
+        first: Least value in each (k).
+        last: Greatest value in each (k).
+        single: Value of the joint's function of one observation (k).
+        coarse: Coarse bin (k).
+    """
+
+    first: Array
+    last: Array
+    single: Array
+    coarse: NDArray[np.intp]
+
+    @property
+    def middle(self) -> Array:
+        """A value within each (k)."""
+        return 0.5 * (self.first + self.last)
+
+
+class AdditiveTargets:
+    """Targets of an additive policy."""
+
+    def __init__(self, policy: AdditivePolicy) -> None:
+        self._policy = policy
+        self._units = RobotUnits.of(policy.observation_names)
+        self._positions = indices_of("joint position", policy.observation_names)
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        policy = self._policy
+        single = np.flatnonzero(np.ptp(policy.tables[joint], axis=-1) > 0.0)
+        mine = policy.pair_joints == joint
+        return frozenset(single.tolist()) | frozenset(policy.pairs[mine].ravel().tolist())
+
+    def answer(
+        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        cells = [self._cells(i, question.joint, region) for i in range(len(region.lower))]
+        if question.of in ("slope", "effect"):
+            return self._change(question, cells)
+        return self._sum(question, cells)
+
+    def _sum(self, question: Question, cells: Sequence[_Cells]) -> Maximum:
+        joint, sign = question.joint, float(question.sign)
+        unary, chosen, lost = [], [], 0.0
+        for index, own in enumerate(cells):
+            values = sign * own.single
+            at = own.middle
+            if question.of == "offset" and index == self._positions[joint]:
+                # The angle counts by itself: the least of a bin for the greatest offset.
+                end = own.first if sign > 0 else own.last
+                values = values - sign * self._angle(index, end) / robot.ACTION_SCALE
+                at = end + INSIDE * (own.middle - end)
+                lost = INSIDE * float(np.max(own.last - own.first) / self._units.scale[index])
+            best = np.full(len(self._labels(index)), -np.inf)
+            np.maximum.at(best, own.coarse, values)
+            pick = np.array([_pick(values, own.coarse == label) for label in range(len(best))])
+            unary.append(best)
+            chosen.append(at[pick])
+        pairs = [(first, second, sign * table) for first, second, table in self._pairs_of(joint)]
+        value, labels = greatest_sum(unary, pairs)
+        observation = np.array([own[label] for own, label in zip(chosen, labels, strict=True)])
+        constant = sign * (
+            robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * self._policy.intercepts[joint]
+        )
+        found = float(constant + robot.ACTION_SCALE * value)
+        return Maximum(found, found - lost, self._units.quantities(observation))
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        cells = [self._cells(i, joint, region) for i in range(len(region.lower))]
+        apart = most * self._units.scale[index]
+        found = [
+            self._change(Question("effect", state, joint, sign, index), cells, apart).bound
+            for sign in (1, -1)
+        ]
+        return max(found)
+
+    def _change(
+        self, question: Question, cells: Sequence[_Cells], apart: float = np.inf
+    ) -> Maximum:
+        """Bounds the step from a bin to the next, or the change between two bins.
+
+        Args:
+            question: What is asked.
+            cells: Bins of each observation.
+            apart: Distance of two bins beyond which a change does not count.
+        """
+        index = question.observation
+        if index is None:
+            raise AssertionError(f"{question.of} asks for an observation")
+        own, sign = cells[index], float(question.sign)
+        size = len(self._labels(index))
+        best, partners = np.zeros((size, size)), []
+        for first, second, table in self._pairs_of(question.joint):
+            if index not in (first, second):
+                continue
+            partner = second if first == index else first
+            mine = table if first == index else table.T
+            there = np.unique(cells[partner].coarse)
+            change = sign * (mine[None, :, there] - mine[:, None, there])
+            partners.append((partner, there[np.argmax(change, axis=-1)]))
+            best += change.max(axis=-1)
+        # From row to column.
+        whole = sign * (own.single[None, :] - own.single[:, None])
+        whole = whole + best[np.ix_(own.coarse, own.coarse)]
+        if question.of == "slope":
+            steps = np.arange(len(own.first) - 1)
+            allowed = np.full_like(whole, -np.inf)
+            allowed[steps, steps + 1] = whole[steps, steps + 1]
+            whole = allowed if len(steps) else np.zeros_like(whole)
+        distance = np.maximum(own.first[None, :] - own.last[:, None], 0.0)
+        distance = np.maximum(distance, own.first[:, None] - own.last[None, :])
+        whole = np.where(distance <= apart + INSIDE, whole, -np.inf)
+        before, after = np.unravel_index(int(np.argmax(whole)), whole.shape)
+        observation = np.array([each.middle[0] for each in cells])
+        observation[index] = own.middle[after]
+        for partner, choice in partners:
+            label = choice[own.coarse[before], own.coarse[after]]
+            theirs = cells[partner]
+            observation[partner] = theirs.middle[np.flatnonzero(theirs.coarse == label)[0]]
+        found = float(robot.ACTION_SCALE * whole[before, after])
+        quantities = self._units.quantities(observation)
+        other = self._angle(index, own.middle[before])
+        return Maximum(found, found, np.append(quantities, other))
+
+    def _pairs_of(self, joint: int) -> list[tuple[int, int, Array]]:
+        policy = self._policy
+        mine = np.flatnonzero(policy.pair_joints == joint)
+        return [(*policy.pairs[number].tolist(), policy.pair_tables[number]) for number in mine]
+
+    def _labels(self, index: int) -> Array:
+        return np.arange(self._policy.pair_cuts.shape[1] + 1)
+
+    def _angle(self, index: int, observed: Array) -> Array:
+        return observed / self._units.scale[index] + self._units.offset[index]
+
+    def _cells(self, index: int, joint: int, region: Region) -> _Cells:
+        policy, units = self._policy, self._units
+        ends = np.array([region.lower[index], region.upper[index]])
+        low, high = (ends - units.offset[index]) * units.scale[index]
+        if index in region.counted:
+            counts = np.arange(region.lower[index], region.upper[index] + 1.0)
+            first = last = counts * units.scale[index]
+        else:
+            cuts = np.concatenate([policy.cuts[index], policy.pair_cuts[index]])
+            first = np.unique([low, *cuts[(cuts > low) & (cuts <= high)]])
+            last = np.append(np.nextafter(first[1:], -np.inf), high)
+        fine = np.searchsorted(policy.cuts[index], first, side="right")
+        coarse = np.searchsorted(policy.pair_cuts[index], first, side="right")
+        return _Cells(first, last, policy.tables[joint, index, fine], coarse)
+
+
+def _pick(values: Array, mask: NDArray[np.bool_]) -> int:
+    return int(np.argmax(np.where(mask, values, -np.inf)))

@@ -1,0 +1,16 @@
+"""`python -m glassgait.models.certificates.checker certificate.json`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from . import RefusedError, __doc__, check
+
+reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+reader.add_argument("certificate", type=Path)
+reader.add_argument("--policy", type=Path, help="the policy's file; the shipped one by default")
+options = reader.parse_args()
+try:
+    print(check(options.certificate, options.policy))
+except RefusedError as refusal:
+    sys.exit(f"{options.certificate}: {refusal}")

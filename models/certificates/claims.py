@@ -1,0 +1,188 @@
+"""Claims about a policy as data: what it shall never do, read from a YAML file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from annotated_types import MaxLen, MinLen
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import read_yaml
+from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.termination import TerminationLimits
+
+DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
+
+OWN = ".own"
+"""Ends the name of a quantity of the joint itself, such as dq.own."""
+
+Names = Annotated[tuple[str, ...], FEW, DISTINCT]
+
+ClaimKind = Literal["limits", "torque", "never", "effect", "independent", "mirror", "change"]
+
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "never": ("observations", "never"),
+    "effect": ("observations", "most"),
+    "independent": ("observations",),
+    "change": ("changes",),
+}
+_ALLOWED: dict[str, tuple[str, ...]] = {
+    "limits": ("least", "most", "stuck"),
+    "torque": ("most", "stuck"),
+    "never": ("observations", "never", "stuck"),
+    "effect": ("observations", "most", "stuck"),
+    "independent": ("observations",),
+    "mirror": (),
+    "change": ("changes", "most"),
+}
+"""Keys of each kind of claim, besides name, kind, joints, states and box."""
+
+
+@dataclass(frozen=True)
+class Claim(Settings):
+    """Something that a policy shall do, or never do, wherever in a box it observes.
+
+    Attributes:
+        name: What it says, in words.
+        kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
+            `torque`: the torque at rest that targets ask for stays within `most` N·m, by default
+            the motors' limit. `never`: a target never rises (or falls) as an observation rises.
+            `effect`: an observation alone moves a target by `most` rad at most. `independent`:
+            targets do not depend on observations. `mirror`: left and right are treated alike.
+            `change`: where observations change by `changes`, the squared change of the action stays
+            within `most`, by default the bound beyond which an episode ends.
+        joints: The joints; all by default.
+        states: Names of the machine's states; all by default.
+        box: Where it holds: the `operating` box that robots were measured in, or the `physical`.
+        stuck: Observations, by symbol, that are anywhere in the physical box instead.
+        observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
+        never: What a target never does as an observation rises.
+        least: Least target (rad).
+        most: Greatest target (rad), torque (N·m), effect (rad) or squared change of the action.
+        changes: How much each observation, or each of a kind such as `dq`, may change at most, in
+            the robot's units.
+    """
+
+    title: ClassVar[str] = "claim"
+
+    name: Annotated[str, MinLen(1), MaxLen(200)]
+    kind: ClaimKind
+    joints: Names = ()
+    states: Names = ()
+    box: Literal["operating", "physical"] = "operating"
+    stuck: Names = ()
+    observations: Names = ()
+    never: Literal["rises", "falls"] | None = None
+    least: float | None = None
+    most: float | None = None
+    changes: dict[str, Positive] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if a value is of the wrong kind, or a key is missing or of no use.
+        """
+        super().__post_init__()
+        for joint in self.joints:
+            robot.joint_index(joint)
+        for key in _NEEDED.get(self.kind, ()):
+            if not getattr(self, key):
+                raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
+        for key in ("stuck", "observations", "never", "least", "most", "changes"):
+            if getattr(self, key) not in ((), None, {}) and key not in _ALLOWED[self.kind]:
+                raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
+
+    def refused_as(self) -> str:
+        return f"claim {shown(self.name)}"
+
+    def joint_indices(self) -> tuple[int, ...]:
+        """Returns the joints, by index."""
+        return tuple(robot.joint_index(joint) for joint in self.joints or robot.JOINTS)
+
+    def state_indices(self, gait: Gait) -> tuple[int, ...]:
+        """Returns the machine's states, by index.
+
+        Raises:
+            InputError: if the gait has no state of a name.
+        """
+        for state in self.states:
+            if state not in gait.states:
+                raise InputError(
+                    f"{self.refused_as()}: the {gait.name} has no state {shown(state)}; its states "
+                    f"are {', '.join(gait.states)}"
+                )
+        return tuple(gait.states.index(state) for state in self.states or gait.states)
+
+    def observations_of(self, joint: int, symbols: Sequence[str]) -> tuple[int, ...]:
+        """Returns the indices of the observations that the claim is of, for a joint."""
+        return tuple(symbols.index(_of_joint(name, joint)) for name in self.observations)
+
+    def greatest(self, joint: int) -> float:
+        """Returns the greatest target, torque or squared change that is claimed."""
+        defaults = {
+            "torque": robot.EFFORT_LIMIT,
+            "change": TerminationLimits().action_change,
+            "limits": float(robot.UPPER_LIMITS[joint]),
+        }
+        return defaults[self.kind] if self.most is None else self.most
+
+    def smallest(self, joint: int) -> float:
+        """Returns the least target that is claimed."""
+        return float(robot.LOWER_LIMITS[joint]) if self.least is None else self.least
+
+    def change_of(self, symbol: str) -> float:
+        """Returns how much an observation may change, in the robot's units."""
+        kind = symbol.partition(".")[0]
+        return self.changes.get(symbol, 0.0 if kind == "cmd" else self.changes.get(kind, 0.0))
+
+    def refuse_unknown(self, gait: Gait) -> None:
+        """Refuses names that a gait's robots do not know.
+
+        Raises:
+            InputError: if a state or an observation is unknown.
+        """
+        self.state_indices(gait)
+        symbols = [entry.symbol for entry in ObservationLayout(gait.n_states).entries]
+        kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
+        named = {_of_joint(name, 0) for name in self.observations}
+        unknown = sorted((named | set(self.stuck)) - set(symbols))
+        unknown += sorted(set(self.changes) - set(symbols) - kinds)
+        if unknown:
+            raise InputError(
+                f"{self.refused_as()}: no observation is called {shown(unknown[0])}; the names are "
+                "those of formula files, such as q.FL_hip, or q.own"
+            )
+
+
+def load_claims(path: Path) -> tuple[Claim, ...]:
+    """Loads the claims that a YAML file lists under `claims`.
+
+    Raises:
+        InputError: if the file cannot be read or a claim is not one; the message names the file,
+            the claim and the key.
+    """
+    found = read_yaml(path)
+    listed = found.get("claims") if isinstance(found, dict) else None
+    if not isinstance(listed, list) or not listed or len(found) > 1:
+        raise InputError(f"{path}: must hold the key 'claims' with a list of claims, and no other")
+    claims = tuple(Claim.from_plain(one, _where(path, i, one)) for i, one in enumerate(listed))
+    names = [claim.name for claim in claims]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: two claims are called {shown(name)}; rename one")
+    return claims
+
+
+def _where(path: Path, index: int, values: Any) -> str:
+    name = values.get("name") if isinstance(values, dict) else None
+    return f"{path}: claim {shown(name) if isinstance(name, str) else index + 1}"
+
+
+def _of_joint(symbol: str, joint: int) -> str:
+    if not symbol.endswith(OWN):
+        return symbol
+    return f"{symbol.removesuffix(OWN)}.{robot.JOINTS[joint]}"

@@ -1,0 +1,168 @@
+"""Bounds of targets that are formulas, and of linear ones, which are formulas too."""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.maximum import Maximum, Region, maximize
+from glassgait.models.certificates.polynomial import (
+    Polynomial,
+    PolynomialRing,
+    combined,
+)
+from glassgait.models.certificates.question import Question, with_copy
+from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.policies.expression import Expression, constant, variable
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.policies.tape import Tape
+from glassgait.models.task.observation import indices_of
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
+
+
+class FormulaTargets:
+    """Targets that are formulas of observed quantities."""
+
+    def __init__(self, formulas: Sequence[Sequence[Expression]], names: tuple[str, ...]) -> None:
+        """
+        Args:
+            formulas: Formulas of the observed quantities, of each state (n_states, 12).
+            names: Names of the observations (n).
+        """
+        self._formulas = formulas
+        self._n = len(names)
+        self._positions = indices_of("joint position", names)
+        self._ring = PolynomialRing()
+        # The machine's state is held: formulas that serve all states have parts that are gone.
+        self._polynomial = cache(self._of)
+
+    @classmethod
+    def of_formulas(cls, policy: FormulaPolicy, n_states: int) -> "FormulaTargets":
+        """Takes the formulas of a policy."""
+        rows = [
+            [policy.vocabulary.expanded(formula) for formula in row]
+            for row in policy.formulas_by_state
+        ]
+        return cls(rows if len(rows) > 1 else rows * n_states, policy.observation_names)
+
+    @classmethod
+    def of_linear(
+        cls, policy: LinearPolicy | StatewiseLinearPolicy, n_states: int
+    ) -> "FormulaTargets":
+        """Writes weighted sums of observations as formulas of quantities."""
+        shape = (-1, robot.N_JOINTS)
+        intercepts = np.tile(policy.intercepts.reshape(shape), (n_states, 1))
+        weights = np.tile(
+            policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1)
+        )
+        units = RobotUnits.of(policy.observation_names)
+        rows = [
+            [
+                _weighted_sum(weights[state, joint], intercepts[state, joint], units, joint)
+                for joint in range(robot.N_JOINTS)
+            ]
+            for state in range(n_states)
+        ]
+        return cls(rows, policy.observation_names)
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        polynomial = self._polynomial(Question("target", state, joint, 1))
+        factors = {factor for monomial in polynomial for factor, _ in monomial}
+        return frozenset().union(*(self._ring.variables(factor) for factor in factors))
+
+    def polynomial(self, state: int, joint: int) -> Polynomial:
+        """Returns a joint's target, multiplied out; equal formulas have equal ones."""
+        return self._polynomial(Question("target", state, joint, 1))
+
+    def answer(
+        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        if question.of == "effect":
+            region = with_copy(region, _observation_of(question))
+        relaxation = Relaxation(self._ring, self._polynomial(question))
+        tape = Tape([self._asked(question)], len(region.lower))
+        return maximize(
+            lambda quantities: question.sign * tape(quantities)[..., 0],
+            relaxation,
+            region,
+            gap=gap,
+            threshold=threshold,
+        )
+
+    def image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
+        """Returns what a joint's target is in the mirror, multiplied out.
+
+        Args:
+            state: The state.
+            joint: The joint whose image is returned.
+            reflection: The reflection of the observations.
+        """
+        mirrored = _mirrored(self._formulas[state][joint], reflection)
+        sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
+        return combined(self._ring.polynomial(mirrored), factor=sign)
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        """Bounds the change by the slope, which is bounded at once and not by search."""
+        steepest = 0.0
+        for sign in (1, -1):
+            question = Question("slope", state, joint, sign, index)
+            relaxation = Relaxation(self._ring, self._polynomial(question))
+            bound = relaxation.upper(region.lower[None], region.upper[None])
+            steepest = max(steepest, float(bound[0]))
+        return most * steepest
+
+    def _of(self, question: Question) -> Polynomial:
+        polynomial = self._ring.polynomial(self._asked(question))
+        return combined(polynomial, factor=Fraction(question.sign))
+
+    def _asked(self, question: Question) -> Expression:
+        formula = self._formulas[question.state][question.joint]
+        match question.of:
+            case "target":
+                return formula
+            case "offset":
+                return Expression("sub", (formula, variable(self._positions[question.joint])))
+            case "slope":
+                return formula.derivative(_observation_of(question))
+            case "effect":
+                other = _renamed(formula, _observation_of(question), self._n)
+                return Expression("sub", (formula, other))
+
+
+def _observation_of(question: Question) -> int:
+    if question.observation is None:
+        raise AssertionError(f"{question.of} asks for an observation")
+    return question.observation
+
+
+def _renamed(formula: Expression, old: int, new: int) -> Expression:
+    if formula.operator == "variable":
+        return variable(new) if formula.variable == old else formula
+    operands = tuple(_renamed(operand, old, new) for operand in formula.operands)
+    return Expression(formula.operator, operands, formula.value)
+
+
+def _mirrored(formula: Expression, reflection: Reflection) -> Expression:
+    """Puts, for each quantity, its image into a formula; angles turn about zero."""
+    if formula.operator == "variable":
+        image = variable(int(reflection.index[formula.variable]))
+        negative = reflection.sign[formula.variable] < 0.0
+        return Expression("neg", (image,)) if negative else image
+    operands = tuple(_mirrored(operand, reflection) for operand in formula.operands)
+    return Expression(formula.operator, operands, formula.value)
+
+
+def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:
+    """Writes a joint's target; products of numbers stay apart, so that nothing is rounded."""
+    whole = constant(float(intercept))
+    for index, weight in enumerate(weights.tolist()):
+        deviation = Expression("sub", (variable(index), constant(float(units.offset[index]))))
+        scaled = Expression("mul", (constant(float(units.scale[index])), deviation))
+        whole = Expression("add", (whole, Expression("mul", (constant(weight), scaled))))
+    action = Expression("mul", (constant(robot.ACTION_SCALE), whole))
+    return Expression("add", (constant(float(robot.DEFAULT_STANCE[joint])), action))

@@ -1,0 +1,274 @@
+"""Deciding claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.changes import largest_change, widest_change
+from glassgait.models.certificates.claims import Claim
+from glassgait.models.certificates.maximum import Region
+from glassgait.models.certificates.observation_box import (
+    ObservationBox,
+    operating_box,
+    physical_box,
+)
+from glassgait.models.certificates.question import Of, Question, region_of
+from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
+from glassgait.models.certificates.statement import Place, Statement
+from glassgait.models.certificates.targets import targets_of
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import entries_of
+from glassgait.models.task.symmetry import mirrored_states
+
+GAP = 0.008
+"""Share of a joint's range that a bound may be away from its witness."""
+
+FINE = 1e-7
+"""The same in a second search, towards what a claim says (rad)."""
+
+UNASKED = "nothing of theirs asks for it"
+
+Outcome = Literal["proved", "refuted", "undecided"]
+
+OUTCOMES: tuple[Outcome, ...] = ("proved", "refuted", "undecided")
+
+Observed = dict[str, float]
+"""An observation in the robot's units, by symbol."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a claim.
+
+    Attributes:
+        claim: The claim.
+        outcome: Whether it holds.
+        worst: What comes closest to breaking it, or breaks it, in the claim's unit: a value that is
+            never exceeded if proved, the witness's if refuted, else the best bound.
+        claimed: What the claim allows there.
+        where: Joint, state and observation of `worst`, in words.
+        witnesses: Observations that refute it; two where a change does.
+    """
+
+    claim: Claim
+    outcome: Outcome
+    worst: float
+    claimed: float
+    where: str
+    witnesses: tuple[Observed, ...] = ()
+
+
+class Prover:
+    """Proves and refutes claims about one policy, and keeps what it has proved.
+
+    Attributes:
+        policy: The policy.
+        gait: Its gait.
+        boxes: The boxes by name.
+        statements: All that was proved, in the order in which it was.
+    """
+
+    def __init__(self, policy: Policy, gait: Gait, operating: ObservationBox | None = None) -> None:
+        """
+        Args:
+            policy: The policy.
+            gait: Its gait.
+            operating: The operating box; the gait's shipped one by default.
+
+        Raises:
+            InputError: if nothing is proved of such a policy, or there is no operating box.
+        """
+        self.policy = policy
+        self.gait = gait
+        self.boxes: Mapping[str, ObservationBox] = {
+            "operating": operating or operating_box(gait),
+            "physical": physical_box(gait),
+        }
+        self.statements: dict[tuple[Question, Place], Statement] = {}
+        self.targets = targets_of(policy)
+        self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
+
+    def range_of(self, state: int, joint: int, box: str) -> tuple[Statement, Statement]:
+        """Bounds a target over a box, from above and from below."""
+        above, below = (
+            self.statement(Question("target", state, joint, sign), Place(box)) for sign in (1, -1)
+        )
+        return above, below
+
+    def statement(
+        self, question: Question, place: Place, threshold: float | None = None
+    ) -> Statement:
+        """Answers a question over a box, once, and again where a threshold is not yet decided."""
+        key = question, place
+        kept = self.statements.get(key)
+        if kept is None:
+            width = robot.UPPER_LIMITS[question.joint] - robot.LOWER_LIMITS[question.joint]
+            kept = self._asked(question, place, GAP * width, threshold)
+        elif threshold is not None and kept.found.reached <= threshold < kept.bound:
+            kept = self._asked(question, place, FINE, threshold)
+        self.statements[key] = kept
+        return kept
+
+    def decide(self, claim: Claim) -> Verdict | None:
+        """Decides a claim; None where it says nothing of this gait.
+
+        Raises:
+            InputError: if the claim names what the gait's robots do not know.
+        """
+        claim.refuse_unknown(self.gait)
+        match claim.kind:
+            case "independent":
+                return self._independent(claim)
+            case "mirror":
+                return self._mirrored(claim)
+            case "change":
+                return self._changed(claim)
+            case _:
+                return self._bounded(claim)
+
+    def region(self, place: Place, state: int) -> Region:
+        """Returns the box of a place, with the machine's state held."""
+        box, physical = self.boxes[place.box], self.boxes["physical"]
+        taken = [box.names[index] for index in place.stuck]
+        return region_of(box.taking(taken, physical), state)
+
+    def observed(self, quantities: Array) -> Observed:
+        """Names the quantities of an observation (n)."""
+        return dict(zip(self.symbols, quantities.tolist(), strict=False))
+
+    def _asked(
+        self, question: Question, place: Place, gap: float, threshold: float | None
+    ) -> Statement:
+        region = self.region(place, question.state)
+        found = self.targets.answer(question, region, gap=gap, threshold=threshold)
+        return Statement(question, place, found)
+
+    def _bounded(self, claim: Claim) -> Verdict:
+        """Decides a claim that bounds what is asked of every joint and state."""
+        place = Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
+        found: list[tuple[Statement, float]] = []
+        for state in claim.state_indices(self.gait):
+            for joint in claim.joint_indices():
+                for question, limit in self._questions(claim, state, joint):
+                    statement = self.statement(question, place)
+                    if statement.found.reached <= limit < statement.bound:
+                        statement = self.statement(question, place, limit)
+                    found.append((statement, limit))
+        if not found:
+            return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
+        unit = robot.STIFFNESS if claim.kind == "torque" else 1.0
+        reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
+        if reached.found.reached > allowed:
+            witnesses = self._witnesses(reached)
+            value = unit * reached.question.sign * reached.found.reached
+            return self._verdict(claim, "refuted", value, unit * allowed, reached, witnesses)
+        tightest, allowed = max(found, key=lambda own: own[0].bound - own[1])
+        outcome: Outcome = "proved" if tightest.bound <= allowed else "undecided"
+        value = unit * tightest.question.sign * tightest.bound
+        return self._verdict(claim, outcome, value, unit * allowed, tightest, ())
+
+    def _questions(self, claim: Claim, state: int, joint: int) -> list[tuple[Question, float]]:
+        """Lists what must not be greater than what, for a claim to hold."""
+        match claim.kind:
+            case "limits":
+                ends = ((1, claim.greatest(joint)), (-1, -claim.smallest(joint)))
+                return [(Question("target", state, joint, sign), end) for sign, end in ends]
+            case "torque":
+                most = claim.greatest(joint) / robot.STIFFNESS
+                return [(Question("offset", state, joint, sign), most) for sign in (1, -1)]
+        of: Of = "slope" if claim.kind == "never" else "effect"
+        sign = -1 if claim.never == "falls" else 1
+        limit = 0.0 if claim.kind == "never" else claim.most or 0.0
+        used = self.targets.used(state, joint)
+        return [
+            (Question(of, state, joint, sign, index), limit)
+            for index in claim.observations_of(joint, self.symbols)
+            if index in used
+        ]
+
+    def _verdict(
+        self,
+        claim: Claim,
+        outcome: Outcome,
+        value: float,
+        allowed: float,
+        statement: Statement,
+        witnesses: tuple[Observed, ...],
+    ) -> Verdict:
+        question = statement.question
+        where = f"{robot.JOINTS[question.joint]}, {self.gait.states[question.state]}"
+        if question.observation is not None:
+            where += f", {self.symbols[question.observation]}"
+        claimed = question.sign * allowed + 0.0
+        return Verdict(claim, outcome, value, claimed, where, witnesses)
+
+    def _witnesses(self, statement: Statement) -> tuple[Observed, ...]:
+        """Returns the observation that reaches it, and of an effect the one that it starts from."""
+        witness, index = statement.found.witness, statement.question.observation
+        n = len(self.symbols)
+        first = self.observed(witness[:n])
+        if len(witness) == n or index is None:
+            return (first,)
+        return first, {**first, self.symbols[index]: float(witness[n])}
+
+    def _independent(self, claim: Claim) -> Verdict:
+        place = Place(claim.box)
+        for state in claim.state_indices(self.gait):
+            for joint in claim.joint_indices():
+                used = self.targets.used(state, joint)
+                for index in claim.observations_of(joint, self.symbols):
+                    if index not in used:
+                        continue
+                    question = Question("effect", state, joint, 1, index)
+                    found = self.statement(question, place)
+                    reached = found.found.reached
+                    outcome: Outcome = "refuted" if reached > 0.0 else "undecided"
+                    witnesses = self._witnesses(found) if reached > 0.0 else ()
+                    value = reached if reached > 0.0 else found.bound
+                    return self._verdict(claim, outcome, value, 0.0, found, witnesses)
+        return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
+
+    def _mirrored(self, claim: Claim) -> Verdict | None:
+        images = mirrored_states(self.gait)
+        if images is None:
+            return None
+        if mirrored_exactly(self.targets, images, self.policy.observation_names):
+            return Verdict(claim, "proved", 0.0, 0.0, "each formula is its image's image")
+        box = self.boxes[claim.box]
+        difference, joint, quantities = asymmetry(self.policy, images, box)
+        where = f"{robot.JOINTS[joint]} and its image"
+        if difference > FINE:
+            witness = self.observed(quantities)
+            return Verdict(claim, "refuted", difference, 0.0, where, (witness,))
+        return Verdict(claim, "undecided", difference, 0.0, where)
+
+    def _changed(self, claim: Claim) -> Verdict:
+        box, most = self.boxes[claim.box], claim.greatest(0)
+        changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
+        states = claim.state_indices(self.gait)
+        joints = np.array(claim.joint_indices())
+        regions = {state: region_of(box, state) for state in states}
+        bounds = {
+            state: largest_change(self.targets, state, joints, changes, region)
+            for state, region in regions.items()
+        }
+        worst = max(bounds, key=lambda state: bounds[state])
+        where = f"state {self.gait.states[worst]}"
+        if bounds[worst] <= most:
+            return Verdict(claim, "proved", bounds[worst], most, where)
+        reached = {
+            state: widest_change(self.policy, joints, changes, box.in_state(state), region)
+            for state, region in regions.items()
+        }
+        worst = max(reached, key=lambda state: reached[state][0])
+        value, *pair = reached[worst]
+        where = f"state {self.gait.states[worst]}"
+        if value > most:
+            witnesses = tuple(self.observed(one) for one in pair)
+            return Verdict(claim, "refuted", value, most, where, witnesses)
+        return Verdict(claim, "undecided", max(bounds.values()), most, where)

@@ -1,0 +1,88 @@
+"""What is asked of a joint's target: its greatest value, slope or change over a box."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.maximum import Maximum, Region
+from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
+from glassgait.models.task.observation import entries_of
+
+ALLOWANCE = 1e-9
+"""What a target may differ by because it is evaluated in double precision (rad)."""
+
+Of = Literal["target", "offset", "slope", "effect"]
+
+
+@dataclass(frozen=True)
+class Question:
+    """How great something can be over a box.
+
+    Attributes:
+        of: The joint's `target` (rad); its `offset` from where the joint is (rad), which times the
+            stiffness is the torque at rest; its `slope` by an observation (rad per unit; of tables
+            and trees the greatest step, rad); or the `effect` of an observation alone: the target
+            less the target with another value of it (rad).
+        state: State of the reward machine.
+        joint: Index of the joint.
+        sign: 1 for the greatest value, -1 for the greatest negative.
+        observation: Index of the observation, for slope and effect.
+    """
+
+    of: Of
+    state: int
+    joint: int
+    sign: int
+    observation: int | None = None
+
+
+class Targets(Protocol):
+    """The targets of a policy, as bounds see them."""
+
+    def answer(
+        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        """Bounds what is asked, times its sign, over a box.
+
+        Args:
+            question: What is asked.
+            region: The box, in the robot's units, with the machine's state held. Of an effect the
+                witness has the observation's other value behind all quantities (n + 1).
+            gap: Distance of bound and witness that is near enough (rad).
+            threshold: A number of interest; see `maximize`.
+        """
+        ...
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        """Bounds the change of a target (rad) where one quantity changes by `most` at most."""
+        ...
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        """Returns the observations that a joint's target may depend on."""
+        ...
+
+
+def region_of(box: ObservationBox, state: int) -> Region:
+    """Returns a box in the robot's units, with the machine's state held."""
+    lower, upper = box.in_state(state).quantities
+    return Region(lower, upper, counted_of(box.names))
+
+
+def counted_of(names: Sequence[str]) -> frozenset[int]:
+    """Returns the observations that are whole numbers."""
+    entries = enumerate(entries_of(names))
+    return frozenset(index for index, entry in entries if entry.group in COUNTED)
+
+
+def with_copy(region: Region, index: int) -> Region:
+    """Returns a box with another value of one quantity behind all others."""
+    counted = region.counted | ({len(region.lower)} if index in region.counted else frozenset())
+    lower, upper = (_appended(corner, index) for corner in (region.lower, region.upper))
+    return Region(lower, upper, counted)
+
+
+def _appended(corner: Array, index: int) -> Array:
+    return np.append(corner, corner[index])

@@ -1,0 +1,122 @@
+"""Sound bounds of targets that are sums of trees: what every tree by itself can add.
+
+The bound is no maximum: trees are bounded each by itself, though they ask for the same
+observations.
+"""
+
+import numpy as np
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.maximum import Maximum, Region
+from glassgait.models.certificates.question import Question
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.task.observation import indices_of
+
+SLACK = 1e-12
+"""Boxes are wider by it, in the observation's units."""
+
+SAMPLES = 256
+SWEEPS = 2
+VALUES = 7
+"""A witness is sought among random corners, from the best of them quantity by quantity."""
+
+
+class TreeTargets:
+    """Targets of a policy of boosted trees."""
+
+    def __init__(self, policy: BoostedTreesPolicy) -> None:
+        self._policy = policy
+        self._units = RobotUnits.of(policy.observation_names)
+        self._positions = indices_of("joint position", policy.observation_names)
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        policy = self._policy
+        asked = np.isfinite(policy.thresholds[joint])
+        return frozenset(policy.features[joint][asked].tolist())
+
+    def answer(
+        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        joint, sign = question.joint, float(question.sign)
+        least, most = self._ends_of_trees(joint, region)
+        if question.of in ("slope", "effect"):
+            return self._change(question, region, most - least)
+        ends = most if sign > 0 else -least
+        constant = robot.DEFAULT_STANCE[joint]
+        constant += robot.ACTION_SCALE * self._policy.intercepts[joint]
+        bound = sign * constant + robot.ACTION_SCALE * ends.sum()
+        if question.of == "offset":
+            angle = region.lower if sign > 0 else -region.upper
+            bound -= angle[self._positions[joint]]
+        witness, reached = self._witness(question, region)
+        return Maximum(float(max(bound, reached)), reached, witness)
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+        question = Question("effect", state, joint, 1, index)
+        return self.answer(question, region, gap=0.0).bound
+
+    def _change(self, question: Question, region: Region, spans: Array) -> Maximum:
+        """Bounds an effect by the trees that ask for the observation; it bounds steps too."""
+        policy, joint = self._policy, question.joint
+        asks = (policy.features[joint] == question.observation) & np.isfinite(
+            policy.thresholds[joint]
+        )
+        bound = robot.ACTION_SCALE * float(spans[asks.any(axis=-1)].sum())
+        middle = 0.5 * (region.lower + region.upper)
+        return Maximum(bound, 0.0, np.append(middle, middle[question.observation]))
+
+    def _ends_of_trees(self, joint: int, region: Region) -> tuple[Array, Array]:
+        """Returns the least and the greatest leaf that each tree can reach (n_trees, n_trees)."""
+        policy = self._policy
+        lower, upper = self._observed(region.lower) - SLACK, self._observed(region.upper) + SLACK
+        features, thresholds = policy.features[joint], policy.thresholds[joint]
+        reached = np.ones((len(features), 1), dtype=bool)
+        # A box is one of nodes, so that a leaf below two questions of one observation may be
+        # counted in though no observation of the box falls into it.
+        for level in range(policy.depth):
+            nodes = slice(2**level - 1, 2 ** (level + 1) - 1)
+            left = reached & (lower[features[:, nodes]] <= thresholds[:, nodes])
+            right = reached & (upper[features[:, nodes]] > thresholds[:, nodes])
+            reached = np.stack([left, right], axis=-1).reshape(len(features), -1)
+        leaves = policy.leaves[joint]
+        least = np.where(reached, leaves, np.inf).min(axis=-1)
+        return least, np.where(reached, leaves, -np.inf).max(axis=-1)
+
+    def _witness(self, question: Question, region: Region) -> tuple[Array, float]:
+        generator = np.random.default_rng(question.joint)
+        shape = (SAMPLES, len(region.lower))
+        ends = generator.integers(0, 2, shape).astype(float)
+        points = region.lower + ends * (region.upper - region.lower)
+        values = self._values(question, points)
+        point, value = points[np.argmax(values)], float(values.max())
+        for _ in range(SWEEPS):
+            for index in sorted(self.used(question.state, question.joint)):
+                tried = np.linspace(region.lower[index], region.upper[index], VALUES)
+                tried = np.unique(np.floor(tried)) if index in region.counted else tried
+                moved = np.tile(point, (len(tried), 1))
+                moved[:, index] = tried
+                values = self._values(question, moved)
+                if values.max() > value:
+                    point, value = moved[np.argmax(values)], float(values.max())
+        return point, value
+
+    def _values(self, question: Question, quantities: Array) -> Array:
+        """Evaluates what is asked (m,), of quantities (m, n), for the joint alone."""
+        policy, joint = self._policy, question.joint
+        observed, row = self._observed(quantities), np.arange(len(quantities))[:, None]
+        tree = np.arange(policy.features.shape[1])
+        node = np.zeros((len(quantities), len(tree)), dtype=np.intp)
+        for _ in range(policy.depth):
+            asked = policy.features[joint, tree, node]
+            node = 2 * node + 1 + (observed[row, asked] > policy.thresholds[joint, tree, node])
+        leaves = policy.leaves[joint, tree, node - (2**policy.depth - 1)]
+        action = leaves.sum(axis=-1) + policy.intercepts[joint]
+        values = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * action
+        if question.of == "offset":
+            values = values - quantities[..., self._positions[joint]]
+        return question.sign * values
+
+    def _observed(self, quantities: Array) -> Array:
+        return (quantities - self._units.offset) * self._units.scale

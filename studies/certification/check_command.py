@@ -1,0 +1,45 @@
+"""`glassgait check`: checks certificates."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from glassgait.models.certificates.certificate import shipped_certificates
+from glassgait.models.errors import InputError
+from glassgait.models.settings import FEW, Settings
+from glassgait.studies.console import console
+
+
+@dataclass(frozen=True)
+class Check(Settings):
+    """Check a certificate by arithmetic of its own, without the program that proved it.
+
+    Attributes:
+        certificates: Files of certificates; those that ship by default.
+        policy: The policy's file, of a certificate of one that does not ship.
+    """
+
+    title: ClassVar[str] = "check"
+
+    certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
+    policy: Path | None = None
+
+    def run(self) -> None:
+        """Checks each, and tells what holds."""
+        try:
+            # Imported here: no other command needs what the checker computes with.
+            from glassgait.models.certificates.checker import (  # noqa: PLC0415
+                RefusedError,
+                check,
+            )
+        except ImportError as error:
+            raise InputError(str(error)) from error
+        if self.policy and len(self.certificates) != 1:
+            raise InputError("--policy: is of one certificate; name one")
+        for path in self.certificates or shipped_certificates():
+            try:
+                console.print(f"{path}: {check(path, self.policy)}")
+            except RefusedError as error:
+                raise InputError(f"{path}: {error}") from error

@@ -1,0 +1,162 @@
+"""`glassgait certify`: proves what a policy can never do."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from glassgait.diagrams.scenario import load_scenarios
+from glassgait.models.a1 import robot
+from glassgait.models.certificates.certificate import certificate, certificate_text
+from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
+from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
+from glassgait.models.errors import InputError
+from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.certification.measurement import measure_box
+from glassgait.studies.certification.tables import bounds_table, claims_table
+from glassgait.studies.console import console, progress_bar
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.students.library import (
+    default_student,
+    load_shipped_students,
+    student_file,
+)
+from glassgait.studies.sweep import WorkersConfig
+from glassgait.studies.tables import print_table, write_metrics, write_table
+
+OUTPUT = Path("runs/certification")
+
+BOX_NAME = "box.yaml"
+
+
+@dataclass(frozen=True)
+class Certify(Settings):
+    """Prove what a policy can never do, or find the observation where it does.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a policy file; of the shipped formulas the shortest by
+            default.
+        claims: YAML file of claims of your own, besides those that ship.
+        box: File of the operating box; the gait's shipped one by default.
+        measure: Measure the operating box anew, in all worlds, before anything is proved.
+        rollouts: How robots are rolled out to measure it.
+        workers: Where they are.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert; the shipped one by default.
+        resume: Prove again what the folder holds.
+        output: Folder of the results; runs/certification/<gait>/<policy> by default.
+    """
+
+    title: ClassVar[str] = "certify"
+
+    gait: str = "trot"
+    policy: str | None = None
+    claims: Path | None = None
+    box: Path | None = None
+    measure: bool = False
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
+    )
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Measures where it is asked for, proves, and writes the certificate."""
+        if self.box and self.measure:
+            raise InputError("--box: is not read where the box is measured; leave out one of both")
+        gait = load_gait(self.gait)
+        expert = load_expert(gait, self.expert)
+        name = self.policy or default_student(gait.name, self.distillation)
+        path = student_file(name, expert, self.distillation)
+        policy = load_policy(path)
+        policy.check(gait=gait.name, observation_names=expert.observation_names)
+        claims = self._claims(gait)
+        folder = self.output or OUTPUT / gait.name / Path(name).stem
+        inputs = {
+            "gait": gait.digest(),
+            "policy": digest(path),
+            "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
+        }
+        run = {"study": "certify", "settings": self, "resume": self.resume}
+        with open_run(folder, **run, inputs=inputs):
+            box = self._box(gait, expert, folder)
+            started = time.perf_counter()
+            prover = Prover(policy, gait, box)
+            verdicts = _proved(prover, claims)
+            seconds = time.perf_counter() - started
+            _write(prover, verdicts, path, folder, seconds)
+        console.print(f"written to {folder}")
+
+    def _claims(self, gait: Gait) -> tuple[Claim, ...]:
+        own = load_claims(self.claims) if self.claims else ()
+        taken = {claim.name for claim in own}
+        claims = (*(c for c in load_claims(DEFAULT_CLAIMS) if c.name not in taken), *own)
+        for claim in claims:
+            claim.refuse_unknown(gait)
+        return claims
+
+    def _box(self, gait: Gait, expert: NeuralPolicy, folder: Path) -> ObservationBox:
+        measured = folder / BOX_NAME
+        if self.box:
+            return load_box(self.box, expert.observation_names)
+        if not self.measure:
+            return operating_box(gait)
+        if not (self.resume and measured.exists()):
+            found = measure_box(
+                gait,
+                expert,
+                load_shipped_students(expert),
+                load_scenarios(("all",)),
+                self.rollouts,
+                processes=self.workers.processes,
+            )
+            found.box.save(measured, found.measured)
+        return load_box(measured, expert.observation_names)
+
+
+def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
+    """Bounds every target over both boxes, and decides every claim."""
+    states, joints = range(prover.gait.n_states), range(robot.N_JOINTS)
+    ranges = [(s, j, box) for box in prover.boxes for s in states for j in joints]
+    verdicts = []
+    with progress_bar(len(ranges) + len(claims)) as (progress, bar):
+        for state, joint, box in ranges:
+            prover.range_of(state, joint, box)
+            progress.update(bar, advance=1, text=f"targets in the {box} box")
+        for claim in claims:
+            verdict = prover.decide(claim)
+            verdicts += [verdict] if verdict else []
+            progress.update(bar, advance=1, text=claim.name)
+    return verdicts
+
+
+def _write(
+    prover: Prover, verdicts: Sequence[Verdict], path: Path, folder: Path, seconds: float
+) -> None:
+    claims, bounds = claims_table(verdicts), bounds_table(prover)
+    write_table(claims, folder / "claims")
+    write_table(bounds, folder / "bounds")
+    counts = {outcome: int((claims["outcome"] == outcome).sum()) for outcome in OUTCOMES}
+    worst = float(bounds["gap (% of range)"].max())
+    write_metrics(
+        {**counts, "worst_gap_percent": worst, "seconds": seconds}, folder / "metrics.json"
+    )
+    written = certificate(prover, verdicts, path)
+    write_atomically(folder / "certificate.json", certificate_text(written))
+    print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
+    told = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    console.print(f"{told}; bounds of targets within {worst:.2g} % of the joint's range")

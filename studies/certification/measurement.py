@@ -1,0 +1,115 @@
+"""Measuring the operating box: what robots sense in all worlds while they do not fall."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import delayed
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.a1.robot import Array
+from glassgait.models.certificates.observation_box import (
+    ObservationBox,
+    commanded,
+    rounded_outward,
+)
+from glassgait.models.errors import InputError
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.console import progress_bar
+from glassgait.studies.parallel.loop import run_parallel
+from glassgait.studies.robustness.worlds import world_jobs
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob
+
+MARGIN = 0.1
+"""Share of its width that a measured range is widened by, on both sides."""
+
+
+@dataclass(frozen=True)
+class MeasuredBox:
+    """A box, and what it was measured with.
+
+    Attributes:
+        box: The operating box.
+        measured: How, in words.
+    """
+
+    box: ObservationBox
+    measured: str
+
+
+def measure_box(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Policy],
+    scenarios: Mapping[str, Scenario],
+    config: RolloutConfig,
+    *,
+    processes: int | None = None,
+) -> MeasuredBox:
+    """Rolls out the expert and the students alone in every world, and bounds what robots sense.
+
+    A robot that falls counts no more: what it senses while it falls is no operation. Worlds of
+    continuous plants, whose diagrams take minutes a robot, are left out.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its estimator observes for all.
+        students: The students by kind.
+        scenarios: The worlds by name.
+        config: How robots are rolled out, in each world with each policy.
+        processes: Rollouts at once; by default as many as there are cores.
+
+    Raises:
+        InputError: if no robot stayed up.
+    """
+    stepped = {name: world for name, world in scenarios.items() if world.accuracy is None}
+    jobs = world_jobs(gait, expert, students, stepped, config)
+    found = [corners for corners in _corners(jobs, processes) if corners is not None]
+    if not found:
+        raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
+    lower, upper = (np.array(corners) for corners in zip(*found, strict=True))
+    box = ObservationBox(expert.observation_names, lower.min(axis=0), upper.max(axis=0))
+    measured = (
+        f"{gait.name}: what {config.n_robots} robots a world sensed in {config.n_steps} control "
+        f"steps without a fall, in each of {len(stepped)} worlds, led by the expert and by each of "
+        f"{', '.join(students)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
+        "width on both sides; commands, counts and machine state at their true ranges"
+    )
+    return MeasuredBox(rounded_outward(commanded(box.widened(MARGIN), gait)), measured)
+
+
+def _corners(
+    jobs: Sequence[RolloutJob], processes: int | None
+) -> Iterator[tuple[Array, Array] | None]:
+    work = (delayed(_sensed)(job) for job in jobs)
+    with progress_bar(len(jobs)) as (progress, bar):
+        for corners in run_parallel(work, processes or len(jobs), in_order=False):
+            progress.update(bar, advance=1)
+            yield corners
+
+
+def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
+    """Returns the least and greatest observations (n, n) of the robots that stay up."""
+    scenario = job.config.commanding(job.scenario)
+    simulator = BatchSimulator(
+        TaskConfig.of_scenario(job.gait, scenario, episode_steps=job.config.n_steps),
+        make_physics(scenario.station),
+        n_robots=min(job.config.n_robots, scenario.max_robots or job.config.n_robots),
+        generator=np.random.default_rng(job.config.seed),
+        estimator=None if scenario.true_body_state else job.policy.estimator,
+    )
+    observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
+    for step in range(job.config.n_steps):
+        observations.append(simulator.observe())
+        action = np.where(failed[:, None], 0.0, job.policy.act(step, observations[-1]))
+        failed |= simulator.step(action).failures.any(axis=-1)
+    if failed.all():
+        return None
+    kept = np.array(observations)[:, ~failed]
+    return kept.min(axis=(0, 1)), kept.max(axis=(0, 1))

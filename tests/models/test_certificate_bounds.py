@@ -1,0 +1,164 @@
+"""Bounds of targets: no observation of a box breaks one, and those of small policies are exact."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.certificates.elimination import greatest_sum
+from glassgait.models.certificates.observation_box import operating_box, physical_box
+from glassgait.models.certificates.question import ALLOWANCE, Question, region_of
+from glassgait.models.certificates.targets import targets_of
+from glassgait.models.errors import InputError
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import load_gait
+
+WIDTHS = robot.UPPER_LIMITS - robot.LOWER_LIMITS
+
+
+def formulas(text: str) -> FormulaPolicy:
+    """A policy whose first joint has a formula, and the others none to speak of."""
+    others = "\n".join(f"{joint} = 0" for joint in robot.JOINTS[1:])
+    file = f"format: 1\ngait: trot\nstates: 2\n\nevery state\nFL_hip = {text}\n{others}\n"
+    return FormulaPolicy.from_file(read_formulas(file))
+
+
+def greatest(text: str) -> tuple[float, float]:
+    region = region_of(physical_box(load_gait("trot")), 0)
+    found = targets_of(formulas(text)).answer(Question("target", 0, 0, 1), region, gap=1e-6)
+    return found.bound, found.reached
+
+
+@pytest.mark.parametrize(
+    ("gait", "kind"),
+    [("trot", "page"), ("pace", "page"), ("trot", "statewise_linear"), ("trot", "ebm")],
+)
+@pytest.mark.parametrize("box", [operating_box, physical_box])
+def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
+    machine, policy = load_gait(gait), load_student(gait, kind)
+    whole, targets = box(machine), targets_of(policy)
+    observations = whole.random(10_000, np.random.default_rng(7))
+    assert whole.contains(observations).all()
+    reached = robot.joint_targets(policy(observations))
+    states = policy.observation_names.index("RM State 0")
+    for state, joint in product(range(machine.n_states), (0, 8)):
+        mine = reached[observations[:, states + state] == 1.0, joint]
+        for sign in (1, -1):
+            question = Question("target", state, joint, sign)
+            region = region_of(whole, state)
+            found = targets.answer(question, region, gap=0.005 * WIDTHS[joint])
+            assert (sign * mine).max() <= found.bound + ALLOWANCE
+
+
+def test_no_observation_breaks_a_bound_of_trees():
+    policy, box = load_student("trot", "gbm"), operating_box(load_gait("trot")).in_state(1)
+    observations = box.random(500, np.random.default_rng(7))
+    reached = robot.joint_targets(policy(observations))
+    for joint, sign in product((0, 7), (1, -1)):
+        question = Question("target", 1, joint, sign)
+        found = targets_of(policy).answer(question, region_of(box, 1), gap=0.0)
+        assert (sign * reached[:, joint]).max() <= found.reached <= found.bound
+
+
+@pytest.mark.parametrize("kind", ["page", "statewise_linear", "ebm"])
+def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
+    gait, policy = load_gait("trot"), load_student("trot", kind)
+    box, units = operating_box(gait), RobotUnits.of(policy.observation_names)
+    region, targets = region_of(box, 1), targets_of(policy)
+    for of, joint in (("target", 0), ("offset", 3), ("target", 8)):
+        found = targets.answer(Question(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
+        assert np.all((region.lower <= found.witness) & (found.witness <= region.upper))
+        action = policy((found.witness - units.offset) * units.scale)
+        value = robot.joint_targets(action)[joint]
+        value -= found.witness[2 + joint] if of == "offset" else 0.0
+        assert -value == pytest.approx(found.reached, abs=1e-8)
+        exact = kind != "page"
+        assert found.bound - found.reached <= (1e-9 if exact else 0.01 * WIDTHS[joint])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.5 + 2*cmd.v - cmd.yaw", 3.5),
+        # A gate times what is affine peaks at a corner; the box of h.FL is from -0.1 to 0.4 m.
+        ("tanh(100*h.FL - 2)*(1 + cmd.v)", 2.0),
+        # The clock is whole: a square peaks at its ends, and is 0 at 4 control steps.
+        ("-tanh(0.5*t - 2)*tanh(0.5*t - 2)", 0.0),
+        # Cancels, though each half has a wide range.
+        ("(q.FL_hip + cmd.v)**2 - q.FL_hip**2 - 2*q.FL_hip*cmd.v", 1.0),
+        ("sin(q.FL_thigh)", 1.0),
+        ("cmd.v*cmd.yaw*v.x", 3.0),
+        ("1/(2 + cmd.v)", 1.0),
+    ],
+)
+def test_the_greatest_value_of_a_small_formula_is_known(text, expected):
+    bound, reached = greatest(text)
+    assert bound >= expected - 1e-12
+    assert bound == pytest.approx(expected, abs=2e-6)
+    assert reached == pytest.approx(expected, abs=1e-6)
+
+
+def test_quantities_that_stand_twice_are_split():
+    # tanh(100 h - 2) - 3 h has its greatest value inside, where 100 (1 - tanh²) = 3.
+    gate = np.sqrt(1.0 - 0.03)
+    height = (np.arctanh(gate) + 2.0) / 100.0
+    bound, reached = greatest("tanh(100*h.FL - 2) - 3*h.FL")
+    assert bound >= gate - 3.0 * height
+    assert bound == pytest.approx(gate - 3.0 * height, abs=0.05)
+    assert reached <= gate - 3.0 * height + 1e-12
+
+
+def test_a_formula_that_may_divide_by_nothing_has_no_bound():
+    assert greatest("1/cmd.v")[0] == np.inf
+
+
+def test_slopes_and_effects_of_a_gate():
+    gait, policy = load_gait("trot"), formulas("tanh(100*h.FL - 2)*cmd.v + 0.2*cmd.yaw")
+    targets, region = targets_of(policy), region_of(physical_box(gait), 0)
+    slope = targets.answer(Question("slope", 0, 0, 1, 1), region, gap=1e-6)
+    assert slope.bound == pytest.approx(0.2)
+    effect = targets.answer(Question("effect", 0, 0, 1, 0), region, gap=1e-6)
+    assert effect.bound == pytest.approx(2.0, abs=1e-5)
+    assert len(effect.witness) == len(region.lower) + 1
+    assert targets.used(0, 0) == {0, 1, policy.observation_names.index("Foot Height FL")}
+    assert targets.used(0, 1) == frozenset()
+
+
+def test_elimination_finds_the_greatest_sum():
+    generator = np.random.default_rng(3)
+    unary = [generator.normal(size=3) for _ in range(6)]
+    unary[2][1] = -np.inf
+    pairs = [(a, b, generator.normal(size=(3, 3))) for a, b in [(0, 1), (1, 2), (2, 0), (3, 4)]]
+    value, labels = greatest_sum(unary, pairs)
+
+    def summed(chosen):
+        single = sum(own[label] for own, label in zip(unary, chosen, strict=True))
+        return single + sum(table[chosen[a], chosen[b]] for a, b, table in pairs)
+
+    assert value == pytest.approx(max(summed(each) for each in product(range(3), repeat=6)))
+    assert summed(labels) == pytest.approx(value)
+
+
+def test_labels_that_meet_too_many_are_tried_one_by_one(monkeypatch):
+    monkeypatch.setattr("glassgait.models.certificates.elimination.LARGEST", 9)
+    generator = np.random.default_rng(5)
+    unary = [generator.normal(size=3) for _ in range(5)]
+    pairs = [(a, b, generator.normal(size=(3, 3))) for a in range(5) for b in range(a)]
+    value, labels = greatest_sum(unary, pairs)
+    assert len(labels) == len(unary)
+    assert value == pytest.approx(
+        max(
+            sum(own[i] for own, i in zip(unary, each, strict=True))
+            + sum(table[each[a], each[b]] for a, b, table in pairs)
+            for each in product(range(3), repeat=5)
+        )
+    )
+
+
+def test_nothing_is_proved_of_a_network():
+    with pytest.raises(InputError, match="nothing is proved"):
+        targets_of(load_expert("trot"))

@@ -1,0 +1,202 @@
+"""The checker: shipped certificates hold, and changed ones, or changed policies, do not."""
+
+import json
+import re
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.certificates import checker
+from glassgait.models.certificates.certificate import (
+    certificate_text,
+    content_digest,
+    shipped_certificates,
+)
+from glassgait.models.certificates.checker import RefusedError, check
+from glassgait.models.certificates.checker import certificate as checked
+from glassgait.models.certificates.checker import policies as read
+from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.termination import TerminationLimits
+
+POLICY = STUDENT_DIRECTORY / "trot" / "page.formulas"
+PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
+CONTENT = json.loads(PATH.read_text())
+
+
+def written(content: dict, folder: Path, *, signed: bool = True) -> Path:
+    """Writes a certificate, with a digest of its own contents or the old one."""
+    path = folder / "certificate.json"
+    own = {**content, "sha256": content_digest(content)} if signed else content
+    path.write_text(certificate_text(own))
+    return path
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=pytest.mark.slow if "trot" not in path.name else ())
+        for path in shipped_certificates()
+    ],
+    ids=lambda path: path.stem,
+)
+def test_shipped_certificates_hold(path):
+    content = json.loads(path.read_text())
+    outcomes = [claim["outcome"] for claim in content["claims"]]
+    told = check(path)
+    assert told.startswith(f"{len(content['statements'])} bounds hold")
+    for outcome in ("proved", "refuted"):
+        assert f"{outcomes.count(outcome)} {outcome}" in told
+        assert outcomes.count(outcome) > 0
+    assert len(outcomes) - outcomes.count("undecided") >= 10
+
+
+def test_every_page_that_ships_has_a_certificate():
+    pages = {f"{path.parent.name}_page" for path in STUDENT_DIRECTORY.glob("*/page.formulas")}
+    assert pages <= {path.stem for path in shipped_certificates()}
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_refuses_a_certificate_of_which_one_character_was_changed(tmp_path, seed):
+    generator, text = np.random.default_rng(seed), PATH.read_text()
+    places = [found.start() for found in re.finditer(r"\d", text)]
+    place = int(generator.choice(places))
+    digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
+    path = tmp_path / "certificate.json"
+    path.write_text(text[:place] + digit + text[place + 1 :])
+    with pytest.raises(RefusedError):
+        check(path)
+
+
+def lower_bound(content, generator):
+    own = chosen(content, generator)
+    own["bound"] = own["reached"] - 1e-6
+
+
+def raise_witness(content, generator):
+    chosen(content, generator)["reached"] += 0.5
+
+
+def move_witness_out(content, generator):
+    own = chosen(content, generator)
+    name = sorted(own["witness"])[0]
+    own["witness"][name] = content["boxes"]["physical"][name][1] + 1000.0
+
+
+def turn_claim(content, generator):
+    claims = [own for own in content["claims"] if own["outcome"] != "undecided"]
+    own = claims[generator.integers(len(claims))]
+    own["outcome"] = "refuted" if own["outcome"] == "proved" else "proved"
+
+
+def tighten_claim(content, generator):
+    claims = [c for c in content["claims"] if c["outcome"] == "proved" and "most" in c]
+    claims[generator.integers(len(claims))]["most"] = 1e-3
+
+
+def move_split_out(content, generator):
+    split = [own for own in content["statements"] if own.get("splits")]
+    split[generator.integers(len(split))]["splits"][1] = 1e3
+
+
+def leave_out_what_proves(content, generator):
+    proved = [own for own in content["statements"] if own["of"] in ("slope", "effect")]
+    needed = [own for own in proved if own.get("observation", "").startswith("a.")]
+    content["statements"].remove(needed[generator.integers(len(needed))])
+
+
+def widen_box(content, generator):
+    low, high = content["boxes"]["operating"]["a.FL_hip"]
+    content["boxes"]["operating"]["a.FL_hip"] = [low - 1.0, high + float(generator.uniform(1, 2))]
+
+
+def exchange_states(content, generator):
+    own = chosen(content, generator, asymmetric=True)
+    own["state"] = 1 - own["state"]
+
+
+def name_another_policy(content, generator):
+    content["policy"]["file"] = "symbolic.formulas"
+
+
+def chosen(content, generator, *, asymmetric: bool = False):
+    targets = [own for own in content["statements"] if own["of"] == "target"]
+    targets = [own for own in targets if "_calf" in own["joint"]] if asymmetric else targets
+    return targets[generator.integers(len(targets))]
+
+
+CHANGES = (
+    lower_bound,
+    raise_witness,
+    move_witness_out,
+    turn_claim,
+    tighten_claim,
+    move_split_out,
+    leave_out_what_proves,
+    widen_box,
+    exchange_states,
+    name_another_policy,
+)
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.__name__)
+@pytest.mark.parametrize("seed", range(3))
+def test_refuses_a_changed_certificate_even_where_its_digest_is_made_anew(tmp_path, change, seed):
+    content = deepcopy(CONTENT)
+    change(content, np.random.default_rng(seed))
+    with pytest.raises(RefusedError):
+        check(written(content, tmp_path))
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_refuses_a_policy_of_which_one_digit_was_changed(tmp_path, seed):
+    generator, text = np.random.default_rng(seed), POLICY.read_text()
+    places = [found.start() for found in re.finditer(r"(?<=\.)\d|\d(?=\*)", text)]
+    place = int(generator.choice(places))
+    digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
+    path = tmp_path / "page.formulas"
+    path.write_text(text[:place] + digit + text[place + 1 :])
+    with pytest.raises(RefusedError, match="is not the one that was certified"):
+        check(PATH, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("", "cannot be read"), ("[]", "cannot be read"), ("{}", "digest is of other contents")],
+)
+def test_refuses_what_is_no_certificate(tmp_path, text, told):
+    path = tmp_path / "certificate.json"
+    path.write_text(text)
+    with pytest.raises(RefusedError, match=told):
+        check(path)
+
+
+def test_never_runs_what_a_policy_file_holds(tmp_path):
+    text = POLICY.read_text().replace("FL_hip = 0.0152", "FL_hip = exit(0) + 0.0152")
+    path = tmp_path / "page.formulas"
+    path.write_text(text)
+    content = deepcopy(CONTENT)
+    content["policy"]["sha256"] = checked.hashlib.sha256(path.read_bytes()).hexdigest()
+    with pytest.raises(RefusedError, match="is no formula"):
+        check(written(content, tmp_path), path)
+
+
+def test_restates_the_robot_as_it_is():
+    assert tuple(read.JOINTS) == robot.JOINTS
+    assert robot.DEFAULT_STANCE.tolist() == read.STANCE
+    assert read.ACTION_SCALE == robot.ACTION_SCALE
+    assert checked.LIMITS == robot.POSITION_LIMITS
+    assert (checked.STIFFNESS, checked.EFFORT) == (robot.STIFFNESS, robot.EFFORT_LIMIT)
+    assert TerminationLimits().action_change == checked.ABRUPT
+    entries = ObservationLayout(4).entries
+    assert read.symbols(4) == [entry.symbol for entry in entries]
+
+
+def test_imports_nothing_of_the_project_but_itself():
+    for path in Path(checker.__file__).parent.glob("*.py"):
+        text = path.read_text()
+        assert "from glassgait" not in text
+        assert "import glassgait" not in text

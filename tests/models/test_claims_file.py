@@ -1,0 +1,70 @@
+"""Claims: those that ship, and files that are refused in one sentence."""
+
+import pytest
+
+from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.errors import InputError
+from glassgait.models.task.gait import gait_names, load_gait
+
+
+def test_shipped_claims_are_of_every_kind_and_every_gait():
+    claims = load_claims(DEFAULT_CLAIMS)
+    kinds = {"limits", "torque", "never", "effect", "independent", "mirror", "change"}
+    assert {claim.kind for claim in claims} == kinds
+    assert len(claims) > 10
+    for gait in gait_names():
+        for claim in claims:
+            claim.refuse_unknown(load_gait(gait))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("- 1", "must hold the key 'claims'"),
+        ("claims: []", "must hold the key 'claims'"),
+        ("claims: [3]", "claim 1: is not a mapping|claim 1: "),
+        ("claims: [{name: a, kind: mirrors}]", "key 'kind' is 'mirrors'"),
+        ("claims: [{name: a, kind: mirror, most: 1.0}]", "has no key 'most'; remove it"),
+        ("claims: [{name: a, kind: effect, most: 1.0}]", "needs the key 'observations'"),
+        ("claims: [{name: a, kind: never, observations: [t]}]", "needs the key 'never'"),
+        ("claims: [{name: a, kind: torque, mots: 1.0}]", "write 'most'"),
+        ("claims: [{name: a, kind: torque, joints: [FL_knee]}]", "unknown joint 'FL_knee'"),
+        ("claims: [{name: a, kind: change, changes: {q: -1.0}}]", "changes"),
+        ("claims: [{name: a, kind: mirror}, {name: a, kind: mirror}]", "two claims are called"),
+        ("claims: [{name: a, kind: limits, most: .inf}]", "a finite number"),
+    ],
+)
+def test_refuses_what_is_no_claim(tmp_path, text, told):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=told) as refused:
+        load_claims(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"states": ("q9",)}, "has no state 'q9'"),
+        ({"stuck": ("h.XX",)}, "no observation is called 'h.XX'"),
+    ],
+)
+def test_refuses_names_that_a_gait_does_not_know(values, told):
+    with pytest.raises(InputError, match=told):
+        Claim(name="a", kind="torque", **values).refuse_unknown(load_gait("trot"))
+
+
+def test_own_quantities_are_those_of_the_joint():
+    claim = Claim(name="a", kind="never", observations=("dq.own", "t"), never="rises")
+    symbols = ["dq.FL_hip", "dq.FL_thigh", "t"]
+    assert claim.observations_of(1, symbols) == (1, 2)
+
+
+def test_changes_are_of_kinds_or_of_single_quantities():
+    claim = Claim(name="a", kind="change", changes={"q": 0.1, "q.FL_hip": 0.3, "cmd.v": 1.0})
+    assert claim.change_of("q.FL_hip") == 0.3
+    assert claim.change_of("q.FR_hip") == 0.1
+    assert claim.change_of("cmd.v") == 1.0
+    assert claim.change_of("cmd.yaw") == 0.0
+    assert claim.change_of("dq.FR_hip") == 0.0

@@ -1,0 +1,138 @@
+"""Boxes of observations: what is in them, their files, and what they are widened by."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.certificates.observation_box import (
+    ObservationBox,
+    commanded,
+    load_box,
+    operating_box,
+    physical_box,
+    rounded_outward,
+)
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import shipped_students
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.observation import OVERDUE, ObservationLayout
+
+NAMES = ObservationLayout(2).names
+TROT = load_gait("trot")
+
+
+def box(low: float = -1.0, high: float = 1.0) -> ObservationBox:
+    return ObservationBox(NAMES, np.full(len(NAMES), low), np.full(len(NAMES), high))
+
+
+def test_holds_what_is_between_its_corners_and_nothing_else():
+    observations = np.zeros((3, len(NAMES)))
+    observations[1, 5], observations[2, 5] = 1.0, 1.0 + 1e-12
+    assert box().contains(observations).tolist() == [True, True, False]
+    assert box().contains(box().clipped(observations)).all()
+
+
+def test_is_widened_by_a_share_of_its_width_on_both_sides():
+    wide = box().widened(0.1)
+    assert wide.lower == pytest.approx(-1.2)
+    assert wide.upper == pytest.approx(1.2)
+
+
+def test_a_hull_holds_both():
+    hull = box(0.0, 1.0).hull(box(-2.0, 0.5))
+    assert (hull.lower == -2.0).all()
+    assert (hull.upper == 1.0).all()
+
+
+def test_takes_named_ranges_from_another():
+    mixed = box().taking(["Foot Height FL"], box(-3.0, 4.0))
+    index = NAMES.index("Foot Height FL")
+    assert (mixed.lower[index], mixed.upper[index]) == (-3.0, 4.0)
+    assert np.delete(mixed.upper, index).max() == 1.0
+
+
+def test_holds_the_machine_in_one_state():
+    held = physical_box(TROT).in_state(1)
+    first = NAMES.index("RM State 0")
+    assert held.lower[first : first + 2].tolist() == [0.0, 1.0]
+    assert held.upper[first : first + 2].tolist() == [0.0, 1.0]
+
+
+def test_draws_whole_counts_and_one_state():
+    whole = operating_box(TROT)
+    observations = whole.random(200, np.random.default_rng(0))
+    assert whole.contains(observations).all()
+    quantities = RobotUnits.of(NAMES).quantities(observations)
+    counts = quantities[:, [NAMES.index("RM Iters"), NAMES.index("Command RM Iters")]]
+    assert counts == pytest.approx(np.round(counts))
+    assert set(counts[:, 1].round()) == set(range(6, 12))
+    first = NAMES.index("RM State 0")
+    assert (observations[:, first : first + 2].sum(axis=1) == 1.0).all()
+    held = whole.in_state(1).random(50, np.random.default_rng(0))
+    assert (held[:, first + 1] == 1.0).all()
+
+
+def test_a_file_keeps_a_box(tmp_path):
+    measured = rounded_outward(operating_box(TROT).widened(0.0123))
+    measured.save(tmp_path / "box.yaml", "by a test")
+    again = load_box(tmp_path / "box.yaml", NAMES)
+    assert np.array_equal(again.lower, measured.lower)
+    assert np.array_equal(again.upper, measured.upper)
+    assert measured.lines()[2].startswith("q.FL_hip: ")
+    assert measured.lines()[2].endswith(" rad")
+
+
+def test_ends_are_rounded_outward():
+    exact = ObservationBox(NAMES, np.full(len(NAMES), -1 / 3), np.full(len(NAMES), 1 / 3))
+    rounded = rounded_outward(exact)
+    assert (rounded.lower <= exact.lower).all()
+    assert (rounded.upper >= exact.upper).all()
+    assert np.allclose(rounded.upper, exact.upper, atol=1e-3)
+
+
+def test_the_physical_box_is_of_limits_commands_and_counts():
+    low, high = physical_box(TROT).quantities
+    at = {name: (low[i], high[i]) for i, name in enumerate(NAMES)}
+    assert at["RM Iters"] == (0.0, TROT.dwell[1] + OVERDUE)
+    assert at["Command X"] == (-TROT.max_speed, TROT.max_speed)
+    assert at["DoF Pos FL Hip"] == pytest.approx((-0.8629, 0.8629))
+    assert at["Prev Action RR Calf"] == (-2.6965, -0.9163)
+
+
+@pytest.mark.parametrize("gait", gait_names())
+def test_every_gait_with_students_ships_its_operating_box(gait):
+    assert shipped_students(gait)
+    machine = load_gait(gait)
+    operating = operating_box(machine)
+    commands = commanded(operating, machine)
+    assert np.array_equal(commands.lower, operating.lower)
+    assert (physical_box(machine).hull(operating).upper - operating.upper >= 0.0).all()
+    assert (operating.upper > operating.lower).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("ranges: 3", "lacks the key 'ranges'"),
+        ("ranges: {q.FL_hip: 3}", "must be \\[least, greatest\\]"),
+        ("ranges: {q.FL_hip: [0, yes]}", "must be \\[least, greatest\\]"),
+        ("ranges: {q.FL_knee: [0, 1]}", "no quantity is called 'q.FL_knee'"),
+        ("ranges: {q.FL_hip: [0, 1]}", "lacks 'cmd.v'"),
+    ],
+)
+def test_refuses_a_file_that_is_no_box(tmp_path, text, told):
+    path = tmp_path / "box.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=told) as refused:
+        load_box(path, NAMES)
+    assert str(path) in str(refused.value)
+
+
+def test_refuses_an_empty_range():
+    with pytest.raises(InputError, match="give the least, then the greatest"):
+        box(1.0, 0.0)
+
+
+def test_tells_how_to_measure_a_box_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="--measure"):
+        operating_box(TROT, tmp_path / "none.yaml")

@@ -1,0 +1,160 @@
+"""`glassgait certify` and `glassgait check`, from a policy's file to a certificate that holds."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from glassgait.diagrams.scenario import load_scenario
+from glassgait.models.certificates.observation_box import (
+    load_box,
+    operating_box,
+    physical_box,
+)
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.certification.measurement import measure_box
+from glassgait.studies.cli import main
+from glassgait.studies.rollouts.config import RolloutConfig
+
+FILE = """format: 1
+gait: trot
+states: 2
+mirror: 1 0
+
+definitions
+lifted.FL = tanh(100*h.FL - 2)
+lifted.FR = tanh(100*h.FR - 2)
+
+state 0
+FL_hip = 0.1 + 0.1*lifted.FL*v.y
+FL_thigh = 0.8 + 0.1*cmd.v
+FL_calf = -1.5
+FR_hip = -0.1
+FR_thigh = 0.8 + 0.3*tanh(0.5*t - 2)
+FR_calf = -1.5
+RL_hip = 0.1
+RL_thigh = 1.0 - 0.02*dq.RL_thigh
+RL_calf = -1.5
+RR_hip = -0.1
+RR_thigh = 1.0
+RR_calf = -1.5 + 0.5*q.RR_calf
+"""
+
+CLAIMS = """claims:
+  - name: The front left thigh stays below 0.95 rad in q0
+    kind: limits
+    joints: [FL_thigh]
+    states: [q0]
+    most: 0.95
+  - name: The front left thigh stays below 0.85 rad in q0
+    kind: limits
+    joints: [FL_thigh]
+    states: [q0]
+    most: 0.85
+"""
+
+
+@pytest.fixture
+def policy(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.formulas").write_text(FILE)
+    (tmp_path / "mine.yaml").write_text(CLAIMS)
+    return tmp_path / "mine.formulas"
+
+
+def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
+    main(["certify", "--policy", "mine.formulas", "--claims", "mine.yaml", "--output", "out"])
+    folder = policy.parent / "out"
+    content = json.loads((folder / "certificate.json").read_text())
+    by_name = {claim["name"]: claim for claim in content["claims"]}
+    # The commanded speed is from -1 to 1 m/s.
+    assert by_name["The front left thigh stays below 0.95 rad in q0"]["outcome"] == "proved"
+    refuted = by_name["The front left thigh stays below 0.85 rad in q0"]
+    assert refuted["outcome"] == "refuted"
+    assert refuted["worst"] == pytest.approx(0.9)
+    assert refuted["witnesses"][0]["cmd.v"] == 1.0
+    assert by_name["Left and right are treated alike"]["outcome"] == "proved"
+    bounds = pd.read_csv(folder / "bounds.csv")
+    row = bounds.query("box == 'operating' and state == 'q0' and joint == 'FL_thigh'").iloc[0]
+    assert row["greatest (rad)"] == pytest.approx(0.9, abs=1e-8)
+    assert row["least (rad)"] == pytest.approx(0.7, abs=1e-8)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    outcomes = [claim["outcome"] for claim in content["claims"]]
+    assert metrics["proved"] == outcomes.count("proved")
+    capsys.readouterr()
+    main(["check", "out/certificate.json", "--policy", "mine.formulas"])
+    assert "bounds hold" in capsys.readouterr().out
+
+
+def test_refuses_to_check_against_another_policy(policy):
+    main(["certify", "--policy", "mine.formulas", "--output", "out"])
+    policy.write_text(FILE.replace("0.1*cmd.v", "0.2*cmd.v"))
+    with pytest.raises(SystemExit) as ended:
+        main(["check", "out/certificate.json", "--policy", "mine.formulas"])
+    assert ended.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--policy", "expert.formulas"], "no such file"),
+        (["--policy", "mine.formulas", "--claims", "none.yaml"], "no such file"),
+        (["--policy", "mine.formulas", "--box", "mine.yaml"], "lacks the key 'ranges'"),
+        (["--policy", "mine.formulas", "--box", "mine.yaml", "--measure"], "leave out one"),
+    ],
+)
+def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, told):
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", *arguments, "--output", "out"])
+    assert ended.value.code == 2
+    assert told in capsys.readouterr().err
+    assert not (policy.parent / "out" / "certificate.json").exists()
+
+
+def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
+    gait = load_gait("trot")
+    expert, page = load_expert(gait), load_student("trot", "page")
+    config = RolloutConfig(n_robots=2, n_steps=15, n_seeds=1)
+    found = measure_box(
+        gait, expert, {"page": page}, {"training": load_scenario("training")}, config, processes=1
+    )
+    low, high = found.box.quantities
+    names = list(expert.observation_names)
+    # All robots stand still at first, in the default stance.
+    hip = names.index("DoF Pos FL Hip")
+    assert low[hip] < 0.1 < high[hip]
+    whole = physical_box(gait).quantities
+    for name in ("Command X", "RM Iters", "Command RM Iters", "RM State 0"):
+        place = names.index(name)
+        assert (low[place], high[place]) == (whole[0][place], whole[1][place])
+    # Fifteen steps reach less far than the shipped box, which holds a hundred in every world.
+    shipped = operating_box(gait).quantities
+    velocities = [i for i, name in enumerate(names) if name.startswith("Base")]
+    assert (
+        np_less(low, high)
+        and (high - low)[velocities].sum() < (shipped[1] - shipped[0])[velocities].sum()
+    )
+    assert "2 robots a world" in found.measured
+
+
+def np_less(low, high) -> bool:
+    return bool((low <= high).all())
+
+
+def test_a_box_of_ones_own_is_used(policy, tmp_path):
+    gait = load_gait("trot")
+    names = load_expert(gait).observation_names
+    operating_box(gait).widened(0.5).save(tmp_path / "wide.yaml", "by a test")
+    main(["certify", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
+    content = json.loads((tmp_path / "out" / "certificate.json").read_text())
+    wide = load_box(tmp_path / "wide.yaml", names).quantities
+    assert content["boxes"]["operating"]["v.x"][1] == pytest.approx(
+        wide[1][names.index("Base Lin Vel X")]
+    )
+
+
+def test_nothing_is_proved_of_an_expert(policy):
+    with pytest.raises((SystemExit, InputError)):
+        main(["certify", "--policy", "expert", "--output", "out"])
