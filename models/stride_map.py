@@ -47,7 +47,7 @@ class Modes:
         coordinate excites of the mode and what it shows of it. They do not change with its unit.
         """
         factors = np.abs(self.left * self.right)
-        return factors / factors.sum()
+        return np.asarray(factors / factors.sum(), dtype=np.float64)
 
 
 def modes_of(jacobian: Array) -> Modes:
@@ -56,7 +56,7 @@ def modes_of(jacobian: Array) -> Modes:
     Raises:
         ValueError: if it is not finite.
     """
-    eigenvalues, left, right = linalg.eig(jacobian, left=True, right=True)
+    eigenvalues, left, right = linalg.eig(jacobian, left=True, right=True)  # type: ignore[misc]
     order = np.argsort(-np.abs(eigenvalues), kind="stable")
     slowest = order[0]
     return Modes(
@@ -107,13 +107,13 @@ def averaged_jacobians(
     moves = size * generator.normal(size=(n_pairs, n))
     rows = (points[:, None] + np.concatenate([moves, -moves])).reshape(-1, n)
     images = step(rows, np.repeat(np.arange(n_points), 2 * n_pairs))
-    ahead, back = np.moveaxis(images.reshape(n_points, 2, n_pairs, n), 1, 0)
-    change = 0.5 * (ahead - back)
+    images = images.reshape(n_points, 2, n_pairs, n)
+    change = 0.5 * (images[:, 0] - images[:, 1])
     group = np.arange(n_pairs) % N_GROUPS
 
     def fitted(own: Array, kept: NDArray[np.bool_]) -> Array:
         kept = kept & np.isfinite(own).all(axis=1)
-        return np.linalg.lstsq(moves[kept], own[kept])[0].T
+        return np.asarray(np.linalg.lstsq(moves[kept], own[kept])[0].T, dtype=np.float64)
 
     whole = [fitted(own, group >= 0) for own in change]
     parts = [[fitted(own, group != out) for out in range(N_GROUPS)] for own in change]

@@ -151,7 +151,7 @@ def _add_modes(
             "rows": rows.shape[1],
             "other_steps": int(np.sum((rows[k] != usual[k]) & (rows[k] > 0))),
             "lost": int(np.sum(rows[k] == 0)),
-            "radii": [own[k].radius if own[k] else float("nan") for own in all_modes],
+            "radii": [_radius(own[k]) for own in all_modes],
         }
         mode = modes[k]
         if mode is not None:
@@ -165,6 +165,10 @@ def _add_modes(
 
 def _modes(own: Array) -> list[Modes | None]:
     return [modes_of(one) if np.isfinite(one).all() else None for one in own]
+
+
+def _radius(modes: Modes | None) -> float:
+    return modes.radius if modes else float("nan")
 
 
 def _nearest(own: tuple[Modes | None, ...]) -> Modes | None:

@@ -41,7 +41,8 @@ def stability_figure(results: Mapping[str, Records], name: str) -> Figure:
     """
     n = len(results)
     figure = Figure(figsize=(max(1.3 * COLUMN_WIDTH, 1.35 * n + 1.2), 5.6))
-    top, middle, bottom = figure.subfigures(3, 1, height_ratios=(1.25, 1.15, 1.3))
+    parts: Any = figure.subfigures(3, 1, height_ratios=(1.25, 1.15, 1.3))
+    top, middle, bottom = parts
     maps, circles = (part.subplots(1, n, sharey=True, squeeze=False)[0] for part in (top, middle))
     for axes, circle, (policy, records) in zip(maps, circles, results.items(), strict=True):
         _draw_map(axes, records)
