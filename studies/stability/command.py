@@ -36,7 +36,7 @@ StepSize = Annotated[float, Gt(0.0), Le(1.0)]
 
 @dataclass(frozen=True)
 class Stability(Settings):
-    """Tell whether small differences grow or fade from stride to stride, and test that by pushes.
+    """Tell whether small differences grow or fade from one stride to the next, and test it.
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
