@@ -60,6 +60,14 @@ COMMANDS = {
         "glassgait.studies.symmetry.command:Symmetry",
         "Measure whether an expert and its students treat left and right alike.",
     ),
+    "pushes": (
+        "glassgait.studies.pushes.command:PushBasin",
+        "Push walking robots from every side, and draw which pushes each policy survives.",
+    ),
+    "stability": (
+        "glassgait.studies.stability.command:Stability",
+        "Tell whether small differences grow or fade from one stride to the next, and test it.",
+    ),
     "claims": (
         "glassgait.studies.claims.command:Claims",
         "Test what a policy of formulas says: change a term, and see whether the robot moves so.",

@@ -8,7 +8,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.palette import COLORS
 from glassgait.studies.evaluation.tables import policy_title
-from glassgait.studies.students.library import find_student
+from glassgait.studies.students.library import find_walker
 
 SIDE_COLORS = {"A": COLORS[0], "B": COLORS[-1]}
 """Blue and vermilion, which colour-blind readers tell apart too."""
@@ -49,18 +49,14 @@ class Side:
 def find_side(letter: str, name: str, expert: NeuralPolicy, folder: Path | None) -> Side:
     """Finds one of the two policies.
 
-    A neural policy observes by its own estimator, and any other by the expert's.
-
     Args:
         letter: A or B.
         name: `expert`, a kind of student, or the path of a policy file.
         expert: The expert that a student must fit.
-        folder: Folder of a distillation; as `find_student` takes it.
+        folder: Folder of a distillation; as `find_walker` takes it.
 
     Raises:
         InputError: if there is no such policy, or it does not fit the expert.
     """
-    policy = expert if name == "expert" else find_student(name, expert, folder)
-    if isinstance(policy, NeuralPolicy):
-        return Side(letter, name, policy, AlternatingPolicy(policy))
-    return Side(letter, name, policy, AlternatingPolicy(expert, policy, period=0))
+    walker = find_walker(name, expert, folder)
+    return Side(letter, name, walker.student or walker.expert, walker)

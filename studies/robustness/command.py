@@ -27,7 +27,14 @@ from glassgait.studies.rollouts.jobs import inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import load_shipped_students, load_students
 from glassgait.studies.students.settings import StudentKind
-from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
+from glassgait.studies.sweep import (
+    ALL_GAITS,
+    Gaits,
+    WorkersConfig,
+    gaits_named,
+    refuse_files_of_several,
+    run_each,
+)
 from glassgait.studies.tables import print_table, write_metrics, write_table
 
 OUTPUT = Path("runs/robustness")
@@ -127,10 +134,7 @@ class Robustness(Settings):
 
     def _gaits(self) -> tuple[str, ...]:
         names = gaits_named(self.gait)
-        if len(names) > 1 and (self.expert or self.distillation):
-            raise InputError(
-                "--gait: several gaits take no files of your own; name one gait for them"
-            )
+        refuse_files_of_several(names, self.expert, self.distillation)
         if ALL_GAITS not in self.gait:
             return names
         kinds = {*self.students}

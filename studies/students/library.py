@@ -1,8 +1,10 @@
 """Where students are kept, and finding them."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
@@ -113,6 +115,64 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     student = load_policy(student_file(name, expert, folder))
     student.check(gait=expert.gait, observation_names=expert.observation_names)
     return student
+
+
+def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
+    """Finds a policy that walks alone, with the estimator that it observes by.
+
+    A neural policy observes by its own estimator, and any other by the expert's.
+
+    Args:
+        name: `expert`, a kind of student, or the path of a policy file.
+        expert: The expert that a student must fit.
+        folder: Folder of a distillation; as `find_student` takes it.
+
+    Raises:
+        InputError: if there is no such policy, or it does not fit the expert.
+    """
+    policy = expert if name == "expert" else find_student(name, expert, folder)
+    if isinstance(policy, NeuralPolicy):
+        return AlternatingPolicy(policy)
+    return AlternatingPolicy(expert, policy, period=0)
+
+
+def find_walkers(
+    names: Sequence[str], expert: NeuralPolicy, folder: Path | None, *, shipped: bool
+) -> dict[str, AlternatingPolicy]:
+    """Finds policies that walk alone, by the names that folders call them.
+
+    Args:
+        names: As `find_walker` takes them; where there are none, the expert and its students: those
+            of the folder, or those that ship.
+        expert: The expert.
+        folder: Folder of a distillation.
+        shipped: Whether the expert is the one that ships, whose students ship with it.
+
+    Raises:
+        InputError: if there is no such policy, it does not fit, or two are called the same.
+    """
+    if not names:
+        students = load_students(folder, expert) if folder else {}
+        if folder is None and shipped:
+            students = load_shipped_students(expert)
+        alone = {kind: AlternatingPolicy(expert, own, period=0) for kind, own in students.items()}
+        return {"expert": AlternatingPolicy(expert), **alone}
+    found: dict[str, AlternatingPolicy] = {}
+    for name in names:
+        stem = Path(name).stem if Path(name).suffix in POLICY_SUFFIXES else name
+        if stem in found:
+            raise InputError(f"two policies are called {shown(stem)}; give one file another name")
+        found[stem] = find_walker(name, expert, folder)
+    return found
+
+
+def inputs_of_walkers(walkers: Mapping[str, AlternatingPolicy]) -> dict[str, str]:
+    """Returns digests of policies that walk alone, as a run folder records them."""
+    experts = {walker.expert.digest() for walker in walkers.values()}
+    acting = (
+        f"{name} {(walker.student or walker.expert).digest()}" for name, walker in walkers.items()
+    )
+    return {"expert": " ".join(sorted(experts)), "policies": " ".join(acting)}
 
 
 def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -> FormulaPolicy:

@@ -16,7 +16,12 @@ from glassgait.studies.console import console, say
 from glassgait.studies.distillation.visits import visit
 from glassgait.studies.figures import save_figure
 from glassgait.studies.run_folder import open_run
-from glassgait.studies.sweep import Gaits, gaits_named, tell_refused
+from glassgait.studies.sweep import (
+    Gaits,
+    gaits_named,
+    refuse_files_of_several,
+    tell_refused,
+)
 from glassgait.studies.symmetry.figures import symmetry_figure
 from glassgait.studies.symmetry.study import measure_symmetry, policies_of, titled
 from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
@@ -58,10 +63,7 @@ class Symmetry(Settings):
     def run(self) -> None:
         """Runs the study."""
         named = gaits_named(self.gait)
-        if len(named) > 1 and (self.expert or self.distillation):
-            raise InputError(
-                "--gait: several gaits take no files of your own; name one gait for them"
-            )
+        refuse_files_of_several(named, self.expert, self.distillation)
         names = _with_mirror_image(named)
         if len(named) == 1:
             self._measure(names[0])

@@ -1,0 +1,1 @@
+"""How each gait answers small differences: the stride map's orbits, modes and predictions."""

@@ -1,0 +1,184 @@
+"""Pushing robots: who survives what, how that is told, and the command."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.pushes.basin import Pushed, PushGrid, failure_counts, push_everywhere
+from glassgait.studies.pushes.figures import half_lines, push_figure
+from glassgait.studies.pushes.tables import Basin, push_table, summary_table
+
+TROT = load_gait("trot")
+WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
+GRID = PushGrid(np.array([0.0, np.pi / 2, np.pi]), np.array([0.2, 8.0]), 2)
+
+
+def pushed(policy, seed=3):
+    return push_everywhere(TROT, policy, WORLD, GRID, n_steps=60, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def by_expert(expert):
+    return pushed(AlternatingPolicy(expert))
+
+
+def test_a_light_push_is_survived_and_a_train_is_not(by_expert):
+    assert by_expert.survived.shape == GRID.shape == (3, 2, 2)
+    assert by_expert.survived[:, 0].all() and not by_expert.survived[:, 1].any()
+    assert (by_expert.failure[:, 0] == -1).all() and (by_expert.failure[:, 1] >= 0).all()
+    counts = failure_counts(by_expert)
+    assert sum(counts.values()) == 6 and counts["no_rhythm"] == 0
+
+
+def test_the_same_seed_gives_the_same_robots(expert, by_expert):
+    again = pushed(AlternatingPolicy(expert))
+    assert (again.survived == by_expert.survived).all()
+    assert (again.failure == by_expert.failure).all()
+
+
+def test_a_policy_that_stands_does_not_walk(other_expert):
+    still = pushed(AlternatingPolicy(other_expert))
+    assert not still.survived.any()
+    counts = failure_counts(still)
+    assert counts.pop("no_rhythm") == 12 and not any(counts.values())
+
+
+def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
+    seen = []
+
+    def note(walk, state, n_steps):
+        seen.append(state)
+        n = len(state.steps)
+        return np.ones(n, dtype=bool), np.full(n, -1)
+
+    monkeypatch.setattr("glassgait.studies.pushes.basin._walk_on", note)
+    turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
+    push_everywhere(TROT, AlternatingPolicy(expert), turning, GRID, n_steps=60, seed=3)
+    (state,) = seen
+    plant = state.plant.reshape(*GRID.shape, -1)
+    added = plant[..., 22:25] - plant[1:2, :1, :, 22:25]
+    # From the left push of 0.2 m/s to the pushes ahead and back of as much.
+    heading = 2.0 * np.arctan2(plant[0, 0, :, 3], plant[0, 0, :, 0])
+    assert (np.abs(heading) > 1.0).all()
+    for phase, angle in enumerate(heading):
+        ahead, left = np.array([np.cos(angle), np.sin(angle)]), [-np.sin(angle), np.cos(angle)]
+        assert added[0, 0, phase, :2] == pytest.approx(0.2 * (ahead - left), abs=0.02)
+        assert added[2, 0, phase, :2] == pytest.approx(-0.2 * (ahead + left), abs=0.02)
+    assert (added[..., 2] == 0.0).all()
+
+
+def basin(survived, n_phases=4):
+    survived = np.array(survived)
+    directions = 2 * np.pi * np.arange(len(survived)) / len(survived)
+    grid = PushGrid(directions, np.arange(1.0, 1.0 + survived.shape[1]), n_phases)
+    return Basin(grid, survived, {"low_trunk": 3, "high_foot": 0})
+
+
+def test_one_direction_that_fails_ends_what_all_survive():
+    own = basin([[4, 4, 4, 0], [4, 4, 3, 0], [4, 4, 4, 4]])
+    assert own.all_up_to == 2.0 and own.half_up_to == 3.0
+    # What is survived beyond a failure does not count.
+    gap = basin([[4, 0, 4], [4, 0, 4], [4, 4, 4]])
+    assert gap.all_up_to == gap.half_up_to == 1.0
+    assert basin([[3, 4], [4, 4], [4, 4]]).all_up_to == 0.0
+    assert basin(np.full((3, 2), 4)).all_up_to == 2.0
+
+
+def test_tables_hold_shares_and_their_intervals():
+    table = push_table({"expert": basin([[4, 2], [4, 0], [3, 1]])})
+    assert len(table) == 6 and table["policy"].unique().tolist() == ["Neural expert"]
+    row = table[(table["direction (°)"] == 0) & (table["speed (m/s)"] == 2)].iloc[0]
+    assert (row["robots"], row["survived"], row["share"]) == (4, 2, 0.5)
+    assert 0 < row["95 % from"] < 0.5 < row["95 % to"] < 1
+    (summed,) = summary_table({"page": basin([[4, 2], [4, 0], [3, 1]])}).to_dict("records")
+    assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°"
+    assert summed["how the others ended"] == "low trunk 3"
+
+
+def test_the_line_stands_where_half_survive_first():
+    shares = np.array([[1.0, 0.0, 1.0], [1.0, 0.75, 0.25], [1.0, 1.0, 1.0], [0.2, 1.0, 1.0]])
+    assert half_lines(np.array([1.0, 2.0, 3.0]), shares).tolist() == [1.5, 2.5, 3.0, 1.0]
+
+
+def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
+    own = basin([[4, 2], [4, 0], [3, 1]])
+    figure = push_figure(dict.fromkeys(("expert", "gbm", "page"), own), "Trot")
+    *panels, bar = figure.axes
+    assert [axes.get_title().splitlines()[0] for axes in panels] == [
+        "Neural expert",
+        "GBM",
+        "Page of formulas",
+    ]
+    for axes in panels:
+        assert sum(len(container) for container in axes.containers) == 6
+        assert "up to 0 m/s" in axes.get_title()
+    assert bar.get_ylabel() == "share of phases survived"
+    assert push_figure({"expert": basin([[4], [4], [3]])}, "one speed").axes
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Runs the command with robots that survive by their seed."""
+
+    def start(*more, output="run", last=2):
+        asked = []
+
+        def quickly(gait, policy, scenario, grid, *, n_steps, seed):
+            asked.append(policy)
+            if len(asked) > last:
+                raise KeyboardInterrupt
+            assert n_steps == 50
+            draws = np.random.default_rng([seed, policy.period]).random(grid.shape)
+            survived = draws > grid.speeds[:, None] / 10.0
+            return Pushed(survived, np.where(survived, -1, 0))
+
+        monkeypatch.setattr("glassgait.studies.pushes.command.push_everywhere", quickly)
+        folder = tmp_path / output
+        small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
+        policies = ["--policy", "expert", "page", "--seconds", "1", "--output", str(folder)]
+        main(["pushes", *small, *policies, *more])
+        return folder, len(asked)
+
+    return start
+
+
+def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
+    folder, _ = run()
+    table = pd.read_csv(folder / "summary.csv")
+    assert table["policy"].tolist() == ["Neural expert", "Page of formulas"]
+    whole = pd.read_csv(folder / "pushes.csv")
+    assert len(whole) == 2 * 4 * 2 and (whole["robots"] == 3).all()
+    share = whole.groupby("policy", sort=False)["survived"].sum() / 24
+    assert table["share"].tolist() == pytest.approx(share.tolist())
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert [row["survived"] for row in metrics] == table["survived"].tolist()
+    assert (folder / "pushes.png").stat().st_size > 10_000
+    with pytest.raises(SystemExit):
+        run(output="again", last=1)
+    again, n_asked = run("--resume", output="again")
+    assert n_asked == 1
+    for name in ("summary.csv", "pushes.csv", "metrics.json"):
+        assert (again / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--speeds", "2", "1"], "name the least first"),
+        (["--command.speed", "3"], "speed is 3"),
+        (["--n-directions", "2"], "n_directions"),
+        (["--seconds", "20"], "seconds"),
+        (["--policy", "nobody"], "unknown policy 'nobody'"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
+    folder = tmp_path / "run"
+    assert told in refused(["pushes", *arguments, "--output", str(folder)])
+    assert not folder.exists()

@@ -1,0 +1,220 @@
+"""The stride map: robots that go on as they were told, orbits, words, and the command."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_student
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.stability import analysis
+from glassgait.studies.stability.figures import stability_figure
+from glassgait.studies.stability.orbits import find_orbits
+from glassgait.studies.stability.strides import NAMES, UNITS, StrideMap
+from glassgait.studies.stability.tables import (
+    believed,
+    prediction_table,
+    radius_error,
+    stability_table,
+    told_mode,
+)
+from glassgait.studies.students.library import find_walkers
+
+TROT = load_gait("trot")
+COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
+
+
+@pytest.fixture(scope="module")
+def strides(expert):
+    return StrideMap(TROT, AlternatingPolicy(expert), COMMAND)
+
+
+@pytest.fixture(scope="module")
+def entered(strides):
+    """The expert's trot, just after it entered the machine's first state."""
+    return strides.first_points()
+
+
+def test_a_trotting_robot_enters_again_after_two_dwells(strides, entered):
+    assert entered.shape == (1, len(NAMES)) and len(UNITS) == len(NAMES) == 45
+    done = strides.stride(entered, np.array([0]))
+    assert done.n_steps.tolist() == [16]
+    # It walks: a stride changes little, where one that fell would change all.
+    assert np.abs(done.images - entered).max() < 2.0
+
+
+def test_a_stride_is_the_same_again_and_in_any_company(strides, entered):
+    problems = np.zeros(3, dtype=np.int64)
+    apart = strides.stride(entered, problems[:1]).images
+    together = strides.stride(
+        np.concatenate([entered + 0.1, np.full((1, 45), np.nan), entered]), problems
+    )
+    # Matrices are multiplied in another order, no more.
+    assert together.images[2] == pytest.approx(apart[0], abs=1e-9)
+    assert (strides.stride(entered, problems[:1]).images == apart).all()
+    assert np.isnan(together.images[1]).all() and together.n_steps[1] == 0
+    assert (together.images[0] != apart[0]).any()
+
+
+def test_the_previous_action_is_remembered(strides, entered):
+    other = entered.copy()
+    other[0, -robot.N_JOINTS] += 0.5
+    both = strides(np.concatenate([entered, other]), np.zeros(2, dtype=np.int64))
+    assert (both[0] != both[1]).any()
+
+
+def test_a_robot_that_stands_has_no_stride(other_expert):
+    still = StrideMap(TROT, AlternatingPolicy(other_expert), COMMAND)
+    assert np.isnan(still.first_points()).all()
+    (record,) = analysis.analyse(still, n_strides=2, step_sizes=(1e-3, 1e-2), seed=0)
+    assert record["period"] == -1 and not record["fixed"]
+    table = stability_table({"expert": [record]})
+    assert table["without noise the gait"].tolist() == ["falls, or leaves the gait"]
+    assert prediction_table({"expert": [record]}).empty
+    assert stability_figure({"expert": [record]}, "Trot") is not None
+
+
+def test_policies_of_steps_are_told_from_those_with_derivatives(expert, strides):
+    def stepwise(kind):
+        walker = AlternatingPolicy(expert, load_student("trot", kind), period=0)
+        return StrideMap(TROT, walker, COMMAND).is_stepwise
+
+    assert stepwise("gbm") and stepwise("ebm")
+    assert not stepwise("page") and not strides.is_stepwise
+
+
+def logistic(points, problems):
+    """One map with four fates: fixed, of period 2, chaotic, and without an image."""
+    rates = np.array([2.5, 3.2, 3.9, np.nan])[problems, None]
+    return rates * points * (1.0 - points)
+
+
+def test_orbits_are_told_by_where_they_settle():
+    orbits = find_orbits(logistic, np.full((4, 1), 0.3), n_strides=300, differentiable=True)
+    assert orbits.periods.tolist() == [1, 2, 0, -1]
+    # The fixed point 1 - 1/r is found whether it attracts or not.
+    assert orbits.fixed[:3, 0] == pytest.approx(1.0 - 1.0 / np.array([2.5, 3.2, 3.9]), abs=1e-5)
+    assert np.isnan(orbits.fixed[3]).all()
+    assert orbits.sway[0] < 1e-6 < orbits.sway[1] < orbits.sway[2]
+
+
+def test_without_derivatives_no_fixed_point_is_looked_for():
+    orbits = find_orbits(logistic, np.full((4, 1), 0.3), n_strides=50, differentiable=False)
+    assert orbits.periods[0] == 1 and np.isnan(orbits.fixed).all()
+
+
+def test_a_radius_is_believed_where_step_sizes_agree():
+    sure, unsure = {"radius": 0.5, "radii": [0.5, 0.504]}, {"radius": 0.5, "radii": [0.5, 0.7]}
+    assert radius_error(unsure) == pytest.approx(0.1)
+    assert believed(sure) and not believed(unsure) and not believed({})
+    assert not believed({"radius": 0.5, "radii": [0.5, float("nan")]})
+
+
+def test_modes_are_told_by_who_takes_part_most():
+    told = told_mode({"pitch": 0.4, "roll": 0.3, "leg FR": 0.2, "yaw": 0.1})
+    assert told == "pitch 40 %, roll 30 %, leg FR 20 %"
+    assert told_mode({"pitch": 0.05}) == "–"
+
+
+@pytest.mark.parametrize(("rate", "told"), [(0.6, 0.6), (1.1, 1.1)])
+def test_factors_are_read_off_amplitudes(rate, told):
+    assert analysis._factor(2.0 * rate ** np.arange(11)) == pytest.approx(told)
+
+
+def test_a_decay_is_read_off_until_it_is_gone():
+    amplitudes = np.maximum(0.1 ** np.arange(11), 1e-6)
+    assert analysis._factor(amplitudes) == pytest.approx(0.1)
+    assert np.isnan(analysis._factor(np.array([1.0, 0.0, 0.0, 0.0])))
+
+
+@pytest.fixture(scope="module")
+def records(strides):
+    """What is found of the expert, with few strides and differences."""
+    few = {"N_PAIRS": 60, "N_GROWTH": 2, "N_GROWTH_LEFT_OUT": 0, "N_DECAY": 3}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in few.items():
+            patch.setattr(analysis, name, value)
+        return analysis.analyse(strides, n_strides=6, step_sizes=(1e-3, 1e-2), seed=0)
+
+
+@pytest.mark.slow
+def test_small_pushes_of_the_experts_trot_fade_as_its_slowest_mode_says(records):
+    (record,) = records
+    assert believed(record) and record["radius"] < 1.0 and record["residual"] < 1e-5
+    assert (record["rows"], record["other_steps"], record["lost"]) == (180, 0, 0)
+    assert record["decays"][0] == pytest.approx(record["radius"], rel=0.1)
+    assert sum(record["parts"].values()) == pytest.approx(1.0)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, records):
+    """Runs the command with what was found once; the second policy's radius is unknown."""
+    unknown = {"radii": [0.4, 0.8]}
+    found = {True: records, False: [record | unknown for record in records]}
+
+    def start(*more, output="run", last=2):
+        asked = []
+
+        def again(strides, **options):
+            asked.append(strides)
+            if len(asked) > last:
+                raise KeyboardInterrupt
+            return found[strides.policy.student is None]
+
+        monkeypatch.setattr("glassgait.studies.stability.command.analyse", again)
+        folder = tmp_path / output
+        commands = ["--yaw-rates", "0", "--speeds", "0.5", "--dwells", "8"]
+        policies = ["--policy", "expert", "page", "--output", str(folder)]
+        main(["stability", *commands, *policies, *more])
+        return folder, len(asked)
+
+    return start
+
+
+@pytest.mark.slow
+def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
+    folder, _ = run()
+    table = pd.read_csv(folder / "stability.csv")
+    assert table["policy"].tolist() == ["Neural expert", "Page of formulas"]
+    assert pd.read_csv(folder / "summary.csv")["fixed points"].tolist() == ["1 of 1", "0 of 1"]
+    assert pd.read_csv(folder / "prediction.csv")["within 10 % up to (m/s)"].notna().all()
+    assert (folder / "stability.png").stat().st_size > 10_000
+    assert set(json.loads((folder / "metrics.json").read_text())) == {"expert", "page"}
+    with pytest.raises(SystemExit):
+        run(output="again", last=1)
+    again, n_asked = run("--resume", output="again")
+    assert n_asked == 1
+    for name in ("stability.csv", "prediction.csv", "summary.csv", "metrics.json"):
+        assert (again / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--speeds", "1.5"], "speed is 1.5"),
+        (["--dwells", "30"], "dwell is 30"),
+        (["--policy", "nobody"], "unknown policy 'nobody'"),
+        (["--step-sizes", "1e-3"], "step_sizes"),
+        (["--step-sizes", "0", "0.1"], "step_sizes"),
+        (["--gait", "trot", "pace", "--policy", "mine.formulas"], "several gaits take no files"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
+    folder = tmp_path / "run"
+    assert told in refused(["stability", *arguments, "--output", str(folder)])
+    assert not folder.exists()
+
+
+def test_two_policies_of_one_name_are_refused(expert, tmp_path, refused):
+    for folder in ("a", "b"):
+        load_student("trot", "page").save(tmp_path / folder / "mine.formulas")
+    files = [str(tmp_path / folder / "mine.formulas") for folder in ("a", "b")]
+    assert "two policies are called 'mine'" in refused(["stability", "--policy", *files])
+    assert list(find_walkers(files[:1], expert, None, shipped=True)) == ["mine"]
+    assert list(find_walkers((), expert, None, shipped=False)) == ["expert"]
+    assert "page" in find_walkers((), expert, None, shipped=True)
