@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
+from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import ControllerSource
 from glassgait.models.task.command import Command
+from glassgait.models.task.contact import touches_ground
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED = 0, 1, 2, 4
 """What a step returns: the sum of what happened."""
@@ -57,6 +58,15 @@ class Sensors:
     touching: NDArray[np.bool_]
 
 
+def sensed(state: Array) -> Sensors:
+    """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
+    return Sensors(
+        state[robot.JOINT_POSITION],
+        state[robot.JOINT_VELOCITY],
+        touches_ground(kinematics.foot_heights(state)),
+    )
+
+
 class LoadedController:
     """Calls a controller's C functions; it has no memory of its own."""
 
@@ -90,7 +100,9 @@ class LoadedController:
             self._init = getattr(library, f"{written.name}_init")
             self._step = getattr(library, f"{written.name}_step")
         except (OSError, AttributeError) as error:
-            raise InputError(f"{path}: is no controller {written.name!r}; compile it anew") from error
+            raise InputError(
+                f"{path}: is no controller {written.name!r}; compile it anew"
+            ) from error
         self._init.restype = None
 
     def initial(self) -> Array:

@@ -23,9 +23,12 @@ SMALLEST = 1e-37
 """What single precision hardly tells from 0."""
 
 KEYWORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while".split()
+    re.findall(
+        r"\w+",
+        "auto break case char const continue default do double else enum extern float for goto if "
+        "inline int long register restrict return short signed sizeof static struct switch typedef "
+        "union unsigned void volatile while",
+    )
 )
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -136,8 +139,8 @@ def rendered(template: str, real: Real, /, **values: Any) -> str:
     """Fills a template of this package.
 
     Args:
-        template: File name of the template, which writes its type as `real`, its numbers through the
-            filter `number`, and functions through `function`.
+        template: File name of the template, which writes its type as `real`, its numbers through
+            the filter `number`, and functions through `function`.
         real: The type that is computed in.
         values: What else the template asks for.
     """

@@ -5,8 +5,8 @@ from glassgait.models.export.language import CArray, Real, rendered
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.precision import lower_neighbours
 
-ABREAST = 4
-"""Trees that are walked down side by side: a processor waits for no one of them."""
+ABREAST = 10
+"""Greatest number of trees that are walked down side by side, so that a processor need not wait."""
 
 
 def trees_code(policy: BoostedTreesPolicy, real: Real) -> Code:
@@ -28,7 +28,7 @@ def trees_code(policy: BoostedTreesPolicy, real: Real) -> Code:
             real,
             n_trees=n_trees,
             depth=policy.depth,
-            abreast=next(k for k in (ABREAST, 2, 1) if n_trees % k == 0),
+            abreast=max(k for k in range(1, ABREAST + 1) if n_trees % k == 0),
             compared=arrays[1].type if rounded is not None else real,
             question_type=arrays[0].type,
             threshold_type=arrays[1].type,

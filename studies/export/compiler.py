@@ -27,9 +27,13 @@ def write_source(written: ControllerSource, folder: Path) -> Path:
     Raises:
         InputError: if they cannot be written there.
     """
-    write_atomically(folder / f"{written.name}.h", written.header)
-    path = folder / f"{written.name}.c"
-    write_atomically(path, written.source)
+    header, path = (folder / f"{written.name}.{end}" for end in "hc")
+    write_atomically(header, written.header)
+    try:
+        write_atomically(path, written.source)
+    except InputError:
+        header.unlink(missing_ok=True)
+        raise
     return path
 
 

@@ -11,19 +11,22 @@ static void act(const {{ real }} observation[N_OBSERVATIONS], {{ real }} action[
 
     for (int joint = 0; joint < 12; joint++) {
         {{ real }} sum = {{ 0.0 | number }};
-        /* Some trees are walked down side by side, since each waits for what it reads. */
         for (int tree = 0; tree < {{ n_trees }}; tree += {{ abreast }}) {
-            int node[{{ abreast }}] = {0}; /* the children of node k are 2 k + 1 and 2 k + 2 */
+            const {{ question_type }}(*const question)[{{ 2 ** depth - 1 }}] = &QUESTIONS[joint][tree];
+            const {{ threshold_type }}(*const threshold)[{{ 2 ** depth - 1 }}] = &THRESHOLDS[joint][tree];
+            const {{ leaf_type }}(*const leaf)[{{ 2 ** depth }}] = &LEAVES[joint][tree];
+            /* The nodes of {{ abreast }} trees: they are walked down side by side, since each step of one
+             * waits for the step before. The children of node k are 2 k + 1 and 2 k + 2. */
+            int {% for k in range(abreast) %}n{{ k }} = 0{{ ', ' if not loop.last }}{% endfor %};
+
             for (int level = 0; level < {{ depth }}; level++) {
-                for (int k = 0; k < {{ abreast }}; k++) {
-                    const {{ question_type }} *const questions = QUESTIONS[joint][tree + k];
-                    const {{ threshold_type }} *const thresholds = THRESHOLDS[joint][tree + k];
-                    const int right = compared[questions[node[k]]] > thresholds[node[k]];
-                    node[k] = 2 * node[k] + 1 + right;
-                }
+{% for k in range(abreast) %}
+                n{{ k }} = 2 * n{{ k }} + 1 + (compared[question[{{ k }}][n{{ k }}]] > threshold[{{ k }}][n{{ k }}]);
+{% endfor %}
             }
-            for (int k = 0; k < {{ abreast }}; k++)
-                sum += ({{ real }})LEAVES[joint][tree + k][node[k] - {{ 2 ** depth - 1 }}];
+{% for k in range(abreast) %}
+            sum += ({{ real }})leaf[{{ k }}][n{{ k }} - {{ 2 ** depth - 1 }}];
+{% endfor %}
         }
         action[joint] = sum + ({{ real }})INTERCEPTS[joint];
     }
