@@ -4,7 +4,16 @@ import numpy as np
 
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.export.binding import ACTION, FOOT_HEIGHT, MACHINE, OK, TOUCHED, Sensors, Step
+from glassgait.models.export.binding import (
+    ACTION,
+    FOOT_HEIGHT,
+    MACHINE,
+    N_MEMORY,
+    OK,
+    TOUCHED,
+    Sensors,
+    Step,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
@@ -32,8 +41,9 @@ class PythonController:
 
     def initial(self) -> Array:
         """Returns what it remembers before its first step (23)."""
-        before = np.zeros(robot.N_JOINTS + 2 * robot.N_LEGS)
-        return np.concatenate([before, np.ravel(self._machine.initial())])
+        memory = np.zeros(N_MEMORY)
+        memory[MACHINE] = np.ravel(self._machine.initial())
+        return memory
 
     def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
         """Takes one step.
@@ -55,11 +65,12 @@ class PythonController:
             joint_velocity=sensors.joint_velocity,
             previous_action=memory[ACTION],
             rm_state=self._machine.one_hot(machine.state),
-            rm_iterations=machine.iterations,
+            rm_iterations=machine.iterations.astype(float),
             commanded_dwell=command.dwell,
         )
         body = self._estimator(own)
         action = self._policy(np.concatenate([own, body]))
-        heights = body[-robot.N_LEGS :]
-        after = np.concatenate([action, heights, sensors.touching, np.ravel(machine)])
+        after = np.empty(N_MEMORY)
+        after[ACTION], after[FOOT_HEIGHT] = action, body[-robot.N_LEGS :]
+        after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
         return Step(after, robot.joint_targets(action), OK)

@@ -7,13 +7,13 @@ import pandas as pd
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
-from glassgait.diagrams.scenario import Scenario, load_scenarios
+from glassgait.diagrams.scenario import load_scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1.robot import Array
 from glassgait.models.export.binding import ACTION, LoadedController
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.command import sample_commands
+from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.export.agreement import moments
 from glassgait.studies.rollouts.config import distilled_speeds
@@ -43,53 +43,59 @@ def walk_both(
         A row an engine: `falls` and `return` (mean) of both, and the greatest difference of a
         robot's return (share of it).
     """
+    command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
     rows = []
-    for engine, scenario in zip(WORLDS, load_scenarios(WORLDS.values()).values(), strict=True):
-        scores = {}
-        for who in ("Python", "C"):
-            simulator = _simulator(gait, scenario, expert, n_robots, n_steps, seed)
-            drawn = sample_commands(
-                gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait)
+    for engine, name in WORLDS.items():
+        task = TaskConfig.of_scenario(gait, load_scenario(name), episode_steps=n_steps)
+        physics = make_physics(load_scenario(name).station)
+        scores = []
+        for make in (_python(policy), _compiled(compiled)):
+            simulator = BatchSimulator(
+                task,
+                physics,
+                n_robots=n_robots,
+                generator=np.random.default_rng(seed),
+                estimator=expert.estimator,
             )
-            simulator.start_at(simulator.state.plant, drawn)
-            act = _compiled(simulator, compiled) if who == "C" else _python(simulator, policy)
-
-            def as_told(step: int, simulator=simulator, drawn=drawn, act=act) -> Array:
-                # The simulator draws other commands after 10 s.
-                simulator.set_command(drawn)
-                return act(step)
-
-            scores[who] = score_rollouts(log_batch(simulator, n_steps, as_told))
-        rows.append(_compared(engine, scores["Python"], scores["C"]))
+            simulator.start_at(simulator.state.plant, command)
+            log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
+            scores.append(score_rollouts(log))
+        rows.append(_compared(engine, *scores))
     return pd.DataFrame(rows)
 
 
-def _simulator(
-    gait: Gait, scenario: Scenario, expert: NeuralPolicy, n_robots: int, n_steps: int, seed: int
-) -> BatchSimulator:
-    return BatchSimulator(
-        TaskConfig.of_scenario(gait, scenario, episode_steps=n_steps),
-        make_physics(scenario.station),
-        n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=expert.estimator,
-    )
+def _as_told(
+    simulator: BatchSimulator, command: Command, act: Callable[[int], Array]
+) -> Callable[[int], Array]:
+    """Keeps each robot's command, where the simulator would draw another one after 10 s."""
+
+    def act_as_told(step: int) -> Array:
+        simulator.set_command(command)
+        return act(step)
+
+    return act_as_told
 
 
-def _python(simulator: BatchSimulator, policy: Policy) -> Callable[[int], Array]:
-    return lambda step: policy(simulator.observe())
+def _python(policy: Policy) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+    return lambda simulator: lambda step: policy(simulator.observe())
 
 
-def _compiled(simulator: BatchSimulator, compiled: LoadedController) -> Callable[[int], Array]:
-    """Returns what steps one controller a robot, by what the robot senses alone."""
-    memories = [compiled.initial() for _ in range(simulator.n_robots)]
+def _compiled(
+    compiled: LoadedController,
+) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+    """Returns what makes a controller for each robot, which acts by what the robot senses alone."""
 
-    def act(step: int) -> Array:
-        for i, (sensors, command) in enumerate(moments(simulator)):
-            memories[i] = compiled.step(memories[i], sensors, command).memory
-        return np.array(memories)[:, ACTION]
+    def make(simulator: BatchSimulator) -> Callable[[int], Array]:
+        memories = [compiled.initial() for _ in range(simulator.n_robots)]
 
-    return act
+        def act(step: int) -> Array:
+            for i, (sensors, command) in enumerate(moments(simulator)):
+                memories[i] = compiled.step(memories[i], sensors, command).memory
+            return np.array(memories)[:, ACTION]
+
+        return act
+
+    return make
 
 
 def _compared(engine: str, python: pd.DataFrame, compiled: pd.DataFrame) -> dict[str, object]:

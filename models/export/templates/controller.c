@@ -53,7 +53,7 @@ static const {{ real }} STANCE[12] = {
 
 /* The numbers of {{ named }}, which stand at the end of this file. */
 {% for array in arrays %}
-{{ '%-60s' % (array.declaration ~ ';') }} /* {{ array.note }} */
+{{ '%-56s' % (array.declaration ~ ';') }} /* {{ array.note }} */
 {% endfor %}
 
 /* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
@@ -149,11 +149,13 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
 
 {{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
+{% if 'elu(' in estimator.functions ~ policy.functions %}
 static {{ real }} elu({{ real }} x)
 {
     return x > {{ 0.0 | number }} ? x : {{ 'expm1' | function }}(x);
 }
 
+{% endif %}
 {{ estimator.functions }}
 /* ---- Policy: from the observation to the action ---------------------------------------------- */
 
