@@ -18,14 +18,14 @@ def additive_code(policy: AdditivePolicy, real: Real) -> Code:
     cut_type = CArray.of_reals("", np.concatenate([fine.ravel(), coarse.ravel()]), real, "").type
     arrays = [
         CArray("CUTS", fine, cut_type, "cuts of each observation, ascending"),
-        CArray.of_reals("EFFECTS", effects, real, "by observation and bin: what all joints gain"),
+        CArray.of_reals("EFFECTS", effects, real, "gain of all joints, by bin"),
         CArray.of_reals("INTERCEPTS", policy.intercepts, real, "constant of each joint"),
     ]
     if n_pairs:
         arrays += [
             CArray("PAIR_CUTS", coarse, cut_type, "coarser cuts, for pairs"),
             CArray.of_indices("PAIRS", pairs, "two observations, and the joint that gains"),
-            CArray.of_reals("PAIR_EFFECTS", policy.pair_tables, real, "gain, by both bins"),
+            CArray.of_reals("PAIR_EFFECTS", policy.pair_tables, real, "its gain, by both bins"),
         ]
     return Code(
         f"A sum of {effects.shape[0]} functions of one observation a joint, and in all {n_pairs} "

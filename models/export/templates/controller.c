@@ -33,6 +33,10 @@
 
 #include <math.h>
 
+#ifdef __FAST_MATH__
+#error "-ffast-math takes the checks for NaN away; compile without it"
+#endif
+
 enum { FL, FR, RL, RR };
 
 enum {

@@ -64,7 +64,7 @@ static void act({{ 'int state, ' if statewise }}const {{ real }} observation[N_O
 {% endif %}
 {% if groups %}
 
-    /* What is defined by these. */
+    /* What the policy defines by these. */
 {% endif %}
 {% for group in groups %}
 {% if group.members %}
