@@ -48,14 +48,14 @@ class ControllerSource:
     Attributes:
         name: What the names of its files, functions and types begin with.
         real: The type that it computes in.
-        n_states: Number of the machine's states.
+        takes_state: Whether its policy's function takes the machine's state first.
         source: The C file.
         header: Its header.
     """
 
     name: str
     real: Real
-    n_states: int
+    takes_state: bool
     source: str
     header: str
 
@@ -130,7 +130,7 @@ def write_controller(
         "arrays": [*acting.arrays, *estimator.arrays],
     }
     source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
-    return ControllerSource(name, real, gait.n_states, source, header)
+    return ControllerSource(name, real, acting.takes_state, source, header)
 
 
 def _constants_of_robot(gait: Gait) -> list[tuple[str, float, str]]:

@@ -65,7 +65,7 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
             count=count,
             speed=0.5 * gait.max_speed,
             dwell=gait.dwell[0],
-            takes_state="static void act(int state" in written.source,
+            takes_state=written.takes_state,
         )
         write_atomically(harness, text)
         compile_c(harness, folder / "controller_times")
