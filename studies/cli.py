@@ -92,6 +92,10 @@ COMMANDS = {
         "glassgait.studies.show_command:Show",
         "Print the formulas of a policy: the lines that its file holds, and that act.",
     ),
+    "export": (
+        "glassgait.studies.export.command:Export",
+        "Write a controller as one C file, from sensors to joint targets, and check it.",
+    ),
     "report": (
         "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",

@@ -12,12 +12,16 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import LoadedController
+from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.ending import BAD_INPUT
+from glassgait.studies.export.compiler import has_compiler, load_controller
 
 # How long an example takes says how busy the machine is, nothing else.
 settings.register_profile("no deadline", deadline=None)
@@ -110,6 +114,25 @@ def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]
         )
 
     return sizes
+
+
+@pytest.fixture(scope="session")
+def written_page() -> ControllerSource:
+    """The C of the trot's page of formulas."""
+    gait, expert = load_gait("trot"), load_expert("trot")
+    policy = load_student("trot", "page")
+    names = {"name": "trot_page", "policy_name": "page", "version": "0"}
+    return write_controller(gait, policy, expert, **names)
+
+
+@pytest.fixture(scope="session")
+def compiled_page(
+    written_page: ControllerSource, tmp_path_factory: pytest.TempPathFactory
+) -> LoadedController:
+    """The same, compiled; skips where there is no C compiler."""
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    return load_controller(written_page, tmp_path_factory.mktemp("page"))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pandas as pd
 from glassgait.models.policies.library import load_expert, load_policy, policy_path
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, Settings
+from glassgait.studies.benchmark.controllers import controller_times
 from glassgait.studies.benchmark.distillation import (
     compiled_against_library,
     expert_samples,
@@ -20,6 +21,7 @@ from glassgait.studies.benchmark.inference import single_row_microseconds
 from glassgait.studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.export.compiler import has_compiler
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings, refuse_run
 from glassgait.studies.students.library import distillation_folder
 from glassgait.studies.students.registry import STUDENTS
@@ -61,6 +63,7 @@ class Benchmark(Settings):
         inference = self._inference()
         write_table(inference, self.output / "inference")
         print_table("One action, one observation", inference)
+        controllers = self._controllers()
         say("fitting library models, to compare them with what they compile to")
         expert = load_expert(self.gait)
         samples = expert_samples(expert, n_steps=1000)
@@ -74,6 +77,7 @@ class Benchmark(Settings):
             print_table("The distillation study against the naive loop", naive)
         metrics = {
             "compiled": compiled.to_dict(orient="records"),
+            "controllers": controllers.to_dict(orient="records"),
             "distillation": naive.to_dict(orient="records"),
             "throughput": throughput.to_dict(orient="records"),
             "inference": inference.to_dict(orient="records"),
@@ -82,6 +86,15 @@ class Benchmark(Settings):
         }
         write_metrics(metrics, self.output / "metrics.json")
         console.print(f"written to {self.output}")
+
+    def _controllers(self) -> pd.DataFrame:
+        if not has_compiler():
+            say("there is no C compiler here, cc: controllers in C are not timed")
+            return pd.DataFrame()
+        controllers = controller_times(self.gait)
+        write_table(controllers, self.output / "controllers")
+        print_table("Controllers in C, one step", controllers)
+        return controllers
 
     def _throughput(self) -> pd.DataFrame:
         config = TrainingConfig(gait=self.gait)

@@ -1,5 +1,6 @@
 """Rolling out policies: many robots in batch, or few in the systems diagram."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -49,13 +50,23 @@ def _roll_out_batch(
         generator=generator,
         estimator=None if scenario.true_body_state else policy.estimator,
     )
+    return log_batch(simulator, config.n_steps, lambda step: policy.act(step, simulator.observe()))
+
+
+def log_batch(simulator: BatchSimulator, n_steps: int, act: Callable[[int], Array]) -> RolloutLog:
+    """Advances robots from where they are, and logs what they do.
+
+    Args:
+        simulator: The robots.
+        n_steps: Control steps.
+        act: Returns the actions (n, 12) at a control step, counted from 0.
+    """
     log: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
-    failed = np.zeros((n, 1), dtype=bool)
-    for step in range(config.n_steps):
-        command = simulator.state.command.velocity
-        observation = simulator.observe()
+    failed = np.zeros((simulator.n_robots, 1), dtype=bool)
+    for step in range(n_steps):
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
-        action = np.where(failed, 0.0, policy.act(step, observation))
+        action = np.where(failed, 0.0, act(step))
+        command = simulator.state.command.velocity
         outcome = simulator.step(action)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
@@ -70,7 +81,7 @@ def _roll_out_batch(
             break
     arrays: dict[str, Any] = {name: np.array(values) for name, values in log.items()}
     whole = RolloutLog(**arrays)
-    return _padded(whole, config.n_steps)
+    return _padded(whole, n_steps)
 
 
 def _n_robots(scenario: Scenario, config: RolloutConfig) -> int:

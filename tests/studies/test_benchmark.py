@@ -8,8 +8,8 @@ from sklearn.linear_model import LinearRegression
 
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.files import write_record
-from glassgait.models.policies.library import load_expert
-from glassgait.studies.benchmark import distillation
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.studies.benchmark import controllers, distillation
 from glassgait.studies.benchmark.distillation import (
     NaiveModel,
     compiled_against_library,
@@ -20,6 +20,7 @@ from glassgait.studies.benchmark.distillation import (
 from glassgait.studies.benchmark.inference import single_row_microseconds
 from glassgait.studies.benchmark.throughput import training_and_physics
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.export.compiler import has_compiler
 from glassgait.studies.students.additive import EbmSettings
 from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
 from glassgait.studies.students.dataset import Dataset
@@ -89,3 +90,15 @@ def test_study_and_naive_loop_are_summed(linear_models, tmp_path):
     naive = 12 * (2 + 2 + 4 / 3) / 60
     assert table["ratio"].tolist() == pytest.approx([naive / 0.2, naive / 0.3, 2 * naive], abs=0.05)
     assert study_against_naive_loop(SAMPLES, TWO_EPISODES, tmp_path / "none").empty
+
+
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
+    kept = {"page": load_student("trot", "page")}
+    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: kept)
+    table = controllers.controller_times("trot", count=1000).set_index("policy")
+    assert table.index.tolist() == ["expert", "page"]
+    assert (table > 0).all(axis=None)
+    assert table["policy (µs)"]["page"] < table["policy (µs)"]["expert"]
+    assert (table["step (µs)"] > table["estimator (µs)"]).all()
+    assert table["C file (kB)"]["page"] < table["C file (kB)"]["expert"]

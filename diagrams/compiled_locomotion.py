@@ -1,0 +1,44 @@
+"""The locomotion diagram, driven by a controller that was compiled from C."""
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+from glassgait.models.export.binding import LoadedController
+from glassgait.models.task.gait import Gait
+from glassgait.systems.compiled_controller import CompiledController
+
+
+def MakeCompiledLocomotion(  # noqa: N802
+    gait: Gait, scenario: Scenario, controller: LoadedController
+) -> Diagram:
+    """Builds what `MakeLocomotion` builds without a policy, and a compiled controller that acts.
+
+    The controller has a reward machine and an estimator of its own. The diagram's machine, which
+    rewards, reads the true heights of the feet.
+
+    Args:
+        gait: The gait.
+        scenario: The world; without noise in its sensors.
+        controller: Who acts.
+
+    Raises:
+        InputError: if the scenario's sensors have noise, or the gait is not made for the command.
+    """
+    if scenario.sensor_noise > 0.0 or scenario.contact_flips > 0.0:
+        raise InputError(
+            f"{scenario.refused_as()}: its sensors have noise, which a compiled controller has no "
+            "port for; give sensor_noise 0 and contact_flips 0"
+        )
+    builder = DiagramBuilder()
+    locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
+    acting = builder.AddNamedSystem("compiled_controller", CompiledController(controller))
+    for name in ("state", "command", "commanded_dwell"):
+        builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
+    builder.Connect(acting.get_action_output_port(), locomotion.GetInputPort("actions"))
+    builder.ExportOutput(acting.get_targets_output_port(), "targets")
+    builder.ExportOutput(acting.get_status_output_port(), "status")
+    diagram = builder.Build()
+    diagram.set_name("CompiledLocomotion")
+    return diagram

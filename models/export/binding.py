@@ -1,0 +1,148 @@
+"""A compiled controller, called from Python."""
+
+import ctypes
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.export.controller import ControllerSource
+from glassgait.models.task.command import Command
+from glassgait.models.task.contact import touches_ground
+
+OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED = 0, 1, 2, 4
+"""What a step returns: the sum of what happened."""
+
+N_MEMORY = robot.N_JOINTS + 2 * robot.N_LEGS + 3
+"""Numbers that a controller remembers from one step to the next."""
+
+ACTION = slice(0, robot.N_JOINTS)
+FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + robot.N_LEGS)
+TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + robot.N_LEGS)
+MACHINE = slice(TOUCHED.stop, N_MEMORY)
+"""Where its parts stand among them, as `Step` tells."""
+
+
+class Step(NamedTuple):
+    """What a step of a controller brings.
+
+    Attributes:
+        memory: What it remembers (23): the action (12), estimated foot heights (4; m), which feet
+            touch (4), and the machine's state, iterations and age.
+        targets: Joint position targets (12; rad).
+        status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET` and `COMMAND_LIMITED`.
+    """
+
+    memory: Array
+    targets: Array
+    status: int
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What a controller reads.
+
+    Attributes:
+        joint_position: Joint positions (12; rad).
+        joint_velocity: Joint velocities (12; rad/s).
+        touching: Whether each foot presses on the ground (4).
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    touching: NDArray[np.bool_]
+
+
+def sensed(state: Array) -> Sensors:
+    """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
+    return Sensors(
+        state[robot.JOINT_POSITION],
+        state[robot.JOINT_VELOCITY],
+        touches_ground(kinematics.foot_heights(state)),
+    )
+
+
+class LoadedController:
+    """Calls a controller's C functions; it has no memory of its own."""
+
+    def __init__(self, path: Path, written: ControllerSource) -> None:
+        """
+        Args:
+            path: The shared library that its C file was compiled to.
+            written: What was compiled.
+
+        Raises:
+            InputError: if there is no such library, or it holds another controller.
+        """
+        real: Any = ctypes.c_double if written.real == "double" else ctypes.c_float
+        joints = real * robot.N_JOINTS
+        feet, flags = real * robot.N_LEGS, ctypes.c_int * robot.N_LEGS
+        number = ctypes.c_int
+        self._memory = _struct(
+            action=joints,
+            foot_height=feet,
+            touched=flags,
+            state=number,
+            iterations=number,
+            age=number,
+        )
+        self._sensors = _struct(joint_position=joints, joint_velocity=joints, foot_contact=flags)
+        self._command = _struct(speed=real, yaw_rate=real, dwell=real)
+        self._targets = _struct(joint_position=joints)
+        self.name = written.name
+        try:
+            library = ctypes.CDLL(str(path.resolve()))
+            self._init = getattr(library, f"{written.name}_init")
+            self._step = getattr(library, f"{written.name}_step")
+        except (OSError, AttributeError) as error:
+            raise InputError(
+                f"{path}: is no controller {written.name!r}; compile it anew"
+            ) from error
+        self._init.restype = None
+
+    def initial(self) -> Array:
+        """Returns what a controller remembers before its first step (23)."""
+        memory = self._memory()
+        self._init(ctypes.byref(memory))
+        return _packed(memory)
+
+    def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
+        """Takes one step.
+
+        Args:
+            memory: What it remembers of the step before (23).
+            sensors: What the robot senses now.
+            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+        """
+        own, targets = self._unpacked(memory), self._targets()
+        sensed = self._sensors(
+            tuple(sensors.joint_position),
+            tuple(sensors.joint_velocity),
+            tuple(int(touches) for touches in sensors.touching),
+        )
+        commanded = self._command(*command.velocity, float(command.dwell))
+        status = self._step(*map(ctypes.byref, (own, sensed, commanded, targets)))
+        return Step(_packed(own), np.array(targets.joint_position, dtype=float), status)
+
+    def _unpacked(self, memory: Array) -> ctypes.Structure:
+        return self._memory(
+            tuple(memory[ACTION]),
+            tuple(memory[FOOT_HEIGHT]),
+            tuple(memory[TOUCHED].astype(int).tolist()),
+            *memory[MACHINE].astype(int).tolist(),
+        )
+
+
+def _struct(**fields: Any) -> type[ctypes.Structure]:
+    return type("Struct", (ctypes.Structure,), {"_fields_": list(fields.items())})
+
+
+def _packed(memory: Any) -> Array:
+    parts = (memory.action, memory.foot_height, memory.touched)
+    machine = (memory.state, memory.iterations, memory.age)
+    return np.array([*(value for part in parts for value in part), *machine], dtype=float)

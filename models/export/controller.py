@@ -1,0 +1,177 @@
+"""A whole controller as one C99 file with its header: from sensors to joint targets."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError, shown
+from glassgait.models.export.additive import additive_code
+from glassgait.models.export.code import Code
+from glassgait.models.export.formulas import formula_code
+from glassgait.models.export.language import Real, commented, is_identifier, rendered
+from glassgait.models.export.linear import linear_code, open_loop_code
+from glassgait.models.export.network import network_code
+from glassgait.models.export.reward_machine import cases, state_constants
+from glassgait.models.export.trees import trees_code
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
+
+MOST_NAME = 40
+"""Greatest number of characters of a controller's name, with which all its names begin."""
+
+_GROUPS: dict[Group, tuple[str, str]] = {
+    "joint position": ("JOINT_POSITION", "12: rad, from the default stance"),
+    "joint velocity": ("JOINT_VELOCITY", "12: 0.05 * rad/s"),
+    "previous action": ("PREVIOUS_ACTION", "12: 0.25 rad of target, from the default stance"),
+    "machine state": ("RM_STATE", "{n}: 1 in that state of the machine, else 0"),
+    "iterations": ("RM_ITERATIONS", "0.1 * control steps in that state"),
+    "commanded iterations": ("COMMAND_RM_ITERATIONS", "0.1 * commanded ones"),
+    "base velocity": ("BASE_VELOCITY", "3: estimated, forward, left and up, 2 * m/s"),
+    "foot height": ("FOOT_HEIGHT", "4: estimated, m"),
+}
+"""Name of the place of each group's first entry, and what stands there."""
+
+
+@dataclass(frozen=True)
+class ControllerSource:
+    """The text of a controller.
+
+    Attributes:
+        name: What the names of its files, functions and types begin with.
+        real: The type that it computes in.
+        takes_state: Whether its policy's function takes the machine's state first.
+        source: The C file.
+        header: Its header.
+    """
+
+    name: str
+    real: Real
+    takes_state: bool
+    source: str
+    header: str
+
+
+def write_controller(
+    gait: Gait,
+    policy: Policy,
+    expert: NeuralPolicy,
+    *,
+    name: str,
+    policy_name: str,
+    version: str,
+    real: Real = "double",
+) -> ControllerSource:
+    """Writes a controller that acts by a policy, from sensors alone.
+
+    Args:
+        gait: The gait, whose reward machine runs.
+        policy: Who acts: a student, or the expert itself.
+        expert: Whose estimator observes what no sensor tells.
+        name: What the names of its files, functions and types begin with.
+        policy_name: What its comments call the policy.
+        version: Version of this project.
+        real: The type to compute in.
+
+    Raises:
+        InputError: if the name can be none in C, a policy is made for another gait or observation,
+            or there is no C for its kind.
+    """
+    if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
+        raise InputError(
+            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
+            "letters, digits and _ that begins with a letter"
+        )
+    layout = ObservationLayout(gait.n_states)
+    for one in (policy, expert):
+        one.check(gait=gait.name, observation_names=layout.names)
+    constants = state_constants(gait)
+    estimator = network_code(expert.estimator, "estimator", "estimate", real)
+    acting = _policy_code(policy, constants, real)
+    values: dict[str, Any] = {
+        "name": name,
+        "prefix": name.upper(),
+        "gait": gait,
+        "gait_name": commented(gait.name),
+        "described": _described(policy, policy_name),
+        "policy_name": commented(policy_name),
+        "version": commented(version),
+        "digests": {
+            "gait": gait.digest(),
+            "policy": policy.digest(),
+            "estimator": expert.digest(),
+        },
+        "legs": list(robot.LEGS),
+        "stance": robot.DEFAULT_STANCE.tolist(),
+        "action_scale": robot.ACTION_SCALE,
+        "stiffness": robot.STIFFNESS,
+        "damping": robot.DAMPING,
+        "constants_of_robot": _constants_of_robot(gait),
+        "named": "the estimator and the policy" if acting.arrays else "the estimator",
+        "period": CONTROL_PERIOD,
+        "rate": round(1.0 / CONTROL_PERIOD),
+        "constants": constants,
+        "state_names": commented(", ".join(f"{i} {own}" for i, own in enumerate(gait.states))),
+        "initial": constants[gait.states.index(gait.initial)],
+        "cases": cases(gait, real),
+        "observation": _places(layout),
+        "n_observations": layout.size,
+        "overdue": OVERDUE,
+        "estimator": estimator,
+        "policy": acting,
+        "arrays": [*acting.arrays, *estimator.arrays],
+    }
+    source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
+    return ControllerSource(name, real, acting.takes_state, source, header)
+
+
+def _constants_of_robot(gait: Gait) -> list[tuple[str, float, str]]:
+    """Lists the numbers that a caller may need, with what they are."""
+    return [
+        ("PERIOD", CONTROL_PERIOD, "s between two steps"),
+        ("STIFFNESS", robot.STIFFNESS, "kp of every joint, N m/rad"),
+        ("DAMPING", robot.DAMPING, "kd of every joint, N m s/rad, to velocity 0"),
+        ("EFFORT", robot.EFFORT_LIMIT, "greatest torque of a joint, N m"),
+        ("MAX_SPEED", gait.max_speed, "greatest command, forward and back, m/s"),
+        ("MAX_YAW_RATE", gait.max_yaw_rate, "greatest command, left and right, rad/s"),
+        ("MIN_DWELL", float(gait.dwell[0]), "least command, control steps"),
+        ("MAX_DWELL", float(gait.dwell[1]), "greatest command, control steps"),
+    ]
+
+
+def _described(policy: Policy, policy_name: str) -> str:
+    kind = policy.kind.replace("_", " ")
+    named = commented(policy_name)
+    return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
+
+
+def _policy_code(policy: Policy, constants: tuple[str, ...], real: Real) -> Code:
+    writers: list[tuple[Any, Callable[[Any], Code]]] = [
+        (FormulaPolicy, lambda own: formula_code(own, constants, real)),
+        ((LinearPolicy, StatewiseLinearPolicy), lambda own: linear_code(own, real)),
+        (AdditivePolicy, lambda own: additive_code(own, real)),
+        (BoostedTreesPolicy, lambda own: trees_code(own, real)),
+        (NeuralPolicy, lambda own: network_code(own.actor, "actor", "act", real)),
+        (OpenLoopPolicy, lambda own: open_loop_code(own, real)),
+    ]
+    for kinds, write in writers:
+        if isinstance(policy, kinds):
+            return write(policy)
+    raise InputError(f"there is no C for policies of kind {policy.kind!r}; export another one")
+
+
+def _places(layout: ObservationLayout) -> list[tuple[str, int, str]]:
+    """Lists where each part of the observation begins."""
+    places = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
+    groups = [entry.group for entry in layout.entries]
+    for group, (title, note) in _GROUPS.items():
+        places.append((title, groups.index(group), note.format(n=layout.n_machine_states)))
+    return places

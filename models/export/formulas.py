@@ -1,0 +1,209 @@
+"""The C of formulas: they stand there as they stand in their file."""
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from glassgait.models.a1 import robot
+from glassgait.models.export.code import Code
+from glassgait.models.export.language import (
+    LINE_LENGTH,
+    Real,
+    commented,
+    function,
+    is_identifier,
+    number,
+    rendered,
+)
+from glassgait.models.policies.expression import BINARY, Expression
+from glassgait.models.policies.formula_language import GLUE, SIGNS
+from glassgait.models.policies.quantities import Definition, Vocabulary
+from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.task.observation import entries_of
+
+RESERVED = frozenset(
+    {"state", "observation", "action", "target", "joints", "feet", "act", "square", "cube"}
+    | {"tanh", "exp", "log", "sqrt", "sin", "cos", "tan", "fabs", "abs", "y0", "y1", "yn", "j0"}
+    | {"j1", "jn", "gamma", "signgam", "main"}
+)
+"""Names that a definition cannot have in C."""
+
+_ADD, _MULTIPLY, _SIGN, _ATOM = range(4)
+_BINDING = {"add": _ADD, "sub": _ADD, "mul": _MULTIPLY, "div": _MULTIPLY, "neg": _SIGN}
+
+
+@dataclass(frozen=True)
+class Group:
+    """Definitions that share what stands before the dot, such as lifted.FL: a struct of C.
+
+    Attributes:
+        name: What stands before the dot, or the name itself.
+        members: What stands behind it, for each; none of a plain number.
+        lines: Their formulas, with what they tell in words.
+    """
+
+    name: str
+    members: tuple[str, ...]
+    lines: tuple[str, ...]
+
+
+def formula_code(policy: FormulaPolicy, constants: Sequence[str], real: Real) -> Code:
+    """Writes formulas of each joint, the same always or others in each state.
+
+    Args:
+        policy: The formulas.
+        constants: Name of the constant of each state.
+        real: The type that is computed in.
+    """
+    statewise = isinstance(policy, StatewiseSymbolicPolicy)
+    vocabulary, rows = policy.vocabulary, policy.formulas_by_state
+    used = frozenset().union(*(formula.variables for row in rows for formula in row))
+    n = len(vocabulary.names)
+    definitions = [own for i, own in enumerate(vocabulary.definitions, start=n) if i in used]
+    symbols = _symbols(vocabulary)
+    formulas = [
+        [
+            _lines(f"target[{joint.upper()}] = ", formula, symbols, real, 8 if statewise else 4)
+            for joint, formula in zip(robot.JOINTS, row, strict=True)
+        ]
+        for row in rows
+    ]
+    observed = used.union(*(own.formula.variables for own in definitions))
+    everything = [own.formula for own in definitions] + [one for row in rows for one in row]
+    kind = "each state of the machine and joint" if statewise else "each joint"
+    return Code(
+        f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
+        + (", and their mirror images." if policy.mirror else "."),
+        rendered(
+            "formulas.c",
+            real,
+            statewise=statewise,
+            joints=robot.JOINTS,
+            groups=_groups(definitions, vocabulary, symbols, real),
+            quantities=_quantities(vocabulary.names, observed),
+            states=list(zip(constants, formulas, strict=False)),
+            mirror=[constants[image] for image in policy.mirror] if policy.mirror else None,
+            powers=[power for power in ("square", "cube") if _asks_for(everything, power)],
+        ),
+        takes_state=statewise,
+    )
+
+
+def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:
+    """Names all variables as C can: as the formulas do, but for names that C has other uses for."""
+    observed = [entry.symbol for entry in entries_of(vocabulary.names)]
+    taken = {symbol.partition(".")[0] for symbol in observed}
+    defined = [definition.symbol for definition in vocabulary.definitions]
+    plain = {symbol for symbol in defined if "." not in symbol}
+    names = []
+    for place, symbol in enumerate(defined):
+        first, dot, member = symbol.partition(".")
+        fit = is_identifier(first) and (not dot or is_identifier(member)) and first.islower()
+        clash = first in taken | RESERVED or (dot and first in plain)
+        names.append(symbol if fit and not clash else f"own_{place}")
+    return (*observed, *names)
+
+
+def _quantities(names: Sequence[str], used: frozenset[int]) -> tuple[str, ...]:
+    """Lists the observed quantities that formulas use, by what stands before the dot."""
+    entries = entries_of(names)
+    return tuple(
+        dict.fromkeys(
+            entries[index].symbol.partition(".")[0] for index in sorted(used) if index < len(names)
+        )
+    )
+
+
+def _groups(
+    definitions: Sequence[Definition], vocabulary: Vocabulary, symbols: Sequence[str], real: Real
+) -> list[Group]:
+    by_name: dict[str, list[tuple[str, Definition]]] = {}
+    for definition in definitions:
+        symbol = symbols[vocabulary.symbols.index(definition.symbol)]
+        by_name.setdefault(symbol.partition(".")[0], []).append((symbol, definition))
+    groups = []
+    for name, own in by_name.items():
+        members, lines = [], []
+        for symbol, definition in own:
+            _, dot, member = symbol.partition(".")
+            start, indent = (f".{member} = ", 8) if dot else (f"const {real} {symbol} = ", 4)
+            members += [member] if dot else []
+            formula = _lines(start, definition.formula, symbols, real, indent)
+            renamed = "" if symbol == definition.symbol else f"{definition.symbol}: "
+            note = commented(renamed + definition.note)
+            lines += _noted(formula, "," if dot else ";", note)
+        groups.append(Group(name, tuple(members), tuple(lines)))
+    return groups
+
+
+def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:
+    """Adds a comment behind a formula, or before it where the line is too short for both."""
+    *others, last = lines
+    whole = f"{last}{end} /* {note} */"
+    if not note or len(whole) > LINE_LENGTH:
+        indent = lines[0][: len(lines[0]) - len(lines[0].lstrip())]
+        before = [f"{indent}/* {note} */"] if note else []
+        return [*before, *others, f"{last}{end}"]
+    return [*others, whole]
+
+
+def _lines(
+    start: str, formula: Expression, symbols: Sequence[str], real: Real, indent: int
+) -> tuple[str, ...]:
+    """Writes a formula in lines that end before a sign between terms."""
+    tokens = _tokens(formula, symbols, real)
+    glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
+    lines = textwrap.wrap(
+        start.replace(" ", GLUE) + glued,
+        LINE_LENGTH - 1,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + 4),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return tuple(line.replace(GLUE, " ") for line in lines)
+
+
+def _tokens(formula: Expression, symbols: Sequence[str], real: Real) -> Iterator[str]:
+    """Writes a formula so that C evaluates it in the order in which the policy does."""
+    binding = _binding(formula)
+    match formula:
+        case Expression("constant", value=value):
+            yield number(value, real)
+        case Expression("variable", variable=index):
+            yield symbols[index]
+        case Expression("neg", (inner,)):
+            yield "-"
+            yield from _bracketed(inner, symbols, real, least=_ATOM)
+        case Expression(operator, (left, right)):
+            yield from _bracketed(left, symbols, real, least=binding)
+            yield f" {BINARY[operator]} " if binding == _ADD else BINARY[operator]
+            yield from _bracketed(right, symbols, real, least=binding + 1)
+        case Expression(operator, (inner,)):
+            own = operator in ("square", "cube")
+            yield operator if own else function("fabs" if operator == "abs" else operator, real)
+            yield "("
+            yield from _tokens(inner, symbols, real)
+            yield ")"
+
+
+def _bracketed(
+    formula: Expression, symbols: Sequence[str], real: Real, *, least: int
+) -> Iterator[str]:
+    bare = _binding(formula) >= least
+    yield "" if bare else "("
+    yield from _tokens(formula, symbols, real)
+    yield "" if bare else ")"
+
+
+def _binding(formula: Expression) -> int:
+    if formula.operator == "constant" and formula.value < 0.0:
+        return _SIGN
+    return _BINDING.get(formula.operator, _ATOM)
+
+
+def _asks_for(formulas: Sequence[Expression], operator: str) -> bool:
+    return any(
+        formula.operator == operator or _asks_for(formula.operands, operator)
+        for formula in formulas
+    )

@@ -1,0 +1,157 @@
+"""The notation of C: numbers, names, comments and constant arrays."""
+
+import re
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.policies.formula_language import written_number
+
+Real = Literal["double", "float"]
+"""The type that a controller computes in."""
+
+LINE_LENGTH = 100
+"""Characters of a line."""
+
+SMALLEST = 1e-37
+"""What single precision hardly tells from 0."""
+
+KEYWORDS = frozenset(
+    re.findall(
+        r"\w+",
+        "auto break case char const continue default do double else enum extern float for goto if "
+        "inline int long register restrict return short signed sizeof static struct switch typedef "
+        "union unsigned void volatile while",
+    )
+)
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def is_identifier(name: str) -> bool:
+    """Tells whether C can call something so."""
+    return bool(_IDENTIFIER.fullmatch(name)) and name not in KEYWORDS
+
+
+def number(value: float, real: Real) -> str:
+    """Writes a number that C reads back as the same one, or as the nearest of single precision."""
+    if real == "float" and 0.0 < abs(value) < SMALLEST:
+        value = 0.0
+    text = written_number(value)
+    whole = text if set(text) & set(".e") else f"{text}.0"
+    return f"{whole}f" if real == "float" else whole
+
+
+def function(name: str, real: Real) -> str:
+    """Names a function of math.h, such as tanh, for a type."""
+    return f"{name}f" if real == "float" else name
+
+
+def commented(text: str) -> str:
+    """Makes a line of what a person wrote, which can stand in a comment and cannot end it."""
+    line = " ".join(text.split())
+    plain = "".join(sign if " " <= sign <= "~" else "?" for sign in line)
+    return plain.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
+
+
+def comment(text: str) -> str:
+    """Writes a sentence as a comment, on as many lines as it takes."""
+    lines = textwrap.wrap(text, LINE_LENGTH - 6)
+    return "/* " + "\n * ".join(lines) + " */"
+
+
+@dataclass(frozen=True)
+class CArray:
+    """A constant array.
+
+    Attributes:
+        name: Its name.
+        values: Its numbers, any shape.
+        type: Type of its entries.
+        note: What they are.
+    """
+
+    name: str
+    values: NDArray[Any]
+    type: str
+    note: str
+
+    @classmethod
+    def of_reals(cls, name: str, values: NDArray[Any], real: Real, note: str) -> "CArray":
+        """Makes an array of real numbers, in single precision where that holds them exactly."""
+        with np.errstate(over="ignore"):
+            narrow = values.astype(np.float32)
+        if real == "float" or np.array_equal(narrow, values):
+            return cls(name, narrow, "float", note)
+        return cls(name, values, "double", note)
+
+    @classmethod
+    def of_indices(cls, name: str, values: NDArray[Any], note: str) -> "CArray":
+        """Makes an array of small whole numbers."""
+        kind = "unsigned char" if values.max(initial=0) <= 255 else "unsigned short"
+        return cls(name, values, kind, note)
+
+    @property
+    def declaration(self) -> str:
+        """The array without its numbers."""
+        sizes = "".join(f"[{size}]" for size in self.values.shape)
+        return f"static const {self.type} {self.name}{sizes}"
+
+    @property
+    def definition(self) -> str:
+        """The array with its numbers."""
+        return "\n".join([f"{self.declaration} = {{", *_rows(self._written()), "};"])
+
+    def _written(self) -> NDArray[Any]:
+        if self.values.dtype.kind in "iu":
+            return self.values.astype(str)
+        if self.type == "float":
+            written = np.char.add(self.values.astype(np.float32).astype(str), "f")
+        else:
+            written = self.values.astype(str)
+        return np.where(np.isinf(self.values), "INFINITY", written)
+
+
+def _rows(written: NDArray[Any]) -> Iterator[str]:
+    """Writes the inside of an array's braces: an inner array begins a line of its own."""
+    if written.ndim > 1:
+        for part in written:
+            yield "{"
+            yield from _rows(part)
+            yield "},"
+        return
+    width = max(len(entry) for entry in written.tolist()) + 2
+    count = max(1, LINE_LENGTH // width)
+    entries = written.tolist()
+    for start in range(0, len(entries), count):
+        yield ", ".join(entries[start : start + count]) + ","
+
+
+def rendered(template: str, real: Real, /, **values: Any) -> str:
+    """Fills a template of this package.
+
+    Args:
+        template: File name of the template, which writes its type as `real`, its numbers through
+            the filter `number`, and functions through `function`.
+        real: The type that is computed in.
+        values: What else the template asks for.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["number"] = lambda value: number(value, real)
+    environment.filters["comment"] = comment
+    environment.filters["function"] = lambda own: function(own, real)
+    return environment.get_template(template).render(real=real, **values)

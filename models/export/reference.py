@@ -1,0 +1,76 @@
+"""The deployed loop in Python: what the C of a controller has to agree with."""
+
+import numpy as np
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import (
+    ACTION,
+    FOOT_HEIGHT,
+    MACHINE,
+    N_MEMORY,
+    OK,
+    TOUCHED,
+    Sensors,
+    Step,
+)
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import proprioception
+from glassgait.models.task.reward_machine import MachineState, RewardMachine
+
+
+class PythonController:
+    """A policy with all that stands between it and sensors; it has no memory of its own.
+
+    It calls the functions that the systems diagram and the batch simulator call.
+    """
+
+    def __init__(self, gait: Gait, policy: Policy, expert: NeuralPolicy) -> None:
+        """
+        Args:
+            gait: The gait, whose reward machine runs.
+            policy: Who acts.
+            expert: Whose estimator observes what no sensor tells.
+        """
+        self._machine = RewardMachine(gait)
+        self._policy = policy
+        self._estimator = expert.estimator
+
+    def initial(self) -> Array:
+        """Returns what it remembers before its first step (23)."""
+        memory = np.zeros(N_MEMORY)
+        memory[MACHINE] = np.ravel(self._machine.initial())
+        return memory
+
+    def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
+        """Takes one step.
+
+        Args:
+            memory: What it remembers of the step before (23), as `Step` lays it out.
+            sensors: What the robot senses now.
+            command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+        """
+        machine = self._machine.step(
+            MachineState(*memory[MACHINE].astype(np.int64)),
+            foot_contact=sensors.touching | (memory[TOUCHED] > 0.5),
+            foot_height=memory[FOOT_HEIGHT],
+            commanded_dwell=command.dwell,
+        ).machine
+        own = proprioception(
+            command=command.velocity,
+            joint_position=sensors.joint_position,
+            joint_velocity=sensors.joint_velocity,
+            previous_action=memory[ACTION],
+            rm_state=self._machine.one_hot(machine.state),
+            rm_iterations=machine.iterations.astype(float),
+            commanded_dwell=command.dwell,
+        )
+        body = self._estimator(own)
+        action = self._policy(np.concatenate([own, body]))
+        after = np.empty(N_MEMORY)
+        after[ACTION], after[FOOT_HEIGHT] = action, body[-robot.N_LEGS :]
+        after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
+        return Step(after, robot.joint_targets(action), OK)

@@ -1,0 +1,246 @@
+/* {{ name }}.c - the {{ gait_name }}'s controller: {{ described }}.
+ *
+ * From what a Unitree A1's joints and feet sense to the targets of its joints, {{ rate }} times a second.
+ * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
+ *
+ *   gait       {{ '%-28s' % gait_name }} {{ digests.gait }}
+ *   policy     {{ '%-28s' % policy_name }} {{ digests.policy }}
+ *   estimator  {{ '%-28s' % 'of the expert' }} {{ digests.estimator }}
+ *   numbers    {{ real }}
+ *
+ * Made by glassgait {{ version }}. Edit the policy and export it anew rather than this file.
+ *
+ * One step:
+ *
+ *   feet ----> contact memory ----> reward machine <---- heights estimated at the step before
+ *                                        |
+ *   joints, command, last action ----> observation ----> estimator ----> policy ----> targets
+ *
+ * Compile:  cc -O2 -std=c99 -ffp-contract=off -c {{ name }}.c     (link with -lm)
+ * Call:
+ *
+ *   {{ name }}_controller controller;
+ *   {{ name }}_init(&controller);
+ *   every {{ period }} s:
+ *       status = {{ name }}_step(&controller, &sensors, &command, &targets);
+ *       torque = {{ stiffness }} * (targets.joint_position - position) - {{ damping }} * velocity
+ *
+ * -ffp-contract=off keeps a product and a sum two operations, as they are where the policy was
+ * made; without it last digits differ on some machines. Targets may lie beyond the range of a
+ * joint: that is how the policy asks for torque.
+ */
+#include "{{ name }}.h"
+
+#include <math.h>
+
+#ifdef __FAST_MATH__
+#error "-ffast-math takes the checks for NaN away; compile without it"
+#endif
+
+enum { FL, FR, RL, RR };
+
+enum {
+{% for leg in legs %}
+    {{ leg }}_HIP, {{ leg }}_THIGH, {{ leg }}_CALF{{ ',' if not loop.last }}
+{% endfor %}
+};
+
+/* The default stance, rad: observed positions and actions are counted from it. */
+static const {{ real }} STANCE[12] = {
+{% for leg in legs %}
+    {{ stance[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
+{% endfor %}
+};
+
+#define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
+#define LARGEST {{ 1000000.0 | number }} /* greatest size of a sensible number, in any unit here */
+
+/* The numbers of {{ named }}, which stand at the end of this file. */
+{% for array in arrays %}
+{{ '%-56s' % (array.declaration ~ ';') }} /* {{ array.note }} */
+{% endfor %}
+
+/* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
+
+#define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
+#define LONGEST 1000000000 /* control steps that are counted */
+
+enum { {{ constants | join(', ') }}, N_STATES, STAY };
+
+/* What a transition asks for. */
+typedef struct {
+    int contact[4];   /* whether each foot touches, now or at the step before */
+{% for field, note in [('height[4];', 'of each foot, as estimated at the step before, m'), ('dwell;', 'commanded control steps in a state')] %}
+    {{ '%-17s' % (real ~ ' ' ~ field) }} /* {{ note }} */
+{% endfor %}
+    int spent;        /* control steps in the state, with this one */
+    int age;          /* control steps since the start */
+} Propositions;
+
+/* Returns the state that is entered, or STAY. */
+static int next_state(int state, const Propositions *now)
+{
+    switch (state) {
+{% for case in cases %}
+    case {{ case.state }}:
+{% for formula, condition, target in case.exits %}
+        /* {{ formula }} */
+        if ({{ condition | join('\n            ') }})
+            return {{ target }};
+{% endfor %}
+        break;
+{% endfor %}
+    default:
+        break;
+    }
+    return STAY;
+}
+
+static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell)
+{
+    Propositions now;
+    int entered;
+
+    for (int foot = 0; foot < 4; foot++) {
+        /* The memory of one step bridges a bouncing touch-down. */
+        now.contact[foot] = foot_contact[foot] || controller->touched[foot];
+        now.height[foot] = controller->foot_height[foot];
+        controller->touched[foot] = foot_contact[foot] != 0;
+    }
+    now.dwell = dwell;
+    now.spent = controller->iterations + 1;
+    now.age = controller->age;
+
+    entered = next_state(controller->state, &now);
+    if (entered != STAY)
+        controller->state = entered;
+    controller->iterations = entered != STAY ? 0 : now.spent < LONGEST ? now.spent : LONGEST;
+    controller->age += controller->age < LONGEST;
+}
+
+/* ---- Observation: what the estimator and the policy see -------------------------------------- */
+
+enum {
+{% for title, start, note in observation %}
+    {{ '%-28s' % (title ~ ' = ' ~ start ~ ',') }}/* {{ note }} */
+{% endfor %}
+    N_OBSERVATIONS = {{ n_observations }}
+};
+
+#define OVERDUE {{ overdue | number }} /* control steps by which the observed time may pass the commanded one */
+
+/* Writes all but what is estimated. */
+static void observe(const {{ name }}_controller *controller, const {{ name }}_sensors *sensors,
+    const {{ name }}_command *command, {{ real }} observation[N_OBSERVATIONS])
+{
+    const {{ real }} spent = ({{ real }})controller->iterations;
+    const {{ real }} longest = command->dwell + OVERDUE;
+
+    observation[COMMAND_X] = command->speed;
+    observation[COMMAND_YAW] = command->yaw_rate;
+    for (int joint = 0; joint < 12; joint++) {
+        observation[JOINT_POSITION + joint] = sensors->joint_position[joint] - STANCE[joint];
+        observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
+        observation[PREVIOUS_ACTION + joint] = controller->action[joint];
+    }
+    for (int state = 0; state < N_STATES; state++)
+        observation[RM_STATE + state] = state == controller->state ? {{ 1.0 | number }} : {{ 0.0 | number }};
+    observation[RM_ITERATIONS] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
+    observation[COMMAND_RM_ITERATIONS] = command->dwell * {{ 0.1 | number }};
+}
+
+/* ---- Estimator ------------------------------------------------------------------------------- */
+
+{{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
+
+{% if 'elu(' in estimator.functions ~ policy.functions %}
+static {{ real }} elu({{ real }} x)
+{
+    return x > {{ 0.0 | number }} ? x : {{ 'expm1' | function }}(x);
+}
+
+{% endif %}
+{{ estimator.functions }}
+/* ---- Policy: from the observation to the action ---------------------------------------------- */
+
+{{ policy.title | comment }}
+
+{{ policy.functions }}
+/* ---- Controller ------------------------------------------------------------------------------ */
+
+static int all_sound(const {{ real }} *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!({{ 'fabs' | function }}(values[i]) <= LARGEST)) /* true of NaN as well */
+            return 0;
+    return 1;
+}
+
+static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_command *command)
+{
+    const {{ real }} commands[3] = {command->speed, command->yaw_rate, command->dwell};
+
+    return all_sound(commands, 3) && all_sound(sensors->joint_position, 12)
+        && all_sound(sensors->joint_velocity, 12);
+}
+
+static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
+{
+    if (value >= least && value <= greatest)
+        return value;
+    *flags |= {{ prefix }}_COMMAND_LIMITED;
+    return value < least ? least : greatest;
+}
+
+static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets)
+{
+    for (int joint = 0; joint < 12; joint++)
+        targets->joint_position[joint] = STANCE[joint] + ACTION_SCALE * action[joint];
+}
+
+void {{ name }}_init({{ name }}_controller *controller)
+{
+    const {{ name }}_controller standing = { .state = {{ initial }} };
+
+    *controller = standing;
+}
+
+int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
+    const {{ name }}_command *command, {{ name }}_targets *targets)
+{
+    {{ name }}_controller next = *controller;
+    {{ name }}_command within;
+    {{ real }} observation[N_OBSERVATIONS];
+    int flags = {{ prefix }}_OK;
+
+    /* Until all is known to be sound, the targets are those of the step before. */
+    set_targets(controller->action, targets);
+    if (!sound_input(sensors, command))
+        return {{ prefix }}_BAD_INPUT;
+    within.speed = limited(command->speed, -{{ prefix }}_MAX_SPEED, {{ prefix }}_MAX_SPEED, &flags);
+    within.yaw_rate = limited(
+        command->yaw_rate, -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
+    within.dwell = limited(command->dwell, {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
+
+    step_machine(&next, sensors->foot_contact, within.dwell);
+    observe(&next, sensors, &within, observation);
+    estimate(observation, &observation[BASE_VELOCITY]);
+    if (!all_sound(observation, N_OBSERVATIONS))
+        return flags | {{ prefix }}_BAD_TARGET;
+    act({{ 'next.state, ' if policy.takes_state }}observation, next.action);
+    if (!all_sound(next.action, 12))
+        return flags | {{ prefix }}_BAD_TARGET;
+    for (int foot = 0; foot < 4; foot++)
+        next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
+
+    *controller = next;
+    set_targets(controller->action, targets);
+    return flags;
+}
+
+/* ---- The numbers ----------------------------------------------------------------------------- */
+{% for array in arrays %}
+
+/* {{ array.note }} */
+{{ array.definition }}
+{% endfor %}

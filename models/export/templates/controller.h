@@ -1,0 +1,78 @@
+/* {{ name }}.h - the {{ gait_name }}'s controller: {{ described }}.
+ *
+ * Made by glassgait {{ version }}; {{ name }}.c tells what it is and how to call it.
+ */
+#ifndef {{ prefix }}_H
+#define {{ prefix }}_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The version of glassgait that wrote it, and digests of what it was written from. */
+#define {{ prefix }}_VERSION "{{ version }}"
+#define {{ prefix }}_GAIT "{{ digests.gait }}"
+#define {{ prefix }}_POLICY "{{ digests.policy }}"
+#define {{ prefix }}_ESTIMATOR "{{ digests.estimator }}"
+
+{% for constant, value, note in constants_of_robot %}
+#define {{ '%-*s' % (prefix | length + 24, prefix ~ '_' ~ constant ~ ' ' ~ (value | number)) }} /* {{ note }} */
+{% endfor %}
+
+/* Order of joints and of feet in every array: front left, front right, rear left, rear right. */
+enum {
+{% for leg in legs %}
+    {{ prefix }}_{{ leg }}_HIP, {{ prefix }}_{{ leg }}_THIGH, {{ prefix }}_{{ leg }}_CALF{{ ',' if not loop.last }}
+{% endfor %}
+};
+enum { {% for leg in legs %}{{ prefix }}_{{ leg }}{{ ', ' if not loop.last }}{% endfor %} };
+
+/* What {{ name }}_step returns: 0, or the sum of what happened. */
+enum {
+    {{ prefix }}_OK = 0,
+    /* A sensor or a command is NaN, infinite or beyond 1e6: nothing changes, the targets are those
+     * of the step before, at first the default stance. */
+    {{ prefix }}_BAD_INPUT = 1,
+    /* The estimate or the action would be: the same. */
+    {{ prefix }}_BAD_TARGET = 2,
+    /* A command is beyond the gait's range: the nearest within is taken. */
+    {{ prefix }}_COMMAND_LIMITED = 4
+};
+
+typedef struct {
+    {{ real }} joint_position[12]; /* rad */
+    {{ real }} joint_velocity[12]; /* rad/s */
+    int foot_contact[4]; /* not 0 where a foot presses on the ground now */
+} {{ name }}_sensors;
+
+typedef struct {
+    {{ real }} speed;    /* forward, m/s */
+    {{ real }} yaw_rate; /* to the left, rad/s */
+    {{ real }} dwell;    /* control steps that a state of the gait should last */
+} {{ name }}_command;
+
+typedef struct {
+    {{ real }} joint_position[12]; /* rad, to be held until the next step */
+} {{ name }}_targets;
+
+/* What it remembers from one step to the next. {{ name }}_init sets all of it. */
+typedef struct {
+    {{ real }} action[12]; /* of the step before: (target - default stance) / {{ action_scale }} rad */
+    {{ real }} foot_height[4]; /* as estimated at the step before, m */
+    int touched[4]; /* which feet touched at the step before */
+    int state; /* of the reward machine: {{ state_names }} */
+    int iterations; /* control steps in that state */
+    int age; /* control steps since the start */
+} {{ name }}_controller;
+
+void {{ name }}_init({{ name }}_controller *controller);
+
+/* Takes one step, to be called every {{ period }} s. Returns {{ prefix }}_OK, or flags. */
+int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
+    const {{ name }}_command *command, {{ name }}_targets *targets);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,63 @@
+/* Times a controller's step, and its two parts, on sensors drawn at random around the stance. */
+#define _POSIX_C_SOURCE 199309L
+#include "{{ name }}.c"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+enum { COUNT = {{ count }} };
+
+static double now(clockid_t clock)
+{
+    struct timespec time;
+    clock_gettime(clock, &time);
+    return 1e6 * (double)time.tv_sec + 1e-3 * (double)time.tv_nsec;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Times what it is given, by the clock on the wall, and by that of this thread alone: what else the
+ * machine does shows in the first. */
+#define TIMED(place, call)                                            \
+    do {                                                              \
+        const double own = now(CLOCK_THREAD_CPUTIME_ID);              \
+        const double begun = now(CLOCK_MONOTONIC);                    \
+        call;                                                         \
+        wall[place][k] = now(CLOCK_MONOTONIC) - begun;                \
+        thread[place][k] = now(CLOCK_THREAD_CPUTIME_ID) - own;        \
+    } while (0)
+
+int main(void)
+{
+    static double wall[3][COUNT], thread[3][COUNT];
+    {{ name }}_controller controller;
+    {{ name }}_sensors sensors;
+    const {{ name }}_command command = {{ '{' }}{{ speed }}, 0, {{ dwell }}{{ '}' }};
+    {{ name }}_targets targets;
+    {{ real }} observation[N_OBSERVATIONS], action[12];
+
+    {{ name }}_init(&controller);
+    for (int k = 0; k < COUNT; k++) {
+        for (int joint = 0; joint < 12; joint++) {
+            sensors.joint_position[joint] = ({{ real }})(STANCE[joint] + 0.4 * rand() / RAND_MAX - 0.2);
+            sensors.joint_velocity[joint] = ({{ real }})(10.0 * rand() / RAND_MAX - 5.0);
+        }
+        for (int foot = 0; foot < 4; foot++)
+            sensors.foot_contact[foot] = rand() > RAND_MAX / 2;
+        TIMED(0, {{ name }}_step(&controller, &sensors, &command, &targets));
+        observe(&controller, &sensors, &command, observation);
+        TIMED(1, estimate(observation, &observation[BASE_VELOCITY]));
+        TIMED(2, act({{ 'controller.state, ' if takes_state }}observation, action));
+    }
+    for (int place = 0; place < 3; place++) {
+        qsort(wall[place], COUNT, sizeof(double), ascending);
+        qsort(thread[place], COUNT, sizeof(double), ascending);
+        printf("%.6f %.6f\n", wall[place][COUNT / 2], thread[place][COUNT - 1 - COUNT / 1000]);
+    }
+    return 0;
+}

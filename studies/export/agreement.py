@@ -1,0 +1,142 @@
+"""Whether the C of a controller does what Python does: both take the same steps."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import MACHINE, LoadedController, Sensors
+from glassgait.models.export.reference import PythonController
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.formula import STANCES
+from glassgait.models.task.gait import Gait
+
+COMMAND_STEPS = 50
+"""Control steps between two commands of random sequences."""
+
+SEQUENCE_STEPS = 500
+"""Control steps of a sequence; each begins with a controller that was just started."""
+
+Moment = tuple[Sensors, Command]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two controllers are apart over the same sequences.
+
+    Attributes:
+        steps: Control steps that were taken.
+        target: Greatest difference of a joint target (rad).
+        machine: Control steps at which the machine's state, iterations or age differ.
+        changes: Changes of the machine's state.
+    """
+
+    steps: int
+    target: float
+    machine: int
+    changes: int
+
+
+def compare_controllers(
+    python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
+) -> Agreement:
+    """Lets both take the steps of each sequence, each with its own memory."""
+    greatest, apart, changes = 0.0, 0, 0
+    for sequence in sequences:
+        ours, theirs = python.initial(), compiled.initial()
+        for sensors, command in sequence:
+            state = ours[MACHINE][0]
+            one = python.step(ours, sensors, command)
+            other = compiled.step(theirs, sensors, command)
+            ours, theirs = one.memory, other.memory
+            greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
+            apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
+            changes += bool(ours[MACHINE][0] != state)
+    return Agreement(sum(map(len, sequences)), greatest, apart, changes)
+
+
+def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
+    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
+
+    Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
+    a transition of the gait fires.
+    """
+    generator = np.random.default_rng(seed)
+    tables = np.array([transition.when.table for transition in gait.transitions])
+    sequences: list[list[Moment]] = []
+    while n_steps > 0:
+        count = min(n_steps, SEQUENCE_STEPS)
+        sequences.append(list(_random_moments(gait, tables, count, generator)))
+        n_steps -= count
+    return sequences
+
+
+def _random_moments(
+    gait: Gait, tables: Array, count: int, generator: np.random.Generator
+) -> Iterator[Moment]:
+    for step in range(count):
+        if step % COMMAND_STEPS == 0:
+            drawn = sample_commands(gait, 1, generator)
+            command = Command(drawn.velocity[0], drawn.dwell[0])
+        if step % 2:
+            codes = np.flatnonzero(tables[generator.integers(len(tables))])
+            touching = STANCES[generator.choice(codes)]
+        else:
+            touching = np.zeros(robot.N_LEGS, dtype=bool)
+        position = generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+        limit = robot.VELOCITY_LIMIT
+        velocity = generator.uniform(-limit, limit, size=robot.N_JOINTS)
+        yield Sensors(position, velocity, touching), command
+
+
+def recorded_sequences(
+    gait: Gait, policy: Policy, expert: NeuralPolicy, n_steps: int, seed: int
+) -> list[list[Moment]]:
+    """Records what robots sense that the policy moves, from sensors alone, in the training world.
+
+    Args:
+        gait: The gait.
+        policy: Who acts, in Python.
+        expert: Whose estimator observes.
+        n_steps: Control steps of all robots together.
+        seed: Seed of initial states, commands and noise.
+    """
+    n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
+    simulator = BatchSimulator(
+        TaskConfig.of_scenario(gait, Scenario()),
+        make_physics(Scenario().station),
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
+        estimator=expert.estimator,
+    )
+    sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
+    for _ in range(n_steps // n_robots):
+        for sequence, moment in zip(sequences, moments(simulator), strict=True):
+            sequence.append(moment)
+        simulator.step(policy(simulator.observe()))
+    return sequences
+
+
+def moments(simulator: BatchSimulator) -> Iterator[Moment]:
+    """Returns what each robot senses now, and what it is told to do."""
+    state = simulator.state
+    measured = joint_readings(state.plant, state.joint_noise)
+    for row, touching, velocity, dwell in zip(
+        measured, state.touching, *state.command, strict=True
+    ):
+        position, speed = np.split(row, 2)
+        yield Sensors(position, speed, touching), Command(velocity, dwell)
+
+
+def joint_readings(plant: Array, noise: Array) -> Array:
+    """Returns what the joints' sensors tell, positions, then velocities (n, 24; rad, rad/s)."""
+    parts = [plant[:, robot.JOINT_POSITION], plant[:, robot.JOINT_VELOCITY]]
+    return np.concatenate(parts, axis=1) + noise

@@ -1,0 +1,112 @@
+"""Whether a compiled controller moves robots as the Python policy does, in two engines."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.scenario import load_scenario
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import ACTION, LoadedController
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.gait import Gait
+from glassgait.studies.export.agreement import moments
+from glassgait.studies.rollouts.config import distilled_speeds
+from glassgait.studies.rollouts.roll_out import log_batch
+from glassgait.studies.rollouts.scores import score_rollouts
+
+WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
+"""Scenario of each engine."""
+
+
+def walk_both(
+    gait: Gait,
+    policy: Policy,
+    expert: NeuralPolicy,
+    compiled: LoadedController,
+    *,
+    n_robots: int,
+    n_steps: int,
+    seed: int,
+) -> pd.DataFrame:
+    """Rolls the Python policy and the compiled controller out in either engine.
+
+    Both have the same robots, noise and commands, one for each robot, at the speeds of
+    distillation.
+
+    Returns:
+        A row an engine: `falls` and `return` (mean) of both, and the greatest difference of a
+        robot's return (share of it).
+    """
+    command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
+    rows = []
+    for engine, name in WORLDS.items():
+        task = TaskConfig.of_scenario(gait, load_scenario(name), episode_steps=n_steps)
+        physics = make_physics(load_scenario(name).station)
+        scores = []
+        for make in (_python(policy), _compiled(compiled)):
+            simulator = BatchSimulator(
+                task,
+                physics,
+                n_robots=n_robots,
+                generator=np.random.default_rng(seed),
+                estimator=expert.estimator,
+            )
+            simulator.start_at(simulator.state.plant, command)
+            log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
+            scores.append(score_rollouts(log))
+        rows.append(_compared(engine, *scores))
+    return pd.DataFrame(rows)
+
+
+def _as_told(
+    simulator: BatchSimulator, command: Command, act: Callable[[int], Array]
+) -> Callable[[int], Array]:
+    """Keeps each robot's command, where the simulator would draw another one after 10 s."""
+
+    def act_as_told(step: int) -> Array:
+        simulator.set_command(command)
+        return act(step)
+
+    return act_as_told
+
+
+def _python(policy: Policy) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+    return lambda simulator: lambda step: policy(simulator.observe())
+
+
+def _compiled(
+    compiled: LoadedController,
+) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+    """Returns what makes a controller for each robot, which acts by what the robot senses alone."""
+
+    def make(simulator: BatchSimulator) -> Callable[[int], Array]:
+        memories = [compiled.initial() for _ in range(simulator.n_robots)]
+
+        def act(step: int) -> Array:
+            for i, (sensors, command) in enumerate(moments(simulator)):
+                memories[i] = compiled.step(memories[i], sensors, command).memory
+            return np.array(memories)[:, ACTION]
+
+        return act
+
+    return make
+
+
+def _compared(engine: str, python: pd.DataFrame, compiled: pd.DataFrame) -> dict[str, object]:
+    earned, by_c = python["reward"], compiled["reward"]
+    return {
+        "engine": engine,
+        "robots": len(python),
+        "falls, Python": int(python["fell"].sum()),
+        "falls, C": int(compiled["fell"].sum()),
+        "return, Python": float(earned.mean()),
+        "return, C": float(by_c.mean()),
+        "apart, mean (%)": 100.0 * abs(float(by_c.mean() / earned.mean()) - 1.0),
+        "apart, robot (%)": 100.0 * float(((by_c - earned).abs() / earned.abs()).max()),
+    }

@@ -1,0 +1,129 @@
+"""Acts by a controller that was compiled from C."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+    ValueProducer,
+)
+
+from glassgait.models.a1 import robot
+from glassgait.models.export.binding import ACTION, LoadedController, Step, sensed
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.command import Command
+
+
+class CompiledController(LeafSystem):
+    """Steps a compiled controller, which holds all that stands between sensors and joint targets.
+
+    .. pydrake_system::
+
+        name: CompiledController
+        input_ports:
+        - state
+        - command
+        - commanded_dwell
+        output_ports:
+        - action
+        - targets
+        - status
+
+    Inputs: state (37), the plant's, of which it reads the joints and which feet touch the ground.
+    command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1, control
+    steps).
+    Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
+    same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
+    sum of flags that the C file tells of, such as 1 where a sensor was not finite.
+    State: the controller's memory after the previous control step (23 numbers), latched every 20 ms
+    (unrestricted update). Feedthrough: all inputs to all outputs.
+    """
+
+    def __init__(self, controller: LoadedController) -> None:
+        super().__init__()
+        self._controller = controller
+        self._memory = self.DeclareDiscreteState(controller.initial())
+        self._state_port = self.DeclareVectorInputPort(
+            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+        )
+        self._command_port = self.DeclareVectorInputPort("command", 2)
+        self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
+        # Three outputs and the update tell of one step; the controller takes it once.
+        self._step = self.DeclareCacheEntry(
+            description="controller step",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step
+            ),
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
+        of_step = {self._step.ticket()}
+        self._action_port = self.DeclareVectorOutputPort(
+            name="action",
+            size=robot.N_JOINTS,
+            calc=self._calc_action,
+            prerequisites_of_calc=of_step,
+        )
+        self._targets_port = self.DeclareVectorOutputPort(
+            name="targets",
+            size=robot.N_JOINTS,
+            calc=self._calc_targets,
+            prerequisites_of_calc=of_step,
+        )
+        self._status_port = self.DeclareVectorOutputPort(
+            name="status", size=1, calc=self._calc_status, prerequisites_of_calc=of_step
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
+        )
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
+
+    def get_command_input_port(self) -> InputPort:
+        """Takes forward speed and yaw rate."""
+        return self._command_port
+
+    def get_commanded_dwell_input_port(self) -> InputPort:
+        """Takes the commanded iterations in a state."""
+        return self._commanded_dwell_port
+
+    def get_action_output_port(self) -> OutputPort:
+        """Gives the action."""
+        return self._action_port
+
+    def get_targets_output_port(self) -> OutputPort:
+        """Gives the joint targets."""
+        return self._targets_port
+
+    def get_status_output_port(self) -> OutputPort:
+        """Tells what happened."""
+        return self._status_port
+
+    def _calc_step(self, context: Context, output: AbstractValue) -> None:
+        command = Command(
+            self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
+        )
+        memory = context.get_discrete_state(self._memory).value()
+        sensors = sensed(self._state_port.Eval(context))
+        output.set_value(self._controller.step(memory, sensors, command))
+
+    def _eval_step(self, context: Context) -> Step:
+        return self._step.Eval(context)
+
+    def _calc_action(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._eval_step(context).memory[ACTION])
+
+    def _calc_targets(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._eval_step(context).targets)
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.array([float(self._eval_step(context).status)]))
+
+    def _latch(self, context: Context, state: State) -> None:
+        memory = self._eval_step(context).memory
+        state.get_mutable_discrete_state(self._memory).SetFromVector(memory)

@@ -1,0 +1,38 @@
+"""The loop that a compiled controller closes in Drake."""
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.compiled_locomotion import MakeCompiledLocomotion
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.task.gait import load_gait
+
+N_STEPS = 60
+
+
+def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
+    scenario = Scenario(sensor_noise=0.0)
+    policy = AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+    diagrams = [
+        MakeLocomotion(trot, scenario, policy=policy),
+        MakeCompiledLocomotion(trot, scenario, compiled_page),
+    ]
+    python, compiled = (record(make_simulator(one), N_STEPS) for one in diagrams)
+    np.testing.assert_allclose(compiled["state"], python["state"], rtol=0, atol=1e-9)
+    assert not compiled.failed
+    assert len(compiled.time) == N_STEPS + 1
+    # It walks: feet were lifted, and the trunk went on.
+    assert compiled["foot_contact"][20:].min() == 0
+    assert compiled["state"][-1, 4] > 0.05
+
+
+@pytest.mark.parametrize("noise", [{"sensor_noise": 1.0}, {"contact_flips": 0.01}])
+def test_noise_that_it_has_no_port_for_is_refused(noise, compiled_page):
+    scenario = Scenario(**({"sensor_noise": 0.0} | noise))
+    with pytest.raises(InputError, match="sensors have noise"):
+        MakeCompiledLocomotion(load_gait("trot"), scenario, compiled_page)

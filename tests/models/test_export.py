@@ -1,0 +1,295 @@
+"""Controllers in C: what stands in their files, and that they do what Python does."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.export.binding import OK, LoadedController
+from glassgait.models.export.controller import write_controller
+from glassgait.models.export.language import CArray, commented, is_identifier, number
+from glassgait.models.export.reference import PythonController
+from glassgait.models.export.reward_machine import cases, state_constants
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import load_student
+from glassgait.models.policies.linear import StatewiseLinearPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import Gait, gait_names, load_gait, parse_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import mirrored_states
+from glassgait.studies.export.agreement import Agreement, compare_controllers, random_sequences
+from glassgait.studies.export.compiler import has_compiler, load_controller
+
+NAMES = ObservationLayout(2).names
+
+needs_compiler = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+
+ODD = """
+description: a /* b */ c \\
+max_speed: 0.5
+max_yaw_rate: 0.5
+dwell: [1, 3]
+clearance: 0.001
+states: [a b, double, "3"]
+initial: double
+transitions:
+  - {from: double, to: a b, when: (FL | FR) & ~(RL & RR), dwell: 0.5}
+  - {from: a b, to: "3", when: RL | RR | ~FL, grace: 5}
+  - {from: "3", to: double, when: FL & FR | RL & ~RR, dwell: 0}
+"""
+
+
+@pytest.fixture
+def small_expert(random_network: Callable[..., Network]) -> Callable[..., NeuralPolicy]:
+    """Makes experts of few units, whose actions stay small."""
+
+    def make(gait: Gait, *, mirrored: bool = False, hidden: tuple[int, ...] = (8,)) -> NeuralPolicy:
+        generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states).names
+        n = len(names)
+        # Actions are observed: greater ones would grow from step to step.
+        actor, estimator = (
+            Network(tuple(0.1 * weight for weight in own.weights), own.biases)
+            for own in (
+                random_network(generator, n, *hidden, robot.N_JOINTS),
+                random_network(generator, n - 7, *hidden, 7),
+            )
+        )
+        states = mirrored_states(gait) if mirrored else None
+        return NeuralPolicy(gait.name, names, actor, estimator, states)
+
+    return make
+
+
+@pytest.fixture
+def agree(tmp_path) -> Callable[..., Agreement]:
+    """Lets Python and C take some hundred steps of random sensors."""
+
+    def run(gait, policy, expert, real="double", n_steps=400) -> Agreement:
+        names = {"name": "tested", "policy_name": policy.kind, "version": "0"}
+        written = write_controller(gait, policy, expert, real=real, **names)
+        compiled: LoadedController = load_controller(written, tmp_path)
+        python = PythonController(gait, policy, expert)
+        return compare_controllers(python, compiled, random_sequences(gait, n_steps, 3))
+
+    return run
+
+
+def random_trees(generator: np.random.Generator, *, rounded: bool) -> BoostedTreesPolicy:
+    thresholds = generator.normal(size=(12, 6, 7))
+    thresholds[..., 5:] = np.inf
+    if rounded:
+        thresholds = thresholds.astype(np.float32)
+    policy = BoostedTreesPolicy(
+        "trot",
+        NAMES,
+        features=generator.integers(len(NAMES), size=(12, 6, 7)),
+        thresholds=thresholds,
+        leaves=generator.normal(size=(12, 6, 8)),
+        intercepts=generator.normal(size=12),
+        importances=np.zeros((12, len(NAMES))),
+    )
+    return policy
+
+
+def random_additive(generator: np.random.Generator, *, n_pairs: int) -> AdditivePolicy:
+    n = len(NAMES)
+    cuts, pair_cuts = (np.sort(generator.normal(size=(n, k)), axis=1) for k in (9, 3))
+    cuts[:, -2:] = np.inf
+    return AdditivePolicy(
+        "trot",
+        NAMES,
+        cuts=cuts,
+        pair_cuts=pair_cuts,
+        tables=generator.normal(size=(12, n, 10)),
+        pairs=generator.integers(n, size=(n_pairs, 2)),
+        pair_joints=generator.integers(12, size=n_pairs),
+        pair_tables=generator.normal(size=(n_pairs, 4, 4)),
+        deviations=np.zeros((12, n, 10)),
+        pair_deviations=np.zeros((n_pairs, 4, 4)),
+        intercepts=generator.normal(size=12),
+    )
+
+
+KINDS = (
+    "linear statewise_linear open_loop neural mirrored symbolic statewise_symbolic trees "
+    "rounded_trees additive additive_without_pairs"
+)
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", KINDS.split())
+def test_c_does_what_python_does(
+    kind,
+    trot,
+    generator,
+    small_expert,
+    agree,
+    make_policy,
+    statewise,
+    open_loop,
+    symbolic,
+    statewise_symbolic,
+):
+    policies = {
+        "linear": lambda: make_policy(trot),
+        "statewise_linear": lambda: StatewiseLinearPolicy(
+            "trot", NAMES, 0.05 * statewise.weights, statewise.intercepts
+        ),
+        "open_loop": lambda: open_loop,
+        "neural": lambda: small_expert(trot, hidden=(8, 5, 4)),
+        "mirrored": lambda: small_expert(trot, mirrored=True),
+        "symbolic": lambda: symbolic,
+        "statewise_symbolic": lambda: statewise_symbolic,
+        "trees": lambda: random_trees(generator, rounded=False),
+        "rounded_trees": lambda: random_trees(generator, rounded=True),
+        "additive": lambda: random_additive(generator, n_pairs=40),
+        "additive_without_pairs": lambda: random_additive(generator, n_pairs=0),
+    }
+    expert = small_expert(
+        trot, mirrored=kind == "mirrored", hidden=() if kind == "linear" else (8,)
+    )
+    found = agree(trot, policies[kind](), expert)
+    assert found.steps == 400
+    assert found.machine == 0
+    assert found.target < 1e-12
+    assert found.changes > 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", [*gait_names(), "odd"])
+def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
+    gait = parse_gait(ODD, name="odd */ gait") if name == "odd" else load_gait(name)
+    found = agree(gait, make_policy(gait), small_expert(gait), n_steps=1000)
+    assert found.machine == 0
+    assert found.changes > 3
+    assert found.target < 1e-12
+
+
+FORMULAS = """format: 1
+gait: trot
+states: 2
+
+definitions
+double = t/cmd.t    # a word of C's own */ int x; /* ??/
+state = s0 - s1
+tanh.x = exp(-q.FL_hip**2) + abs(v.y)
+q.mean = q.FL_hip/3 + sqrt(2 + cmd.v)
+late = log(3 + t)
+late.FL = cos(h.FL)
+unused = 1/0
+
+every state
+"""
+
+
+@needs_compiler
+def test_definitions_may_have_names_that_c_has_other_uses_for(trot, agree, small_expert):
+    terms = "0.1*double - -0.2*state + 2*tanh.x - (q.mean - 1)/(late - 7)/2 + late.FL**3*-1"
+    text = FORMULAS + "\n".join(f"{joint} = {i} - {terms}" for i, joint in enumerate(robot.JOINTS))
+    policy = FormulaPolicy.from_file(read_formulas(text))
+    found = agree(trot, policy, small_expert(trot))
+    assert found.target < 1e-12
+    assert found.machine == 0
+
+
+@needs_compiler
+def test_single_precision_is_near(trot, agree, small_expert, make_policy):
+    found = agree(trot, make_policy(trot), small_expert(trot), real="float", n_steps=100)
+    assert 0.0 < found.target < 1e-3
+
+
+def test_formulas_stand_there_as_in_their_file(written_page):
+    source = " ".join(written_page.source.split())
+    text = load_student("trot", "page").to_text()
+    for joint in robot.JOINTS:
+        (formula,) = re.findall(rf"^{joint} = (.*(?:\n    .*)*)", text, flags=re.MULTILINE)
+        assert f"target[{joint.upper()}] = {' '.join(formula.split())};" in source
+    assert "const double late = tanh(0.5*t - 2.0);" in source
+    assert "now->contact[FL] && now->contact[RR] && !now->contact[FR]" in source
+    assert "now->height[FR] >= CLEARANCE" in source
+
+
+def test_no_line_before_the_numbers_is_long(written_page):
+    readable = written_page.source.partition("/* ---- The numbers")[0]
+    assert max(map(len, readable.splitlines())) <= 100
+    assert len(readable.splitlines()) < 500
+
+
+def test_the_header_tells_what_the_file_was_made_of(written_page):
+    gait, policy = load_gait("trot"), load_student("trot", "page")
+    for digest in (gait.digest(), policy.digest()):
+        assert digest in written_page.header
+        assert digest in written_page.source
+
+
+@pytest.mark.parametrize("name", ["", "Trot", "9lives", "a-b", "for", "trot\n", "x" * 41, "é"])
+def test_names_that_c_cannot_have_are_refused(name, trot, make_policy, small_expert):
+    with pytest.raises(InputError, match="the controller's name is"):
+        write_controller(
+            trot, make_policy(trot), small_expert(trot), name=name, policy_name="", version=""
+        )
+
+
+def test_a_policy_of_another_gait_is_refused(trot, make_policy, small_expert):
+    pace = load_gait("pace")
+    for policy, expert in [
+        (make_policy(pace), small_expert(trot)),
+        (make_policy(trot), small_expert(pace)),
+    ]:
+        with pytest.raises(InputError, match="made for gait 'pace', not 'trot'"):
+            write_controller(trot, policy, expert, name="a", policy_name="", version="")
+
+
+def test_what_a_person_wrote_cannot_end_a_comment():
+    assert commented("a */ b\n/* c ??/ é") == "a * / b / * c ? ?/ ?"
+
+
+@pytest.mark.parametrize(
+    ("value", "double", "single"),
+    [
+        (2.0, "2.0", "2.0f"),
+        (-0.1, "-0.1", "-0.1f"),
+        (1e30, "1e+30", "1e+30f"),
+        (1e-60, "1e-60", "0.0f"),
+        (1 / 3, "0.3333333333333333", "0.3333333333333333f"),
+    ],
+)
+def test_numbers_are_written_in_full(value, double, single):
+    assert (number(value, "double"), number(value, "float")) == (double, single)
+    assert float(double) == value
+
+
+def test_arrays_are_as_narrow_as_they_may_be():
+    halves = CArray.of_reals("A", np.array([[0.5, np.inf]]), "double", "")
+    assert halves.declaration == "static const float A[1][2]"
+    assert halves.definition.splitlines()[1:-1] == ["{", "0.5f, INFINITY,", "},"]
+    assert CArray.of_reals("A", np.array([0.1]), "double", "").type == "double"
+    assert CArray.of_indices("A", np.array([256]), "").type == "unsigned short"
+
+
+def test_identifiers_are_those_of_c():
+    assert is_identifier("late")
+    assert not any(map(is_identifier, ["", "for", "a b", "2a", "é", "_x"]))
+
+
+def test_states_have_names_where_c_can_have_them():
+    assert state_constants(load_gait("half_bound"))[-1] == "STATE_MISSED_LEFT"
+    odd = parse_gait(ODD, name="odd")
+    assert state_constants(odd) == ("STATE_0", "STATE_1", "STATE_2")
+    (formula, condition, target), *_ = cases(odd, "double")[0].exits
+    assert formula == "RL | RR | ~FL"
+    feet = "((now->contact[RL] || now->contact[RR]) || !now->contact[FL])"
+    assert condition == (feet, "&& now->spent >= now->dwell && now->age >= 5")
+    assert target == "STATE_2"
+
+
+@needs_compiler
+def test_a_step_that_is_sound_says_so(compiled_page, trot):
+    sensors, command = random_sequences(trot, 1, 0)[0][0]
+    assert compiled_page.step(compiled_page.initial(), sensors, command).status == OK

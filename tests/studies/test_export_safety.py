@@ -1,0 +1,217 @@
+"""What a controller in C does with input of any kind, and what it cannot do."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.export.binding import (
+    ACTION,
+    BAD_INPUT,
+    BAD_TARGET,
+    COMMAND_LIMITED,
+    MACHINE,
+    Sensors,
+)
+from glassgait.models.export.controller import write_controller
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.export.agreement import random_sequences
+from glassgait.studies.export.compiler import compile_c, has_compiler, load_controller, write_source
+
+pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+
+SANITIZED = ("-g", "-O1", "-std=c99", "-fno-sanitize-recover=all")
+SANITIZERS = "-fsanitize=address,undefined,float-cast-overflow,float-divide-by-zero"
+
+DRIVER = """
+#include "{name}.h"
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static const double ODD[] = {{NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e7, 1e6, -1e6, 1e-320, 0}};
+
+static double drawn(void)
+{{
+    return rand() % 40 == 0 ? ODD[rand() % 10] : 6.0 * rand() / RAND_MAX - 3.0;
+}}
+
+int main(void)
+{{
+    {name}_controller controller;
+    {name}_sensors sensors;
+    {name}_command command;
+    {name}_targets targets;
+    int count[8] = {{0}};
+
+    {name}_init(&controller);
+    for (int k = 0; k < 4000; k++) {{
+        const {name}_controller before = controller;
+        for (int joint = 0; joint < 12; joint++) {{
+            sensors.joint_position[joint] = drawn();
+            sensors.joint_velocity[joint] = drawn();
+        }}
+        for (int foot = 0; foot < 4; foot++)
+            sensors.foot_contact[foot] = rand() % 3 - 1;
+        command.speed = drawn();
+        command.yaw_rate = drawn();
+        command.dwell = 4.0 * drawn();
+        const int status = {name}_step(&controller, &sensors, &command, &targets);
+        if (status < 0 || status > 7)
+            return 2;
+        count[status]++;
+        for (int joint = 0; joint < 12; joint++) {{
+            if (!isfinite(targets.joint_position[joint]))
+                return 3;
+            if ((status & 3) && controller.action[joint] != before.action[joint])
+                return 4;
+        }}
+        if (rand() % 200 == 0)
+            {name}_init(&controller);
+    }}
+    printf("%d %d", count[0] + count[4], count[1]);
+    return 0;
+}}
+"""
+
+
+def written(gait, kind):
+    names = {"name": f"{gait}_{kind}", "policy_name": kind, "version": "0"}
+    expert, policy = load_expert(gait), load_student(gait, kind)
+    return write_controller(load_gait(gait), policy, expert, **names)
+
+
+@pytest.mark.parametrize(
+    ("gait", "kind"), [("trot", "page"), pytest.param("walk", "ebm", marks=pytest.mark.slow)]
+)
+def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
+    source = written(gait, kind)
+    path = write_source(source, tmp_path)
+    driver, program = tmp_path / "driver.c", tmp_path / "driver"
+    driver.write_text(DRIVER.format(name=source.name))
+    try:
+        compile_c(driver, program, (*SANITIZED, SANITIZERS, str(path)))
+    except InputError as error:
+        if "san" in str(error):
+            pytest.skip("the compiler has no sanitizers")
+        raise
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    sound, bad = map(int, done.stdout.split())
+    assert sound > 1000
+    assert bad > 500
+
+
+@pytest.mark.parametrize("kind", ["page", "statewise_linear"])
+def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
+    if shutil.which("nm") is None:
+        pytest.skip("needs nm")
+    source = written("trot", kind)
+    path = write_source(source, tmp_path)
+    compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
+    told = subprocess.run(["nm", tmp_path / "own.o"], check=True, capture_output=True, text=True)
+    symbols = [line.split()[-2:] for line in told.stdout.splitlines()]
+    shared = {name for kind, name in symbols if kind == "T"}
+    assert shared == {f"{source.name}_init", f"{source.name}_step"}
+    needed = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_"}
+    # gcc may call for what clears or copies memory, and for a stack that is overrun.
+    own = {"memset", "memcpy", "__stack_chk_fail"}
+    assert needed - own <= {"expm1", "tanh", "sin", "cos", "sincos"}
+    assert not {kind for kind, _ in symbols} & set("bBdDcC")
+
+
+def test_the_header_serves_c_plus_plus(written_page, tmp_path):
+    if shutil.which("c++") is None:
+        pytest.skip("needs a C++ compiler, c++")
+    path = write_source(written_page, tmp_path)
+    compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
+    program = tmp_path / "program.cpp"
+    program.write_text(
+        '#include "trot_page.h"\n#include "trot_page.h"\n'
+        "int main() { trot_page_controller c; trot_page_sensors s = {}; trot_page_targets t;\n"
+        "const trot_page_command m = {0.5, 0.0, TROT_PAGE_MIN_DWELL};\n"
+        "trot_page_init(&c); return trot_page_step(&c, &s, &m, &t); }\n"
+    )
+    command = ["c++", "-Wall", "-Wextra", "-Werror", "-pedantic", program, tmp_path / "own.o"]
+    subprocess.run([*command, "-lm", "-o", tmp_path / "program"], check=True)
+    assert subprocess.run([tmp_path / "program"], check=False).returncode == 0
+
+
+@pytest.fixture
+def moving(compiled_page, trot):
+    """What a controller remembers in the midst of a sequence, and what it then reads."""
+    memory = compiled_page.initial()
+    *before, now = random_sequences(trot, 10, 4)[0]
+    for moment in before:
+        memory = compiled_page.step(memory, *moment).memory
+    return memory, *now
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.1e6])
+@pytest.mark.parametrize("where", ["position", "velocity", "speed", "dwell"])
+def test_bad_input_changes_nothing_and_is_told(value, where, moving, compiled_page):
+    memory, sensors, command = moving
+    position, velocity = sensors.joint_position.copy(), sensors.joint_velocity.copy()
+    speeds, dwell = command.velocity.copy(), command.dwell
+    match where:
+        case "position":
+            position[11] = value
+        case "velocity":
+            velocity[0] = value
+        case "speed":
+            speeds[0] = value
+        case "dwell":
+            dwell = value
+    broken = Sensors(position, velocity, sensors.touching)
+    step = compiled_page.step(memory, broken, Command(speeds, dwell))
+    assert step.status == BAD_INPUT
+    np.testing.assert_array_equal(step.memory, memory)
+    np.testing.assert_array_equal(step.targets, robot.joint_targets(memory[ACTION]))
+
+
+def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
+    memory, sensors, _ = moving
+    beyond = compiled_page.step(memory, sensors, Command(np.array([3.0, -9.0]), np.array(2.0)))
+    limit = compiled_page.step(memory, sensors, Command(np.array([1.0, -1.0]), np.array(6.0)))
+    assert (beyond.status, limit.status) == (COMMAND_LIMITED, 0)
+    np.testing.assert_array_equal(beyond.targets, limit.targets)
+
+
+def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):
+    memory = compiled_page.initial()
+    assert not memory.any()
+    sensors, command = random_sequences(trot, 1, 0)[0][0]
+    broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
+    step = compiled_page.step(memory, broken, command)
+    np.testing.assert_array_equal(step.targets, robot.DEFAULT_STANCE)
+    assert step.memory[MACHINE].tolist() == [0, 0, 0]
+
+
+def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
+    lines = [f"{joint} = 0.1*q.{joint}" for joint in robot.JOINTS]
+    lines[5] += " + 1/(cmd.v - 0.5)"
+    text = "format: 1\ngait: trot\nstates: 2\nevery state\n" + "\n".join(lines)
+    policy = FormulaPolicy.from_file(read_formulas(text))
+    names = {"name": "pole", "policy_name": "pole", "version": "0"}
+    source = write_controller(trot, policy, load_expert("trot"), **names)
+    compiled = load_controller(source, tmp_path)
+    sensors, _ = random_sequences(trot, 1, 0)[0][0]
+    beside, pole = (Command(np.array([speed, 0.0]), np.array(8.0)) for speed in (0.6, 0.5))
+    before = compiled.step(compiled.initial(), sensors, beside)
+    step = compiled.step(before.memory, sensors, pole)
+    assert (before.status, step.status) == (0, BAD_TARGET)
+    np.testing.assert_array_equal(step.memory, before.memory)
+    np.testing.assert_array_equal(step.targets, before.targets)
+
+
+def test_it_is_not_compiled_without_checks_for_nan(written_page, tmp_path):
+    source = write_source(written_page, tmp_path)
+    with pytest.raises(InputError, match="ffast-math"):
+        compile_c(source, tmp_path / "own.o", ("-std=c99", "-ffast-math", "-c"))

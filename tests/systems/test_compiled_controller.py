@@ -1,0 +1,69 @@
+"""The system that a compiled controller acts by."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.export.binding import ACTION, BAD_INPUT, sensed
+from glassgait.models.task.command import Command
+from glassgait.systems.compiled_controller import CompiledController
+
+
+@pytest.fixture
+def system(compiled_page) -> CompiledController:
+    return CompiledController(compiled_page)
+
+
+def outputs(system, context):
+    ports = ("action", "targets", "status")
+    return [system.GetOutputPort(name).Eval(context) for name in ports]
+
+
+def test_ports_and_feedthrough(system, port_sizes, feedthrough):
+    inputs = {"state": 37, "command": 2, "commanded_dwell": 1}
+    given = {"action": 12, "targets": 12, "status": 1}
+    assert port_sizes(system) == (inputs, given)
+    assert feedthrough(system) == {(source, target) for source in inputs for target in given}
+
+
+def test_takes_the_controllers_step_and_remembers(
+    system, compiled_page, fix_inputs, latch, standing
+):
+    context = fix_inputs(system, state=standing, command=[0.5, 0.1], commanded_dwell=8)
+    sensors, command = sensed(standing), Command(np.array([0.5, 0.1]), np.array(8.0))
+    memory = compiled_page.initial()
+    for _ in range(3):
+        step = compiled_page.step(memory, sensors, command)
+        memory = step.memory
+        action, targets, status = outputs(system, context)
+        np.testing.assert_array_equal(action, memory[ACTION])
+        np.testing.assert_array_equal(targets, step.targets)
+        np.testing.assert_array_equal(targets, robot.joint_targets(action))
+        assert status[0] == 0
+        latch(system, context)
+    assert np.any(memory[ACTION] != compiled_page.step(memory, sensors, command).memory[ACTION])
+
+
+def test_contexts_remember_their_own(system, fix_inputs, latch, standing):
+    context = fix_inputs(system, state=standing, command=[0.5, 0.0], commanded_dwell=8)
+    clone = context.Clone()
+    first, *_ = outputs(system, context)
+    latch(system, context)
+    assert np.any(outputs(system, context)[0] != first)
+    np.testing.assert_array_equal(outputs(system, clone)[0], first)
+
+
+def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch, standing):
+    context = fix_inputs(system, state=standing, command=[0.5, 0.0], commanded_dwell=8)
+    before, *_ = outputs(system, context)
+    latch(system, context)
+    broken = standing.copy()
+    broken[robot.JOINT_VELOCITY.start] = np.nan
+    fix_inputs(system, context, state=broken)
+    action, _, status = outputs(system, context)
+    assert status[0] == BAD_INPUT
+    np.testing.assert_array_equal(action, before)
+
+
+def test_refuses_wrong_sizes(system, assert_sizes_are_checked):
+    assert_sizes_are_checked(system)
