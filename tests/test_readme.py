@@ -11,6 +11,7 @@ import interpret
 import pytest
 import yaml
 
+from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
 from glassgait.studies.cli import COMMANDS, main
@@ -187,13 +188,16 @@ def test_sessions_run_one_after_the_other_and_print_what_is_shown(page, monkeypa
 
 @pytest.mark.parametrize("page", pages_with("yaml"))
 def test_files_that_are_shown_are_accepted(page, tmp_path):
+    path = tmp_path / "mine.yaml"
     for text in blocks(page, "yaml"):
-        if "transitions" in yaml.safe_load(text):
-            parse_gait(text, name="mine")
-        else:
-            path = tmp_path / "mine.yaml"
-            path.write_text(text)
-            resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
+        path.write_text(text)
+        match yaml.safe_load(text):
+            case {"transitions": _}:
+                parse_gait(text, name="mine")
+            case {"claims": _}:
+                assert load_claims(path)
+            case _:
+                resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 
 
 def test_the_gait_of_ones_own_hops():

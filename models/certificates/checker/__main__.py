@@ -6,11 +6,18 @@ from pathlib import Path
 
 from . import RefusedError, __doc__, check
 
-reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-reader.add_argument("certificate", type=Path)
-reader.add_argument("--policy", type=Path, help="the policy's file; the shipped one by default")
-options = reader.parse_args()
-try:
-    print(check(options.certificate, options.policy))
-except RefusedError as refusal:
-    sys.exit(f"{options.certificate}: {refusal}")
+
+def main() -> None:
+    """Checks the certificate that the command line names."""
+    reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    reader.add_argument("certificate", type=Path)
+    reader.add_argument("--policy", type=Path, help="the policy's file; the shipped one by default")
+    options = reader.parse_args()
+    try:
+        print(check(options.certificate, options.policy))
+    except RefusedError as refusal:
+        sys.exit(f"{options.certificate}: {refusal}")
+
+
+if __name__ == "__main__":
+    main()
