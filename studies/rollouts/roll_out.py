@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import SliderCommand
@@ -15,6 +16,7 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -22,7 +24,7 @@ from glassgait.studies.rollouts.scores import RolloutLog
 
 
 def roll_out(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance.
 
@@ -37,7 +39,7 @@ def roll_out(
 
 
 def _roll_out_batch(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
     task = TaskConfig.of_scenario(gait, scenario, episode_steps=config.n_steps)
@@ -51,16 +53,20 @@ def _roll_out_batch(
     )
     log: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
     failed = np.zeros((n, 1), dtype=bool)
+    guard = policy.begin(n)
     for step in range(config.n_steps):
         command = simulator.state.command.velocity
         observation = simulator.observe()
+        turn = policy.advance(step, observation, guard)
+        guard = turn.guard
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
-        action = np.where(failed, 0.0, policy.act(step, observation))
+        action = np.where(failed, 0.0, turn.action)
         outcome = simulator.step(action)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
         log["power"].append(_power(simulator.state.plant, simulator.state.action))
         log["action"].append(action)
+        log["expert_acts"].append(turn.expert_acts)
         log["command"].append(command)
         log["reward"].append(outcome.reward)
         log["plain_reward"].append(outcome.plain_reward)
@@ -78,7 +84,7 @@ def _n_robots(scenario: Scenario, config: RolloutConfig) -> int:
 
 
 def _roll_out_diagrams(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
         raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
@@ -91,7 +97,7 @@ def _roll_out_diagrams(
         simulator = make_simulator(
             diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
-        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps))
+        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps, policy))
     return RolloutLog(
         **{
             name: np.stack([getattr(log, name) for log in logs], axis=1)
@@ -100,18 +106,26 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(rollout: Rollout, n_steps: int) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
         power=_power(rollout["state"][1:], rollout["actions"][:-1]),
         action=rollout["actions"][:-1],
+        expert_acts=_expert_acts(rollout, policy),
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=rollout["served_dwell"][1:, 0],
         failures=rollout["failures"][1:] > 0.5,
     )
     return _padded(log, n_steps)
+
+
+def _expert_acts(rollout: Rollout, policy: ActingPolicy) -> NDArray[np.bool_]:
+    """Tells at which steps (T) the expert acted."""
+    if isinstance(policy, AlternatingPolicy):
+        return np.array([policy.expert_acts(step) for step in range(len(rollout.time) - 1)])
+    return rollout["expert_acts"][:-1, 0] > 0.5
 
 
 def _padded(log: RolloutLog, n_steps: int) -> RolloutLog:
