@@ -1,4 +1,4 @@
-"""Choosing the region and the limits from what a student observes at home."""
+"""Choosing the region and the limits from what robots observe at home."""
 
 from typing import Literal
 
@@ -43,7 +43,7 @@ def make_region(gait: Gait, visits: Visits, quantile: float, kind: RegionKind = 
 
     Args:
         gait: The gait.
-        visits: Where the student was at home.
+        visits: Where robots were at home.
         quantile: Share of observations that each end of a range leaves out.
         kind: A box for each machine state, one for all, or the gait's operating box.
     """

@@ -52,10 +52,11 @@ class Assurance(Settings):
             is another name for it.
         calls: Shares of steps at home in which the expert may be called; each gives limits, and a
             schedule with as many calls.
-        quantile: Share of the student's observations at home that each end of a range leaves out.
+        quantile: Share of the observations at home that each end of a range leaves out.
         return_steps: Control steps inside after which the student acts again.
-        home_robots: Robots that the student leads at home, for the region and the limits.
-        pushed_robots: Robots that it leads under pushes, to see what foretells falls.
+        home_robots: Robots at home that the student leads, and as many that the expert leads, for
+            the region and the limits.
+        pushed_robots: Robots that the student leads under pushes, to see what foretells falls.
         calibration_seed: Seed of both; other than those of the rollouts.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
@@ -72,7 +73,7 @@ class Assurance(Settings):
     scenario: Annotated[
         tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
     ] = WORLDS
-    calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.05,)
+    calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
     quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
     return_steps: Count = 25
     home_robots: Count = 26
@@ -144,7 +145,9 @@ class Assurance(Settings):
         return Pair(gait, expert, student, kind)
 
     def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
-        say(f"{pair.name}: observes at home, and under pushes")
+        say(
+            f"{pair.gait.name}: robots walk at home and under pushes, for the region and the limits"
+        )
         home = replace(
             self.rollouts, n_robots=self.home_robots, seed=self.calibration_seed, n_seeds=1
         )
@@ -168,7 +171,9 @@ class Assurance(Settings):
         region = calibration.region
         for state, name in enumerate(pair.gait.states):
             box = ObservationBox(region.names, region.lower[state], region.upper[state])
-            told = f"{pair.name} alone at home, seed {home.seed}, {home.n_robots} robots"
+            told = (
+                f"{home.n_robots} robots each of expert and {pair.name} at home, seed {home.seed}"
+            )
             box.save(folder / f"region_{name}.yaml", f"{told}, machine state {name}")
         return calibration
 

@@ -24,7 +24,7 @@ from glassgait.studies.assurance.calibration import (
     region_kinds,
 )
 from glassgait.studies.assurance.foretelling import foretelling_row, rescues, warnings_of
-from glassgait.studies.assurance.visits import Visits, visit
+from glassgait.studies.assurance.visits import Visits, joined, visit
 from glassgait.studies.robustness.worlds import jobs_in_worlds
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, run_jobs
@@ -103,12 +103,12 @@ def calibrate(
     return_steps: int,
     seed: int,
 ) -> Calibration:
-    """Chooses region and limits by where the student was at home, and tries what they foretell.
+    """Chooses region and limits by what is visited at home, and tries what they foretell.
 
     Args:
         pair: Who acts, and who is trusted.
-        home: Where the student alone was at home.
-        pushed: Where it was under pushes.
+        home: Where the student alone and the expert alone were at home.
+        pushed: Where the student alone was under pushes.
         world: The world of the pushes.
         calls: Shares of steps at home in which the expert may be called.
         quantile: Share of observations that each end of a range leaves out.
@@ -120,19 +120,19 @@ def calibrate(
     }
     chosen: dict[float, Hysteresis] = {}
     rows = []
-    for kind, region in regions.items():
-        overrun = region.overrun(home.observation)
+    for kind, own in regions.items():
+        overrun = own.overrun(home.observation)
         for share in calls:
             hysteresis = choose_hysteresis(overrun, home.alive, share, return_steps)
             row = {"region": REGION_TITLES[kind], "calls": share}
-            rows.append(row | foretelling_row(home, pushed, region, hysteresis))
+            rows.append(row | foretelling_row(home, pushed, own, hysteresis))
             if kind == "states":
                 chosen[share] = hysteresis
     region = regions["states"]
-    tried = {
-        name: rescues(pair.gait, policy, world, pushed, seed) for name, policy in pair.alone.items()
-    }
-    averted = tried["expert"].assign(alone=tried[pair.name]["rescued"])
+    averted, alone = (
+        rescues(pair.gait, policy, world, pushed, seed) for policy in pair.alone.values()
+    )
+    averted = averted.assign(alone=alone["rescued"])
     warnings = warnings_of(pushed, region, chosen[max(calls)])
     return Calibration(region, chosen, pd.DataFrame(rows), warnings, averted)
 
@@ -148,7 +148,7 @@ def calibrate_once(
     quantile: float,
     return_steps: int,
 ) -> Calibration:
-    """Calibrates with the student at home and under pushes, unless the file holds the outcome.
+    """Calibrates with robots at home and under pushes, unless the file holds the outcome.
 
     Args:
         pair: Who acts, and who is trusted.
@@ -161,11 +161,12 @@ def calibrate_once(
         return_steps: See `calibrate`.
     """
     if not path.exists():
-        student = pair.alone[pair.name]
-        home, pushed = (
-            visit(pair.gait, student, world, config)
-            for world, config in zip(worlds, configs, strict=True)
+        # Where the expert walks at home the student may take over again: without those visits the
+        # expert, once called, would hardly ever be let go.
+        home = joined(
+            [visit(pair.gait, policy, worlds[0], configs[0]) for policy in pair.alone.values()]
         )
+        pushed = visit(pair.gait, pair.alone[pair.name], worlds[1], configs[1])
         made = calibrate(
             pair,
             home,

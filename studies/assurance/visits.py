@@ -1,5 +1,6 @@
 """What robots observe while a policy moves them, and what they were like at every step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,12 @@ class Visits:
     def fallen(self) -> NDArray[np.int64]:
         """The robots that fell."""
         return np.flatnonzero(self.fell < len(self.observation))
+
+
+def joined(parts: Sequence[Visits]) -> Visits:
+    """Puts robots of several walks of as many steps side by side, without their states."""
+    observation = np.concatenate([own.observation for own in parts], axis=1)
+    return Visits(observation, [], np.concatenate([own.fell for own in parts]))
 
 
 def make_batch(

@@ -19,7 +19,7 @@ from glassgait.studies.assurance.figures import draw_calls
 from glassgait.studies.assurance.foretelling import LEADS, rescues, warnings_of
 from glassgait.studies.assurance.study import Calibration, Pair, period_of, roll_out_all
 from glassgait.studies.assurance.tables import acting_title, assurance_table, readable_table
-from glassgait.studies.assurance.visits import Visits, visit
+from glassgait.studies.assurance.visits import Visits, joined, visit
 from glassgait.studies.cli import main
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.scores import SCORES
@@ -56,6 +56,18 @@ def test_what_fell_robots_saw_bounds_nothing(trot):
     hip = np.array([[0.0, 0.0], [1.0, 9.0], [1.0, 9.0]])
     visits = replace(seen(hip, np.zeros((3, 2))), fell=np.array([3, 0]))
     assert make_region(trot, visits, quantile=0.0).upper[0, HIP] == 1.0
+
+
+def test_robots_of_several_walks_stand_side_by_side(trot):
+    first, second = (
+        seen(np.ones((4, 2)), np.zeros((4, 2))),
+        seen(np.full((4, 1), 3.0), np.ones((4, 1))),
+    )
+    both = joined([first, replace(second, fell=np.array([2]))])
+    assert both.observation.shape == (4, 3, 49)
+    assert both.fallen.tolist() == [2]
+    region = make_region(trot, both, quantile=0.0)
+    assert region.upper[:, HIP].tolist() == [1.0, 3.0]
 
 
 def test_in_a_state_that_no_robot_was_in_everything_is_outside(trot):
@@ -197,8 +209,8 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
     assert [row["policy"] for row in metrics["worlds"]] == [
         "expert",
         "page",
-        "assured_0.05",
-        "schedule_0.05",
+        "assured_0.02",
+        "schedule_0.02",
     ]
 
     def never(*_, **__):
