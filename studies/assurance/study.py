@@ -19,6 +19,7 @@ from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.studies.assurance.calibration import (
     REGION_TITLES,
+    RegionKind,
     choose_hysteresis,
     make_region,
     region_kinds,
@@ -115,7 +116,7 @@ def calibrate(
         return_steps: Control steps inside after which the student acts again.
         seed: Seed of the noise in rescues.
     """
-    regions = {
+    regions: dict[RegionKind, Region] = {
         kind: make_region(pair.gait, home, quantile, kind) for kind in region_kinds(pair.gait)
     }
     chosen: dict[float, Hysteresis] = {}
