@@ -5,8 +5,9 @@ from collections.abc import Callable
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Multiplexer, PortSwitch, RandomSource
+from pydrake.systems.primitives import Multiplexer, RandomSource
 
+from glassgait.diagrams.acting import AddActingPolicies
 from glassgait.diagrams.commands import AddCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, actuated_joints
@@ -15,20 +16,19 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.counterfactuals.intervention import Intervention
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_noise import ContactNoise
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.observation_offset import ObservationOffset
-from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
@@ -39,7 +39,7 @@ def MakeLocomotion(  # noqa: N802
     gait: Gait,
     scenario: Scenario | None = None,
     *,
-    policy: AlternatingPolicy | Policy | None = None,
+    policy: ActingPolicy | Policy | None = None,
     meshcat: Meshcat | None = None,
     intervention: Intervention | None = None,
 ) -> Diagram:
@@ -65,13 +65,16 @@ def MakeLocomotion(  # noqa: N802
         - command
         - commanded_dwell
         - state
+        - expert_acts
+        - overrun
 
     Inputs: actions (12), only where no policy is given.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
     and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
     rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
     failures (6). command (2; m/s, rad/s), commanded_dwell (1, control steps). state (37), the
-    plant's.
+    plant's. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
+    `AssuranceMonitor`.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
@@ -96,10 +99,10 @@ def MakeLocomotion(  # noqa: N802
     scenario = scenario or Scenario()
     if isinstance(policy, Policy):
         policy = AlternatingPolicy(policy)
-    acting = {} if policy is None else _acting(policy)
     layout = ObservationLayout(gait.n_states)
-    for one in acting.values():
-        one.check(gait=gait.name, observation_names=layout.names)
+    for one in (policy.acting_expert, policy.acting_student) if policy else ():
+        if one is not None:
+            one.check(gait=gait.name, observation_names=layout.names)
     estimator = policy.estimator if policy and not scenario.true_body_state else None
 
     builder = DiagramBuilder()
@@ -134,9 +137,10 @@ def MakeLocomotion(  # noqa: N802
         builder.ExportInput(hold.get_action_input_port(), "actions")
     else:
         given = _given_observation(builder, observation, intervention)
-        action = _add_policies(builder, given, policy.period, acting)
-        builder.Connect(action, hold.get_action_input_port())
-        builder.ExportOutput(action, "actions")
+        acting = AddActingPolicies(builder, policy, given)
+        builder.Connect(acting["actions"], hold.get_action_input_port())
+        for name, port in acting.items():
+            builder.ExportOutput(port, name)
     targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
     desired_state = plant.get_desired_state_input_port(instance)
     builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
@@ -279,29 +283,3 @@ def _given_observation(
     offset = builder.AddNamedSystem("observation_offset", ObservationOffset(intervention))
     builder.Connect(observation, offset.get_observation_input_port())
     return offset.get_given_observation_output_port()
-
-
-def _acting(policy: AlternatingPolicy) -> dict[str, Policy]:
-    found = {"expert": policy.acting_expert, "student": policy.acting_student}
-    return {name: one for name, one in found.items() if one is not None}
-
-
-def _add_policies(
-    builder: DiagramBuilder, observation: OutputPort, period: int, acting: dict[str, Policy]
-) -> OutputPort:
-    switch = builder.AddNamedSystem("alternation", PortSwitch(robot.N_JOINTS))
-    ports = {}
-    for name, policy in acting.items():
-        system = builder.AddNamedSystem(name, PolicySystem(policy))
-        builder.Connect(observation, system.get_observation_input_port())
-        port = switch.DeclareInputPort(name)
-        builder.Connect(system.get_action_output_port(), port)
-        ports[name] = port.get_index()
-    # One that never acts has no port, and is never chosen.
-    only = next(iter(ports.values()))
-    schedule = AlternationSchedule(
-        period, expert_port=ports.get("expert", only), student_port=ports.get("student", only)
-    )
-    builder.AddNamedSystem("alternation_schedule", schedule)
-    builder.Connect(schedule.get_port_selector_output_port(), switch.get_port_selector_input_port())
-    return switch.get_output_port()

@@ -31,6 +31,8 @@ RECORDED_PORTS = (
     "command",
     "commanded_dwell",
     "state",
+    "expert_acts",
+    "overrun",
 )
 
 KEPT_STEPS = 3000

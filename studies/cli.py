@@ -36,6 +36,10 @@ COMMANDS = {
         "glassgait.studies.robustness.command:Robustness",
         "Let the expert and every student walk alone in every world, and tell who falls where.",
     ),
+    "assurance": (
+        "glassgait.studies.assurance.command:Assurance",
+        "Let a student act where it is at home, and the expert where it is not, and count falls.",
+    ),
     "compare": (
         "glassgait.studies.compare.command:Compare",
         "Set two policies side by side: their lines, targets, scores, and one replay of both.",

@@ -2,11 +2,29 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import expert_acts
+from glassgait.models.task.assurance import Guard, initial_guard
+
+
+class Turn(NamedTuple):
+    """One control step of n robots, along the first axis.
+
+    Attributes:
+        action: Actions (n, 12).
+        expert_acts: Whether they are the expert's (n,).
+        guard: What the next step is told of this one.
+    """
+
+    action: Array
+    expert_acts: NDArray[np.bool_]
+    guard: Guard
 
 
 @dataclass(frozen=True)
@@ -43,6 +61,15 @@ class AlternatingPolicy:
         if self.student is None or self.expert_acts(step):
             return self.expert(observation)
         return self.student(observation)
+
+    def begin(self, n_robots: int) -> Guard:
+        """Returns what the first step is told; a schedule goes by time alone, and ignores it."""
+        return initial_guard((n_robots,))
+
+    def advance(self, step: int, observation: Array, guard: Guard) -> Turn:
+        """Acts at a control step (n robots), and tells who did."""
+        acts = np.full(len(observation), self.student is None or self.expert_acts(step))
+        return Turn(self.act(step, observation), acts, guard)
 
     @property
     def estimator(self) -> Callable[[Array], Array] | None:

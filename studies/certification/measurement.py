@@ -105,9 +105,12 @@ def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
         estimator=None if scenario.true_body_state else job.policy.estimator,
     )
     observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
+    guard = job.policy.begin(simulator.n_robots)
     for step in range(job.config.n_steps):
         observations.append(simulator.observe())
-        action = np.where(failed[:, None], 0.0, job.policy.act(step, observations[-1]))
+        turn = job.policy.advance(step, observations[-1], guard)
+        guard = turn.guard
+        action = np.where(failed[:, None], 0.0, turn.action)
         failed |= simulator.step(action).failures.any(axis=-1)
     if failed.all():
         return None

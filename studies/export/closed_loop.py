@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
@@ -66,12 +67,13 @@ def walk_both(
 
 def _as_told(
     simulator: BatchSimulator, command: Command, act: Callable[[int], Array]
-) -> Callable[[int], Array]:
+) -> Callable[[int], tuple[Array, NDArray[np.bool_]]]:
     """Keeps each robot's command, where the simulator would draw another one after 10 s."""
+    alone = np.zeros(simulator.n_robots, dtype=bool)
 
-    def act_as_told(step: int) -> Array:
+    def act_as_told(step: int) -> tuple[Array, NDArray[np.bool_]]:
         simulator.set_command(command)
-        return act(step)
+        return act(step), alone
 
     return act_as_told
 

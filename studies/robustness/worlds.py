@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
@@ -29,7 +30,7 @@ def world_jobs(
 
 def jobs_in_worlds(
     gait: Gait,
-    policies: Mapping[str, AlternatingPolicy],
+    policies: Mapping[str, ActingPolicy],
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> list[RolloutJob]:

@@ -12,7 +12,7 @@ from joblib import delayed
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.files import read_record, write_record
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.console import progress_bar, say
 from glassgait.studies.parallel.loop import run_parallel
@@ -36,7 +36,7 @@ class RolloutJob:
 
     labels: dict[str, str]
     gait: Gait
-    policy: AlternatingPolicy
+    policy: ActingPolicy
     scenario: Scenario
     config: RolloutConfig
 

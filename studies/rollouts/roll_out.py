@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import SliderCommand
@@ -16,6 +17,7 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -23,7 +25,7 @@ from glassgait.studies.rollouts.scores import RolloutLog
 
 
 def roll_out(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance.
 
@@ -38,7 +40,7 @@ def roll_out(
 
 
 def _roll_out_batch(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
     task = TaskConfig.of_scenario(gait, scenario, episode_steps=config.n_steps)
@@ -50,28 +52,43 @@ def _roll_out_batch(
         generator=generator,
         estimator=None if scenario.true_body_state else policy.estimator,
     )
-    return log_batch(simulator, config.n_steps, lambda step: policy.act(step, simulator.observe()))
+    guard = policy.begin(n)
+
+    def act(step: int) -> tuple[Array, NDArray[np.bool_]]:
+        nonlocal guard
+        turn = policy.advance(step, simulator.observe(), guard)
+        guard = turn.guard
+        return turn.action, turn.expert_acts
+
+    return log_batch(simulator, config.n_steps, act)
 
 
-def log_batch(simulator: BatchSimulator, n_steps: int, act: Callable[[int], Array]) -> RolloutLog:
+def log_batch(
+    simulator: BatchSimulator,
+    n_steps: int,
+    act: Callable[[int], tuple[Array, NDArray[np.bool_]]],
+) -> RolloutLog:
     """Advances robots from where they are, and logs what they do.
 
     Args:
         simulator: The robots.
         n_steps: Control steps.
-        act: Returns the actions (n, 12) at a control step, counted from 0.
+        act: Returns the actions (n, 12) at a control step, counted from 0, and whether they are the
+            expert's (n).
     """
     log: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
     failed = np.zeros((simulator.n_robots, 1), dtype=bool)
     for step in range(n_steps):
+        given, expert_acts = act(step)
         # A fallen robot counts no more; a policy that fell may well diverge on the ground.
-        action = np.where(failed, 0.0, act(step))
+        action = np.where(failed, 0.0, given)
         command = simulator.state.command.velocity
         outcome = simulator.step(action)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
         log["power"].append(_power(simulator.state.plant, simulator.state.action))
         log["action"].append(action)
+        log["expert_acts"].append(expert_acts)
         log["command"].append(command)
         log["reward"].append(outcome.reward)
         log["plain_reward"].append(outcome.plain_reward)
@@ -89,7 +106,7 @@ def _n_robots(scenario: Scenario, config: RolloutConfig) -> int:
 
 
 def _roll_out_diagrams(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
         raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
@@ -102,7 +119,7 @@ def _roll_out_diagrams(
         simulator = make_simulator(
             diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
-        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps))
+        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps, policy))
     return RolloutLog(
         **{
             name: np.stack([getattr(log, name) for log in logs], axis=1)
@@ -111,18 +128,26 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(rollout: Rollout, n_steps: int) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
         power=_power(rollout["state"][1:], rollout["actions"][:-1]),
         action=rollout["actions"][:-1],
+        expert_acts=_expert_acts(rollout, policy),
         reward=rollout["reward"][1:, 0],
         plain_reward=rollout["plain_reward"][1:, 0],
         served_dwell=rollout["served_dwell"][1:, 0],
         failures=rollout["failures"][1:] > 0.5,
     )
     return _padded(log, n_steps)
+
+
+def _expert_acts(rollout: Rollout, policy: ActingPolicy) -> NDArray[np.bool_]:
+    """Tells at which steps (T) the expert acted."""
+    if isinstance(policy, AlternatingPolicy):
+        return np.array([policy.expert_acts(step) for step in range(len(rollout.time) - 1)])
+    return rollout["expert_acts"][:-1, 0] > 0.5
 
 
 def _padded(log: RolloutLog, n_steps: int) -> RolloutLog:

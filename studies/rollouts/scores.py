@@ -39,6 +39,7 @@ class RolloutLog:
         command: Commanded ones (T, n, 2).
         power: Absolute mechanical power of all joints at the control instants (T, n; W).
         action: Actions (T, n, 12); 0 after a failure.
+        expert_acts: Whether the expert acted (T, n).
         reward: Reward with the machine's factor (T, n).
         plain_reward: Reward without it (T, n).
         served_dwell: Control steps of rhythm served by transitions (T, n).
@@ -49,6 +50,7 @@ class RolloutLog:
     command: Array
     power: Array
     action: Array
+    expert_acts: NDArray[np.bool_]
     reward: Array
     plain_reward: Array
     served_dwell: Array
@@ -63,7 +65,8 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     there was one; `reward` and `plain_reward`, sums; `rhythm`, the share of
     the commanded rhythm kept; `speed_error` (m/s) and `yaw_rate_error` (rad/s), means over seconds
     of the absolute difference between a second's average and the command. The first second after a
-    new command is left out. `cost_of_transport`, the joints' absolute work per weight and distance,
+    new command is left out. `expert_share`, the share of steps at which the expert acted.
+    `cost_of_transport`, the joints' absolute work per weight and distance,
     of the steps that are commanded to go forward or back.
 
     Args:
@@ -91,6 +94,7 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
                 "reward": log.reward[alive, i].sum(),
                 "plain_reward": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
+                "expert_share": log.expert_acts[alive, i].mean(),
                 "speed_error": errors[0],
                 "yaw_rate_error": errors[1],
                 "cost_of_transport": _cost_of_transport(

@@ -16,7 +16,9 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
+from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
+from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
@@ -142,6 +144,40 @@ WORLDS = {
 @pytest.mark.parametrize("world", WORLDS)
 def test_they_agree_in_every_world(world):
     assert assert_agreement(load_gait("trot"), load_expert("trot"), WORLDS[world]) > 5
+
+
+def test_they_agree_while_expert_and_student_act_under_assurance(trot):
+    expert, student = load_expert("trot"), load_student("trot", "page")
+    names = expert.observation_names
+    upper = np.full((2, len(names)), 100.0)
+    # So narrow that the robot, which sways, leaves it and comes back again and again.
+    upper[:, names.index("Base Lin Vel Y")] = 0.1
+    hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
+    policy = AssuredPolicy(expert, student, Region(names, -upper, upper), hysteresis)
+    command = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
+    scenario = replace(CALM, command=command)
+    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    diagram = MakeLocomotion(trot, scenario, policy=policy)
+    rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
+    simulator = batch_of_one(trot, state, command, scenario, policy.estimator)
+    guard = policy.begin(1)
+    for step in range(N_STEPS + 1):
+        observation = simulator.observe()
+        turn = policy.advance(step, observation, guard)
+        guard = turn.guard
+        assert turn.expert_acts[0] == rollout["expert_acts"][step, 0], f"step {step}"
+        for found, port in [
+            (simulator.state.plant, "state"),
+            (observation, "observations"),
+            (turn.action, "actions"),
+            (policy.region.overrun(observation), "overrun"),
+        ]:
+            np.testing.assert_allclose(
+                found[0], np.squeeze(rollout[port][step]), rtol=0, atol=TOLERANCE, err_msg=port
+            )
+        simulator.step(turn.action)
+    turns = np.flatnonzero(np.diff(rollout["expert_acts"][:, 0]))
+    assert len(turns) > 10
 
 
 def test_they_agree_on_contact_sensors_that_are_always_wrong(trot):

@@ -52,6 +52,7 @@ def log(n_steps=200, n_robots=2):
         command=np.zeros((*shape, 2)),
         power=np.zeros(shape),
         action=np.zeros((*shape, 12)),
+        expert_acts=np.zeros(shape, dtype=bool),
         reward=np.ones(shape),
         plain_reward=np.full(shape, 0.5),
         served_dwell=np.full(shape, 0.9),

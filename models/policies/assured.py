@@ -1,0 +1,91 @@
+"""A student that acts inside of its region, and an expert that acts outside."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy, Turn
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.assurance import Guard, Hysteresis, Region, initial_guard, step_guard
+
+
+@dataclass(frozen=True)
+class AssuredPolicy:
+    """A student under runtime assurance.
+
+    It remembers nothing itself: `advance` takes what it is told of the step before and returns what
+    the next one is to be told, each robot's own.
+
+    Attributes:
+        expert: Who acts outside of the region; its estimator, if it has one, observes for both.
+        student: Who acts inside.
+        region: Where the student may act.
+        hysteresis: When to call the expert, and when to let it go.
+    """
+
+    expert: Policy
+    student: Policy
+    region: Region
+    hysteresis: Hysteresis
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if the region is of other observations than the student's.
+        """
+        if self.region.names != self.student.observation_names:
+            raise InputError(
+                "assurance: the region is of other observations than the student's; measure it "
+                f"with robots of the {self.student.gait}"
+            )
+
+    def begin(self, n_robots: int) -> Guard:
+        """Returns what the first step of an episode is told."""
+        return initial_guard((n_robots,))
+
+    def advance(self, step: int, observation: Array, guard: Guard) -> Turn:
+        """Acts at a control step, whatever its number, and tells who did.
+
+        Args:
+            step: Control step of the episode.
+            observation: Observations (n, n_obs).
+            guard: What the step before returned, or `begin`.
+        """
+        guard = step_guard(guard, self.region.overrun(observation), self.hysteresis)
+        called = guard.expert_acts
+        action = np.array(self.student(observation))
+        if called.any():
+            action[called] = self.expert(observation[called])
+        return Turn(action, called, guard)
+
+    @property
+    def estimator(self) -> Callable[[Array], Array] | None:
+        """Maps proprioception to the body state; None where the expert observes the true one."""
+        return getattr(self.expert, "estimator", None)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        corners = np.ascontiguousarray([self.region.lower, self.region.upper])
+        return {
+            "hysteresis": asdict(self.hysteresis),
+            "region": hashlib.sha256(corners.tobytes()).hexdigest()[:16],
+        }
+
+    @property
+    def acting_expert(self) -> Policy:
+        """The expert."""
+        return self.expert
+
+    @property
+    def acting_student(self) -> Policy:
+        """The student."""
+        return self.student
+
+
+ActingPolicy = AlternatingPolicy | AssuredPolicy
+"""Who acts in a closed loop: an expert, a student, or both by a schedule or under assurance."""

@@ -1,0 +1,136 @@
+"""Runtime assurance: a student acts while its observations are of those it was made for.
+
+This is the Simplex architecture: a monitor of known form hands over to a trusted controller as soon
+as the other one leaves its region, and back once the robot has been inside again for a while.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Count, NotNegative, Settings
+from glassgait.models.task.observation import machine_state_entries
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Region:
+    """Boxes of observations, one for each state of the gait's machine.
+
+    Attributes:
+        names: Names of the observations (n), in order.
+        lower: Least values in each state (n_states, n), in the observation's own scaled units.
+        upper: Greatest ones (n_states, n).
+    """
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if the corners do not have a row a state and a column an observation, or a
+                range is empty or not finite.
+        """
+        one_hot = machine_state_entries(self.names)
+        shape = (one_hot.stop - one_hot.start, len(self.names))
+        if not self.lower.shape == self.upper.shape == shape:
+            raise InputError(
+                f"region: corners are of shape {self.lower.shape} and {self.upper.shape}; give "
+                f"{shape[0]} states of {shape[1]} observations"
+            )
+        wrong = ~(np.isfinite(self.lower) & np.isfinite(self.upper) & (self.lower <= self.upper))
+        if wrong.any():
+            state, index = np.argwhere(wrong)[0]
+            raise InputError(
+                f"region: {self.names[index]!r} in state {state} goes from "
+                f"{self.lower[state, index]:g} to {self.upper[state, index]:g}; give the least, "
+                "then the greatest"
+            )
+
+    def overruns(self, observation: Array) -> Array:
+        """Tells how far each observation is outside of the box of the machine's state.
+
+        Args:
+            observation: Observations (..., n).
+
+        Returns:
+            Overruns (..., n) in widths of the ranges: 0 inside; infinite beyond a range without
+            width, and where an observation is not finite.
+        """
+        state = np.argmax(observation[..., machine_state_entries(self.names)], axis=-1)
+        lower, upper = self.lower[state], self.upper[state]
+        excess = np.maximum(lower - observation, observation - upper)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            widths = excess / (upper - lower)
+        return np.where(np.isfinite(excess), np.where(excess <= 0.0, 0.0, widths), np.inf)
+
+    def overrun(self, observation: Array) -> Array:
+        """Returns the greatest of the overruns (...) of observations (..., n)."""
+        return self.overruns(observation).max(axis=-1)
+
+
+@dataclass(frozen=True)
+class Hysteresis(Settings):
+    """When to call the expert, and when to let it go.
+
+    Attributes:
+        limit: Overrun beyond which the expert acts at once (widths).
+        return_limit: Overrun that counts as inside again (widths), at most `limit`.
+        return_steps: Control steps in a row inside, after which the student acts again.
+    """
+
+    title: ClassVar[str] = "hysteresis"
+
+    limit: NotNegative
+    return_limit: NotNegative
+    return_steps: Count = 25
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if a value is out of range, or the expert would be let go outside.
+        """
+        super().__post_init__()
+        if self.return_limit > self.limit:
+            raise InputError(
+                f"hysteresis: return_limit is {self.return_limit:g}; give one of at most limit = "
+                f"{self.limit:g}"
+            )
+
+
+class Guard(NamedTuple):
+    """Who acts, and since when the robot is inside.
+
+    Attributes:
+        expert_acts: Whether the expert acts (...).
+        calm_steps: Control steps in a row inside of the return limit (...).
+    """
+
+    expert_acts: BoolArray
+    calm_steps: NDArray[np.int64]
+
+
+def initial_guard(shape: tuple[int, ...]) -> Guard:
+    """Returns guards (...) as they are before an episode's first observation."""
+    return Guard(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64))
+
+
+def step_guard(guard: Guard, overrun: Array, hysteresis: Hysteresis) -> Guard:
+    """Decides who acts at a control step.
+
+    Args:
+        guard: The guards after the step before (...).
+        overrun: Overruns of this step's observations (...).
+        hysteresis: The limits.
+    """
+    calm_steps = np.where(overrun <= hysteresis.return_limit, guard.calm_steps + 1, 0)
+    kept = guard.expert_acts & (calm_steps < hysteresis.return_steps)
+    # Written so that an overrun that is not a number calls the expert.
+    return Guard(kept | ~(overrun <= hysteresis.limit), calm_steps)

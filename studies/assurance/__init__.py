@@ -1,0 +1,1 @@
+"""Runtime assurance: the student acts inside of its region, the expert outside."""

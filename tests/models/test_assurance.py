@@ -1,0 +1,149 @@
+"""Runtime assurance: overruns, hysteresis, and the policy that both make."""
+
+import numpy as np
+import pytest
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.task.assurance import (
+    Guard,
+    Hysteresis,
+    Region,
+    initial_guard,
+    step_guard,
+)
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+
+NAMES = ObservationLayout(2).names
+STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]
+HIP = NAMES.index("DoF Pos FL Hip")
+
+
+def region_of_two():
+    """The hip is within ±1 in state 0 and exactly 3 in state 1; all else is within ±10."""
+    lower, upper = np.full((2, 49), -10.0), np.full((2, 49), 10.0)
+    lower[:, HIP], upper[:, HIP] = (-1.0, 3.0), (1.0, 3.0)
+    return Region(NAMES, lower, upper)
+
+
+def observing(hip, state=0):
+    observation = np.zeros(49)
+    observation[HIP] = hip
+    observation[STATES[state]] = 1.0
+    return observation
+
+
+def test_overruns_are_in_widths_of_the_box_of_the_machines_state():
+    observation = np.array([[observing(1.0), observing(-1.5)], [observing(3.0, 1), observing(2.0)]])
+    region = region_of_two()
+    np.testing.assert_allclose(region.overrun(observation), [[0.0, 0.25], [0.0, 0.5]])
+    assert region.overruns(observation).shape == (2, 2, 49)
+    assert region.overruns(observation)[0, 1].argmax() == HIP
+    assert region.overrun(observing(2.9, 1)) == np.inf
+    assert region.overrun(observing(np.nan)) == np.inf
+
+
+def decisions(overruns, hysteresis):
+    guard, acts = initial_guard((1,)), ""
+    for overrun in overruns:
+        guard = step_guard(guard, np.array([overrun]), hysteresis)
+        acts += "E" if guard.expert_acts[0] else "S"
+    return acts
+
+
+@pytest.mark.parametrize(
+    ("overruns", "acts"),
+    [
+        ([0.0, 0.2, 0.21, 0.0, 0.0, 0.0, 0.0], "SSEEESS"),
+        ([0.3, 0.0, 0.0, 0.15, 0.0, 0.0, 0.0], "EEEEEES"),
+        ([0.15, 0.15, np.nan, 0.1, 0.1, 0.1], "SSEEES"),
+    ],
+)
+def test_the_expert_is_called_at_once_and_let_go_when_calm_for_a_while(overruns, acts):
+    assert decisions(overruns, Hysteresis(0.2, 0.1, return_steps=3)) == acts
+
+
+def test_robots_are_guarded_each_for_itself():
+    generator = np.random.default_rng(4)
+    overruns = generator.exponential(0.1, size=(60, 5))
+    hysteresis = Hysteresis(0.2, 0.1, return_steps=4)
+    guard, together = initial_guard((5,)), []
+    for overrun in overruns:
+        guard = step_guard(guard, overrun, hysteresis)
+        together.append(guard.expert_acts)
+    for robot in range(5):
+        alone = decisions(overruns[:, robot], hysteresis)
+        assert alone == "".join("E" if acts else "S" for acts in np.array(together)[:, robot])
+
+
+def test_limits_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match=r"return_limit is 0.3; give one of at most limit = 0.2"):
+        Hysteresis(0.2, 0.3)
+    with pytest.raises(InputError, match="return_steps is 0; it must be 1 or more"):
+        Hysteresis(0.2, 0.1, return_steps=0)
+
+
+def test_regions_that_cannot_be_are_refused():
+    corner = np.zeros((2, 49))
+    with pytest.raises(InputError, match="give 2 states of 49 observations"):
+        Region(NAMES, corner[:1], corner[:1])
+    upper = corner.copy()
+    upper[1, HIP] = -1.0
+    with pytest.raises(InputError, match="'DoF Pos FL Hip' in state 1 goes from 0 to -1"):
+        Region(NAMES, corner, upper)
+
+
+@pytest.fixture
+def assured(trot, make_policy):
+    hysteresis = Hysteresis(0.2, 0.1, return_steps=2)
+    return AssuredPolicy(make_policy(trot, 1), make_policy(trot, 2), region_of_two(), hysteresis)
+
+
+def test_each_robot_is_moved_by_whom_its_own_observations_call(assured):
+    first = np.array([observing(0.0), observing(5.0), observing(0.5)])
+    turn = assured.advance(0, first, assured.begin(3))
+    assert turn.expert_acts.tolist() == [False, True, False]
+    expected = assured.student(first)
+    expected[1] = assured.expert(first[1])
+    np.testing.assert_allclose(turn.action, expected, atol=1e-12)
+    calm = np.array([observing(0.0)] * 3)
+    turn = assured.advance(1, calm, turn.guard)
+    assert turn.expert_acts.tolist() == [False, True, False]
+    assert not assured.advance(2, calm, turn.guard).expert_acts.any()
+    # A robot that starts anew is told what `begin` tells; the others go on.
+    reset = Guard(*(np.where([False, True, False], 0, part) for part in turn.guard))
+    assert not assured.advance(2, calm, reset).expert_acts.any()
+
+
+def test_the_same_guards_give_the_same_turn(assured):
+    observation, guard = np.array([observing(5.0), observing(0.0)]), assured.begin(2)
+    first, again = (assured.advance(0, observation, guard) for _ in range(2))
+    np.testing.assert_array_equal(first.action, again.action)
+    assert not guard.expert_acts.any() and not guard.calm_steps.any()
+
+
+def test_settings_tell_regions_and_limits_apart(assured):
+    region = region_of_two()
+    other = Region(NAMES, region.lower - 1.0, region.upper)
+    told = [
+        AssuredPolicy(assured.expert, assured.student, own, Hysteresis(limit, 0.1)).settings()
+        for own, limit in [(region, 0.2), (other, 0.2), (region, 0.3), (region, 0.2)]
+    ]
+    assert told[0] == told[3]
+    assert told[0] != told[1] != told[2] != told[0]
+
+
+def test_a_region_of_another_gait_is_refused(assured, make_policy):
+    walk = make_policy(load_gait("walk"))
+    with pytest.raises(InputError, match="other observations than the student's"):
+        AssuredPolicy(walk, walk, assured.region, assured.hysteresis)
+
+
+def test_a_schedule_tells_who_acts(trot, make_policy):
+    policy = AlternatingPolicy(make_policy(trot, 1), make_policy(trot, 2), period=2)
+    observation, guard = np.array([observing(0.0)] * 2), policy.begin(2)
+    turns = [policy.advance(step, observation, guard) for step in range(2)]
+    assert [turn.expert_acts.tolist() for turn in turns] == [[True, True], [False, False]]
+    np.testing.assert_array_equal(turns[1].action, policy.student(observation))

@@ -1,0 +1,255 @@
+"""Runtime assurance measured: regions, limits, warnings, rescues, tables, and the command."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.library import load_student
+from glassgait.models.task.assurance import Hysteresis, Region
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.assurance.calibration import choose_hysteresis, guarded, make_region
+from glassgait.studies.assurance.figures import draw_calls
+from glassgait.studies.assurance.foretelling import LEADS, rescues, warnings_of
+from glassgait.studies.assurance.study import Calibration, Pair, period_of, roll_out_all
+from glassgait.studies.assurance.tables import acting_title, assurance_table, readable_table
+from glassgait.studies.assurance.visits import Visits, joined, visit
+from glassgait.studies.cli import main
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.scores import SCORES
+
+NAMES = ObservationLayout(2).names
+STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]
+HIP, SPEED, COMMAND = (
+    NAMES.index(name) for name in ("DoF Pos FL Hip", "Base Lin Vel Y", "Command X")
+)
+
+
+def seen(hip, state):
+    """Makes visits of robots that stayed up from what their hips were (T, n)."""
+    observation = np.zeros((*hip.shape, 49))
+    observation[..., HIP] = hip
+    for index, entry in enumerate(STATES):
+        observation[..., entry] = state == index
+    return Visits(observation, [], np.full(hip.shape[1], len(hip)))
+
+
+def test_a_region_bounds_each_state_but_leaves_commands_their_range(trot, generator):
+    hip = generator.uniform(0.0, 1.0, (4000, 2))
+    state = np.arange(4000)[:, None] % 2 + np.zeros((1, 2))
+    region = make_region(trot, seen(hip + 5.0 * state, state), quantile=0.01)
+    np.testing.assert_allclose(region.lower[:, HIP], [0.01, 5.01], atol=0.01)
+    np.testing.assert_allclose(region.upper[:, HIP], [0.99, 5.99], atol=0.01)
+    assert (region.lower[0, COMMAND], region.upper[0, COMMAND]) == (-1.0, 1.0)
+    whole = make_region(trot, seen(hip + 5.0 * state, state), quantile=0.01, kind="whole")
+    assert whole.lower[0, HIP] == whole.lower[1, HIP] < 0.1
+    assert whole.upper[0, HIP] == whole.upper[1, HIP] > 5.9
+
+
+def test_what_fell_robots_saw_bounds_nothing(trot):
+    hip = np.array([[0.0, 0.0], [1.0, 9.0], [1.0, 9.0]])
+    visits = replace(seen(hip, np.zeros((3, 2))), fell=np.array([3, 0]))
+    assert make_region(trot, visits, quantile=0.0).upper[0, HIP] == 1.0
+
+
+def test_robots_of_several_walks_stand_side_by_side(trot):
+    first, second = (
+        seen(np.ones((4, 2)), np.zeros((4, 2))),
+        seen(np.full((4, 1), 3.0), np.ones((4, 1))),
+    )
+    both = joined([first, replace(second, fell=np.array([2]))])
+    assert both.observation.shape == (4, 3, 49)
+    assert both.fallen.tolist() == [2]
+    region = make_region(trot, both, quantile=0.0)
+    assert region.upper[:, HIP].tolist() == [1.0, 3.0]
+
+
+def test_in_a_state_that_no_robot_was_in_everything_is_outside(trot):
+    region = make_region(trot, seen(np.ones((5, 1)), np.zeros((5, 1))), quantile=0.0)
+    observation = np.zeros(49)
+    observation[[HIP, STATES[1]]] = 1.1, 1.0
+    assert region.overrun(observation) == np.inf
+
+
+def test_the_limit_is_the_least_that_calls_the_expert_in_a_share_of_steps(generator):
+    overrun = generator.exponential(0.05, (500, 8))
+    alive = np.ones((500, 8), dtype=bool)
+    for calls in (0.02, 0.2):
+        found = choose_hysteresis(overrun, alive, calls, return_steps=5)
+        assert guarded(overrun, found).mean() <= calls
+        smaller = replace(found, limit=0.98 * found.limit, return_limit=0.49 * found.limit)
+        assert guarded(overrun, smaller).mean() > 0.95 * calls
+        assert found.return_limit == found.limit / 2
+    assert choose_hysteresis(np.zeros((5, 2)), alive[:5, :2], 0.05, 5).limit == 0.0
+
+
+def test_warnings_count_the_steps_without_a_gap_before_a_fall():
+    region = Region(NAMES, np.full((2, 49), -1.0), np.full((2, 49), 1.0))
+    observation = np.zeros((10, 3, 49))
+    observation[1, 0, HIP] = 3.0
+    observation[6:, 0, SPEED] = 3.0
+    observation[6:, 1, SPEED] = 3.0
+    visits = Visits(observation, [], np.array([8, 10, 5]))
+    found = warnings_of(visits, region, Hysteresis(0.5, 0.2, return_steps=2))
+    assert found.to_numpy().tolist() == [[0, 8, 3, "base velocity"], [2, 5, 0, "none"]]
+
+
+def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
+    alone = AlternatingPolicy(expert, load_student("trot", "page"), period=0)
+    world = Scenario(pushes=Pushes(speed=4.0, interval=0.5))
+    visits = visit(trot, alone, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
+    fallen = len(visits.fallen)
+    assert fallen > 1
+    averted = rescues(trot, AlternatingPolicy(expert), world, visits, seed=1)
+    assert averted["lead"].tolist() == list(LEADS)
+    # Later pushes are left out: who is taken back to before the one that felled it stays up.
+    assert averted["rescued"].iloc[0] < fallen
+    assert averted["rescued"].iloc[-1] > averted["rescued"].iloc[0]
+    assert (averted["rescued"] <= averted["falls"]).all() and (averted["falls"] <= fallen).all()
+
+
+def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot, tmp_path):
+    student = load_student("trot", "page")
+    upper = np.full((2, 49), 100.0)
+    upper[:, SPEED] = 0.3
+    region = Region(NAMES, -upper, upper)
+    pair = Pair(trot, expert, student, "page")
+    calibration = Calibration(region, {0.05: Hysteresis(0.05, 0.02, 3)}, *[pd.DataFrame()] * 3)
+    config = RolloutConfig(n_robots=2, n_steps=40, n_seeds=1)
+    scores = roll_out_all(pair, calibration, {"training": Scenario()}, config, tmp_path, 1)
+    assured = AssuredPolicy(expert, student, region, calibration.hysteresis[0.05])
+    observation = visit(trot, assured, Scenario(), config).observation
+    called = guarded(region.overrun(observation), calibration.hysteresis[0.05]).mean(axis=0)
+    table = scores.set_index(["policy", "robot"])["expert_share"]
+    np.testing.assert_allclose(table["assured_0.05"], called)
+    assert 0.0 < called.mean() < 1.0
+    assert table["expert"].eq(1.0).all() and table["page"].eq(0.0).all()
+    # The schedule has as many calls, or a few more.
+    assert table["schedule_0.05"].mean() >= called.mean()
+
+
+@pytest.mark.parametrize(("called", "period"), [(0.0, 0), (0.05, 20), (0.051, 19), (1.0, 1)])
+def test_the_schedule_calls_as_often_or_more_often(called, period):
+    assert period_of(called) == period
+
+
+def scores_of(falls):
+    rows = []
+    for policy, (fallen, called) in falls.items():
+        for robot in range(10):
+            fell = robot < fallen
+            row = dict.fromkeys(SCORES, 1.0) | {"policy": policy, "scenario": "training"}
+            row |= {"robot": robot, "fell": fell, "steps": 10 if fell else 100}
+            rows.append(row | {"expert_share": 0.5 if fell else called})
+    return pd.DataFrame(rows)
+
+
+@pytest.fixture
+def table():
+    falls = {"expert": (1, 1.0), "page": (4, 0.0), "assured_0.05": (2, 0.05)}
+    return assurance_table(scores_of(falls | {"schedule_0.05": (3, 0.05)}), {"training": "home"})
+
+
+def test_calls_are_counted_by_steps_and_falls_beside_the_experts(table):
+    row = table.set_index("policy").loc["assured_0.05"]
+    assert row["called"] == pytest.approx((2 * 10 * 0.5 + 8 * 100 * 0.05) / 820)
+    assert row["points_more"] == pytest.approx(10.0)
+    assert row["fall_rate_low"] < 0.2 < row["fall_rate_high"]
+    assert readable_table(table)["policy"].tolist() == [
+        "Neural expert",
+        "Page of formulas",
+        "Assured, 5 % at home",
+        "Schedule, as many as assured, 5 %",
+    ]
+    assert acting_title("assured_0.015") == "Assured, 1.5 % at home"
+
+
+def test_the_figure_sets_falls_against_calls(table):
+    (axes,) = draw_calls(table, {"training": "home"}).axes
+    assert axes.get_title() == "home: 10 robots"
+    points = {
+        container.get_label(): container.lines[0].get_xydata().tolist()
+        for container in axes.containers
+    }
+    assert points["outside of the region"] == [[pytest.approx(50 / 820), 0.2]]
+    assert points["student"][0][1] == 0.4
+    (expert,) = [line for line in axes.lines if line.get_label() == "expert"]
+    assert expert.get_ydata()[0] == pytest.approx(0.1)
+
+
+@pytest.fixture
+def run(tmp_path):
+    small = ["--n-robots", "2", "--n-steps", "30", "--home-robots", "2", "--pushed-robots", "2"]
+    folder = tmp_path / "run"
+
+    def start(*more):
+        worlds = ["--worlds", "training", "--n-workers", "1", "--output", str(folder)]
+        main(["assurance", *small, *worlds, *more])
+        return folder
+
+    return start
+
+
+@pytest.mark.slow
+def test_command_writes_all_and_resumes(run, monkeypatch):
+    folder = run()
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    tables = ("worlds", "foretelling", "warnings", "rescues")
+    wanted = {f"{stem}.{end}" for stem in tables for end in ("csv", "md")}
+    wanted |= {f"{stem}.{end}" for stem in ("calls", "pushed_robot") for end in ("png", "pdf")}
+    wanted |= {"config.yaml", "metrics.json", "calibration.json", "pushed_robot.json", "rollouts"}
+    assert names == wanted | {"region_q0.yaml", "region_q1.yaml"}
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert [row["policy"] for row in metrics["worlds"]] == [
+        "expert",
+        "page",
+        "assured_0.02",
+        "schedule_0.02",
+    ]
+
+    def never(*_, **__):
+        raise AssertionError("made anew")
+
+    for module, name in [("study", "visit"), ("pushed_robot", "record")]:
+        monkeypatch.setattr(f"glassgait.studies.assurance.{module}.{name}", never)
+    monkeypatch.setattr("glassgait.studies.rollouts.jobs.roll_out", never)
+    before = (folder / "metrics.json").read_bytes()
+    (folder / "metrics.json").unlink()
+    assert (run("--resume") / "metrics.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--calls", "0"], "calls is (0.0,); it must be more than 0"),
+        (["--calls", "1.5"], "calls is (1.5,); it must be 1 or less"),
+        (["--quantile", "0.5"], "quantile is 0.5; it must be less than 0.5"),
+        (["--return-steps", "0"], "return_steps is 0; it must be 1 or more"),
+        (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
+        (["--gait", "walk"], "no student 'page' of the walk ships"),
+        (["--worlds", "moon"], "moon"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):
+    folder = tmp_path / "run"
+    assert told in refused(["assurance", *arguments, "--output", str(folder)])
+    assert not folder.exists()
+
+
+def test_the_walk_has_a_box_for_each_of_its_states():
+    walk = load_gait("walk")
+    observation = np.zeros((8, 1, 51))
+    names = ObservationLayout(4).names
+    first = names.index("RM State 0")
+    for step in range(8):
+        observation[step, 0, first + step % 4] = 1.0
+    observation[..., names.index("Command RM Iters")] = 0.8
+    region = make_region(walk, Visits(observation, [], np.array([8])), quantile=0.0)
+    assert region.lower.shape == (4, 51)
+    np.testing.assert_array_equal(region.overrun(observation), np.zeros((8, 1)))
