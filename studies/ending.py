@@ -57,8 +57,7 @@ def told_plainly() -> Iterator[None]:
         print(file=sys.stderr)
         _end(f"{_SIGNALS[number]}; what was finished is kept", 128 + number)
     except BrokenPipeError:
-        # Python flushes the output once more when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         sys.exit(BROKEN_PIPE)
     except Exception as error:
         sentence = sentence_of(error)
@@ -161,9 +160,18 @@ def _open_streams() -> None:
 
 def _end(sentence: str, code: int) -> NoReturn:
     end_at_once_from_now_on()
-    sys.stdout.flush()
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # A full disk, which the sentence tells, refuses what is left as well.
+        _drop_output()
     print(f"glassgait: {_on_one_line(sentence)}", file=sys.stderr)
     sys.exit(code)
+
+
+def _drop_output() -> None:
+    """Has what was printed and not yet written go nowhere: Python writes it when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _on_one_line(sentence: str) -> str:

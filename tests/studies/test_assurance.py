@@ -232,7 +232,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--quantile", "0.5"], "quantile is 0.5; it must be less than 0.5"),
         (["--return-steps", "0"], "return_steps is 0; it must be 1 or more"),
         (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
-        (["--gait", "walk"], "no student 'page' of the walk ships"),
+        (["--gait", "three_one"], "no student 'page' of the three_one ships"),
         (["--worlds", "moon"], "moon"),
     ],
 )

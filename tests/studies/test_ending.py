@@ -120,13 +120,15 @@ def test_a_reader_that_wants_no_more_is_left_in_silence(command):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("command", [["gait", "trot"], ["--help"]])
-def test_a_full_disk_is_told(command):
+def test_a_full_disk_is_told(command, unbuffered):
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(
             [sys.executable, "-m", "glassgait.studies.cli", *command],
             stdout=full,
             stderr=subprocess.PIPE,
+            env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
             text=True,
             check=False,
         )
