@@ -31,6 +31,13 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
+"""Files that take longest: side by side with others they come first, lest one be waited for."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.stem not in LONGEST)
+
 
 @pytest.fixture
 def trot() -> Gait:
