@@ -176,12 +176,18 @@ class BatchSimulator:
         plant = np.where(lost[:, None], s.plant, plant)
         action = np.where(lost[:, None], s.action, action)
 
+        steps = s.steps + 1
+        joint_noise = task.randomization.joint_noise(self.n_robots, self.generator)
+        push = self._draw_push()
+        # A new command holds from the instant at which the step ends, for the machine too.
+        command = self._commanded(s, steps)
+
         feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
         machine = self.machine.step(
             s.machine,
             foot_contact=task.randomization.sensed_contact(feet.contact, self.generator),
             foot_height=self._sensed_height(feet, s.estimate),
-            commanded_dwell=s.command.dwell,
+            commanded_dwell=command.dwell,
             difficulty=self.difficulty,
         )
         reward = step_reward(
@@ -189,28 +195,28 @@ class BatchSimulator:
             previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
             action=action,
             previous_action=s.action,
-            command=s.command.velocity,
+            command=command.velocity,
             foot_contact=feet.contact,
             air_time=s.air_time,
             tracked=s.tracked,
             weights=self._weights,
         )
         plain = np.where(lost, 0.0, reward.plain)
-        steps = s.steps + 1
         after = TaskState(
             plant=plant,
-            command=s.command,
+            command=command,
             machine=machine.machine,
             touching=feet.touching,
             air_time=reward.air_time,
             tracked=reward.tracked,
             action=action,
-            joint_noise=task.randomization.joint_noise(self.n_robots, self.generator),
+            joint_noise=joint_noise,
             latency=s.latency,
             estimate=s.estimate,
             steps=steps,
         )
-        self._state = self._estimated(self._disturbed(after))
+        # A push comes between two steps: the next observation shows it.
+        self._state = self._estimated(after.pushed(push))
         return BatchStep(
             reward=plain * machine.multiplier,
             plain_reward=plain,
@@ -222,15 +228,18 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
-    def _disturbed(self, state: TaskState) -> TaskState:
-        # Pushes and new commands come between two steps: the next observation shows both.
+    def _draw_push(self) -> Array:
         randomization = self.task.randomization
-        if randomization.push_speed > 0:
-            state = state.pushed(randomization.pushes(self.n_robots, self.generator))
-        due = np.flatnonzero(state.steps % COMMAND_STEPS == 0)
+        if randomization.push_speed == 0:
+            return np.zeros((self.n_robots, 3))
+        return randomization.pushes(self.n_robots, self.generator)
+
+    def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
+        """Returns what is commanded once each robot's control steps (n,) are over."""
+        due = np.flatnonzero(steps % COMMAND_STEPS == 0)
         if len(due):
             state = state.with_commands(due, self._draw_commands(len(due)))
-        return state
+        return state.command
 
     def _draw_commands(self, count: int) -> Command:
         match self.task.command:

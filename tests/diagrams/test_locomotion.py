@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from glassgait.diagrams import batch
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
@@ -23,9 +24,12 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
+from glassgait.systems import command as command_system
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
+COMMAND_OF_ONE = Command(np.array([[0.4, 0.2]]), np.array([7.0]))
 N_STEPS = 200
 LOOPED = """
 description: A machine with edges side by side and one that returns to its state.
@@ -45,6 +49,7 @@ TOLERANCE = 1e-9
 
 
 def batch_of_one(gait, state, command, scenario, estimator):
+    """Starts one robot in a state (37) with a command."""
     task = TaskConfig.of_scenario(gait, scenario)
     simulator = BatchSimulator(
         task,
@@ -53,22 +58,23 @@ def batch_of_one(gait, state, command, scenario, estimator):
         generator=np.random.default_rng(0),
         estimator=None if scenario.true_body_state else estimator,
     )
-    simulator.start_at(
-        state[None],
-        Command(np.array([[command.speed, command.yaw_rate]]), np.array([float(command.dwell)])),
-    )
+    simulator.start_at(state[None], command)
     return simulator
 
 
 def assert_agreement(gait, policy, scenario=CALM):
     """Plays a scenario in both executions and returns how often the machine's state changed."""
-    command = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
-    scenario = replace(scenario, command=command)
+    scenario = replace(scenario, command=COMMAND)
     (state,) = QUIET.initial_states(1, np.random.default_rng(5))
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     estimator = getattr(policy, "estimator", None)
-    simulator = batch_of_one(gait, state, command, scenario, estimator)
+    simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, estimator)
+    return assert_same_steps(simulator, rollout, policy)
+
+
+def assert_same_steps(simulator, rollout, policy):
+    """Steps the batch beside a recorded diagram; returns how often the machine's state changed."""
 
     def close(found, port, step):
         np.testing.assert_allclose(
@@ -146,6 +152,27 @@ def test_they_agree_in_every_world(world):
     assert assert_agreement(load_gait("trot"), load_expert("trot"), WORLDS[world]) > 5
 
 
+def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):
+    # The rhythm changes with the command: the machine must serve the same one in both.
+    every, seed = 25, 3
+    for module in (batch, command_system):
+        monkeypatch.setattr(module, "COMMAND_STEPS", every)
+    policy = load_expert("trot")
+    scenario = replace(CALM, command=DrawnCommands())
+    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    diagram = MakeLocomotion(trot, scenario, policy=policy)
+    rollout = record(
+        make_simulator(diagram, state=state, seed=seed), N_STEPS, stop_on_failure=False
+    )
+    begins = range(0, N_STEPS + 1, every)
+    commands, dwells = rollout["command"], rollout["commanded_dwell"]
+    drawn = (Command(commands[step][None], dwells[step]) for step in begins)
+    simulator = batch_of_one(trot, state, next(drawn), scenario, policy.estimator)
+    monkeypatch.setattr(simulator, "_draw_commands", lambda count: next(drawn))
+    assert len(set(rollout["commanded_dwell"][:, 0])) > 2
+    assert assert_same_steps(simulator, rollout, policy) > 10
+
+
 def test_they_agree_while_expert_and_student_act_under_assurance(trot):
     expert, student = load_expert("trot"), load_student("trot", "page")
     names = expert.observation_names
@@ -154,12 +181,11 @@ def test_they_agree_while_expert_and_student_act_under_assurance(trot):
     upper[:, names.index("Base Lin Vel Y")] = 0.1
     hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
     policy = AssuredPolicy(expert, student, Region(names, -upper, upper), hysteresis)
-    command = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
-    scenario = replace(CALM, command=command)
+    scenario = replace(CALM, command=COMMAND)
     (state,) = QUIET.initial_states(1, np.random.default_rng(5))
     diagram = MakeLocomotion(trot, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
-    simulator = batch_of_one(trot, state, command, scenario, policy.estimator)
+    simulator = batch_of_one(trot, state, COMMAND_OF_ONE, scenario, policy.estimator)
     guard = policy.begin(1)
     for step in range(N_STEPS + 1):
         observation = simulator.observe()
