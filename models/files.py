@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from glob import escape
 from pathlib import Path
@@ -210,6 +210,22 @@ def read_record(path: Path, of: str | None = None) -> Any:
         raise InputError(f"{path}: is damaged; delete it, and --resume makes it anew")
     refuse_another(path, theirs, of)
     return values
+
+
+def record_or_made(path: Path, make: Callable[[], Any], *, of: str) -> Any:
+    """Returns what a run kept before, or makes it and keeps it.
+
+    Args:
+        path: The file.
+        make: Returns what JSON can hold, and may take long.
+        of: What it is of: the run and the part of it.
+
+    Raises:
+        InputError: if the file is damaged, or of something else.
+    """
+    if not path.exists():
+        write_record(path, make(), of=of)
+    return read_record(path, of=of)
 
 
 def refuse_another(path: Path, theirs: Any, of: str | None) -> None:

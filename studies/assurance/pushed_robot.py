@@ -13,7 +13,7 @@ from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
-from glassgait.models.files import read_record, write_record
+from glassgait.models.files import record_or_made
 from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -49,9 +49,7 @@ def push_one(pair: Pair, calibration: Calibration, path: Path, *, of: str) -> di
         the trunk's `height` (m), the `overrun` and `expert_acts`, a value a control instant, and
         whether it `fell`.
     """
-    if not path.exists():
-        write_record(path, _push_one(pair, calibration), of=of)
-    return read_record(path, of=of)
+    return record_or_made(path, lambda: _push_one(pair, calibration), of=of)
 
 
 def _push_one(pair: Pair, calibration: Calibration) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.files import read_record, write_record
+from glassgait.models.files import record_or_made
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
 from glassgait.models.policies.neural import NeuralPolicy
@@ -161,14 +161,15 @@ def calibrate_once(
         quantile: See `calibrate`.
         return_steps: See `calibrate`.
     """
-    if not path.exists():
+
+    def made() -> dict[str, Any]:
         # Where the expert walks at home the student may take over again: without those visits the
         # expert, once called, would hardly ever be let go.
         home = joined(
             [visit(pair.gait, policy, worlds[0], configs[0]) for policy in pair.alone.values()]
         )
         pushed = visit(pair.gait, pair.alone[pair.name], worlds[1], configs[1])
-        made = calibrate(
+        return calibrate(
             pair,
             home,
             pushed,
@@ -177,9 +178,10 @@ def calibrate_once(
             quantile=quantile,
             return_steps=return_steps,
             seed=configs[1].seed,
-        )
-        write_record(path, made.to_plain(), of=of)
-    return Calibration.from_plain(read_record(path, of=of), pair.student.observation_names)
+        ).to_plain()
+
+    kept = record_or_made(path, made, of=of)
+    return Calibration.from_plain(kept, pair.student.observation_names)
 
 
 def assured_name(calls: float) -> str:

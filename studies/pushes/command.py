@@ -1,9 +1,8 @@
 """`glassgait pushes`: which pushes each policy survives."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import tyro
@@ -12,13 +11,13 @@ from annotated_types import Ge, Gt, Le, MinLen
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console, progress_bar
+from glassgait.studies.console import console
+from glassgait.studies.each_policy import measure_each
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pushes.basin import PushGrid, failure_counts, push_everywhere
 from glassgait.studies.pushes.figures import push_figure
@@ -115,7 +114,13 @@ class PushBasin(Settings):
         folder = self.output or Path("runs/pushes") / gait.name
         run = {"study": "pushes", "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run) as identity:
-            basins = self._push(gait, walkers, folder, identity)
+            records = measure_each(
+                walkers, lambda walker: self._push(gait, walker), folder, of=identity
+            )
+            basins = {
+                name: Basin(self._grid(), np.array(kept["survived"]), kept["failures"])
+                for name, kept in records.items()
+            }
             table = summary_table(basins)
             write_table(table, folder / "summary")
             write_table(push_table(basins), folder / "pushes")
@@ -128,33 +133,17 @@ class PushBasin(Settings):
         directions = 2.0 * np.pi * np.arange(self.n_directions) / self.n_directions
         return PushGrid(directions, np.array(self.speeds), self.n_phases)
 
-    def _push(
-        self,
-        gait: Gait,
-        walkers: Mapping[str, AlternatingPolicy],
-        folder: Path,
-        identity: str,
-    ) -> dict[str, Basin]:
-        """Pushes the robots of each policy, but for those whose results the folder holds."""
-        grid, world, basins = self._grid(), Scenario(command=self.command), {}
-        with progress_bar(len(walkers)) as (progress, bar):
-            for name, walker in walkers.items():
-                progress.update(bar, text=name)
-                path, of = folder / "policies" / f"{name}.json", f"{identity} {name}"
-                if not path.exists():
-                    n_steps = round(self.seconds / CONTROL_PERIOD)
-                    pushed = push_everywhere(
-                        gait, walker, world, grid, n_steps=n_steps, seed=self.seed
-                    )
-                    record = {
-                        "survived": pushed.survived.sum(axis=2).tolist(),
-                        "failures": failure_counts(pushed),
-                    }
-                    write_record(path, record, of=of)
-                kept = read_record(path, of=of)
-                basins[name] = Basin(grid, np.array(kept["survived"]), kept["failures"])
-                progress.update(bar, advance=1)
-        return basins
+    def _push(self, gait: Gait, walker: AlternatingPolicy) -> dict[str, Any]:
+        pushed = push_everywhere(
+            gait,
+            walker,
+            Scenario(command=self.command),
+            self._grid(),
+            n_steps=round(self.seconds / CONTROL_PERIOD),
+            seed=self.seed,
+        )
+        survived = pushed.survived.sum(axis=2).tolist()
+        return {"survived": survived, "failures": failure_counts(pushed)}
 
     def _told(self, gait: Gait) -> str:
         return (

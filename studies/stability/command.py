@@ -10,13 +10,13 @@ import tyro
 from annotated_types import Gt, Le, MinLen
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console, progress_bar
+from glassgait.studies.console import console
+from glassgait.studies.each_policy import measure_each
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.run_folder import open_run
@@ -102,7 +102,9 @@ class Stability(Settings):
         folder = self.output or Path("runs/stability") / gait.name
         run = {"study": "stability", "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run) as identity:
-            results = self._analyse(gait, walkers, commands, folder, identity)
+            results = measure_each(
+                walkers, lambda walker: self._analyse(gait, walker, commands), folder, of=identity
+            )
             _write(results, gait, folder)
         print_table(f"{gait.name}: the stride map", summary_table(results))
         console.print(f"written to {folder}")
@@ -123,32 +125,13 @@ class Stability(Settings):
         values = np.array(grid, dtype=float)
         return Command(values[:, :2], values[:, 2])
 
-    def _analyse(
-        self,
-        gait: Gait,
-        walkers: Mapping[str, AlternatingPolicy],
-        commands: Command,
-        folder: Path,
-        identity: str,
-    ) -> dict[str, list[Any]]:
-        """Analyses each policy, but for those whose results the folder holds already."""
-        results = {}
-        with progress_bar(len(walkers)) as (progress, bar):
-            for name, walker in walkers.items():
-                progress.update(bar, text=name)
-                path = folder / "policies" / f"{name}.json"
-                of = f"{identity} {name}"
-                if not path.exists():
-                    records = analyse(
-                        StrideMap(gait, walker, commands),
-                        n_strides=self.n_strides,
-                        step_sizes=self.step_sizes,
-                        seed=self.seed,
-                    )
-                    write_record(path, records, of=of)
-                results[name] = read_record(path, of=of)
-                progress.update(bar, advance=1)
-        return results
+    def _analyse(self, gait: Gait, walker: AlternatingPolicy, commands: Command) -> list[Any]:
+        return analyse(
+            StrideMap(gait, walker, commands),
+            n_strides=self.n_strides,
+            step_sizes=self.step_sizes,
+            seed=self.seed,
+        )
 
 
 def _write(results: Mapping[str, list[Any]], gait: Gait, folder: Path) -> None:
