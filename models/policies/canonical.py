@@ -3,7 +3,7 @@
 Two trees may say the same, such as x + (-2)·y and x - 2·y. A formula in canonical form is the tree
 that its own text reads back as, so that writing and reading change nothing. Canonical form changes
 no value, not even in its last digit, since it moves nothing but signs; of a zero alone it may
-change the sign.
+change the sign, and so of what is divided by it.
 """
 
 from glassgait.models.policies.expression import Expression, constant
@@ -19,7 +19,7 @@ def canonical(formula: Expression) -> Expression:
     match formula.operator, operands:
         case "constant", _:
             # There is no zero below zero in a text.
-            return constant(formula.value + 0.0)
+            return formula if formula.value else constant(0.0)
         case "neg", (inner,):
             return negative(inner)
         case "mul", (left, right) if is_negative(right):
@@ -31,7 +31,10 @@ def canonical(formula: Expression) -> Expression:
         case "variable", _:
             return formula
         case operator, _:
-            return Expression(operator, operands)
+            # What is canonical already stays the same object, with what it knows of itself.
+            pairs = zip(operands, formula.operands, strict=True)
+            same = all(own is before for own, before in pairs)
+            return formula if same else Expression(operator, operands)
 
 
 def negative(formula: Expression) -> Expression:

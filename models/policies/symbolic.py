@@ -5,7 +5,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import reduce
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -55,14 +55,11 @@ class FormulaPolicy(Policy):
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
             shape = self._refuse_other_shape(expressions)
-            for place in np.ndindex(*shape):
-                formula: Any = reduce(lambda entries, index: entries[index], place, expressions)
-                with _naming_the_formula(place):
-                    refuse_unfit(formula, len(self.vocabulary.symbols))
-                    # A sign that has moved may stand one deeper.
-                    refuse_unfit(canonical(formula), len(self.vocabulary.symbols))
+            self._refuse_unfit(expressions, shape)
+            self.expressions = _nested(canonical, expressions)
+            # A sign that has moved may stand one deeper.
+            self._refuse_unfit(self.expressions, shape)
             self.mirror = None if mirror is None else self._refuse_other_states(mirror)
-        self.expressions = _nested(canonical, expressions)
         self._units = RobotUnits.of(self.observation_names)
 
     @property
@@ -77,9 +74,12 @@ class FormulaPolicy(Policy):
     def quantities(self, observation: Array) -> Array:
         """Evaluates all variables of the formulas (..., k) where a robot observes (..., n)."""
         observed = self._units.quantities(observation)
-        n = len(self.observation_names)
+        return np.concatenate([observed, self._defined(observed)], axis=-1)
+
+    @cached_property
+    def _defined(self) -> Tape:
         formulas = [definition.formula for definition in self.vocabulary.definitions]
-        return np.concatenate([observed, Tape(formulas, n)(observed)], axis=-1)
+        return Tape(formulas, len(self.observation_names))
 
     def n_terms(self) -> int:
         """Counts the terms of all formulas that the policy's file holds."""
@@ -135,6 +135,12 @@ class FormulaPolicy(Policy):
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
         whole = json.dumps([self.kind, self.gait, self.observation_names, definitions, formulas])
         return hashlib.sha256(whole.encode()).hexdigest()[:16]
+
+    def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:
+        for place in np.ndindex(*shape):
+            formula: Any = reduce(lambda entries, index: entries[index], place, expressions)
+            with _naming_the_formula(place):
+                refuse_unfit(formula, len(self.vocabulary.symbols))
 
     def _targets(self, formulas: Sequence[Expression]) -> Tape:
         """Compiles formulas of the observed quantities."""
