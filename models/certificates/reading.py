@@ -13,6 +13,8 @@ from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import OUTCOMES, Observed, Outcome, Verdict
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import RECORD_BYTES, read_text
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -27,6 +29,7 @@ class Certificate:
         path: Its file.
         gait: Name of the gait.
         states: Names of the machine's states.
+        policy_kind: Kind of the policy.
         policy_file: Name of the policy's file.
         policy_digest: SHA-256 of that file.
         boxes: The boxes by name, "operating" and "physical".
@@ -36,10 +39,16 @@ class Certificate:
     path: Path
     gait: str
     states: tuple[str, ...]
+    policy_kind: str
     policy_file: str
     policy_digest: str
     boxes: Mapping[str, ObservationBox]
     verdicts: tuple[Verdict, ...]
+
+    @property
+    def steps(self) -> bool:
+        """Whether the policy's targets are of tables or trees, which have steps and no slopes."""
+        return self.policy_kind in (AdditivePolicy.kind, BoostedTreesPolicy.kind)
 
     def counts(self) -> dict[Outcome, int]:
         """Counts the claims by what became of them."""
@@ -73,6 +82,7 @@ def read_certificate(path: Path) -> Certificate:
             path,
             str(content["gait"]),
             tuple(map(str, content["states"])),
+            str(content["policy"]["kind"]),
             str(content["policy"]["file"]),
             str(content["policy"]["sha256"]),
             {

@@ -22,7 +22,6 @@ from glassgait.models.certificates.prover import Outcome, Verdict
 from glassgait.models.certificates.question import Targets
 from glassgait.models.certificates.reading import Certificate
 from glassgait.models.certificates.targets import targets_of
-from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -93,14 +92,13 @@ def certificate_panel(
     ships = certificate.path in shipped_certificates()
     own = "" if ships else f" {certificate.path} --policy {policy_file}"
     targets = targets_of(policy)
-    steps = isinstance(policy, AdditivePolicy)
     beyond = overruns(certificate.boxes["operating"], observed)
     return CertificatePanel(
         file=certificate.path.name if ships else str(certificate.path),
         ships=ships,
         checked_by=f"glassgait check{own}",
         counts=certificate.counts(),
-        rows=tuple(_row(verdict, steps) for verdict in certificate.verdicts),
+        rows=tuple(_row(verdict, certificate.steps) for verdict in certificate.verdicts),
         outside=" ".join(
             outside_in_words(name, overruns(box, observed), variables_of(policy, observed).titles)
             for name, box in certificate.boxes.items()
