@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.models.certificates.findings import OUTCOME_WORDS, finding_in_words
+from glassgait.models.certificates.findings import (
+    OUTCOME_WORDS,
+    box_in_words,
+    finding_in_words,
+)
 from glassgait.models.certificates.prover import OUTCOMES
 from glassgait.models.certificates.reading import Certificate
 from glassgait.models.errors import InputError
@@ -78,18 +82,19 @@ def _certified(certificate: Certificate, gait: Gait, folder: Path) -> CertifiedP
 
 
 def claims_by_verdict(certificate: Certificate) -> pd.DataFrame:
-    """Returns a row a claim: its verdict, what it says, and what was found."""
+    """Returns a row a claim: its verdict, what it says, over which box, what was found."""
     rows = [
         {
             "verdict": OUTCOME_WORDS[verdict.outcome],
             "claim": verdict.claim.name,
+            "over the": box_in_words(verdict.claim).removeprefix("over the "),
             "found": finding_in_words(verdict, steps=certificate.steps),
         }
         for outcome in OUTCOMES
         for verdict in certificate.verdicts
         if verdict.outcome == outcome
     ]
-    return pd.DataFrame(rows, columns=["verdict", "claim", "found"])
+    return pd.DataFrame(rows, columns=["verdict", "claim", "over the", "found"])
 
 
 def explanation_page(certificate: Certificate) -> Path | None:
