@@ -8,11 +8,13 @@ import tyro
 from rich.text import Text
 
 from glassgait.models.a1 import robot
+from glassgait.models.certificates.findings import OUTCOME_WORDS
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
-from glassgait.studies.students.library import default_student, find_formulas
+from glassgait.studies.students.certificates import find_certificate
+from glassgait.studies.students.library import default_student, find_formulas, student_file
 from glassgait.studies.students.registry import student_title
 
 
@@ -42,7 +44,8 @@ class Show(Settings):
         """Prints the formulas."""
         gait = load_gait(self.gait)
         name = self.policy or default_student(gait.name, self.distillation)
-        student = find_formulas(name, load_expert(gait, self.expert), self.distillation)
+        expert = load_expert(gait, self.expert)
+        student = find_formulas(name, expert, self.distillation)
         if self.joint is not None:
             robot.joint_index(self.joint)
         lines = student.to_text().splitlines()
@@ -55,6 +58,11 @@ class Show(Settings):
             f"{len(lines)} lines",
             style="dim",
         )
+        certificate = find_certificate(student_file(name, expert, self.distillation), gait)
+        if certificate:
+            counts = certificate.counts().items()
+            told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
+            console.print(f"# Claims about it: {told}; 'glassgait explain' tells them", style="dim")
 
 
 def lines_of_joint(lines: list[str], joint: str) -> list[str]:

@@ -25,6 +25,7 @@ from glassgait.studies.certification.tables import bounds_table, claims_table
 from glassgait.studies.console import console, progress_bar
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.run_folder import digest_of_files, open_run
+from glassgait.studies.students.certificates import CERTIFICATE_NAME, CERTIFICATION_FOLDER
 from glassgait.studies.students.library import (
     default_student,
     load_shipped_students,
@@ -32,8 +33,6 @@ from glassgait.studies.students.library import (
 )
 from glassgait.studies.sweep import WorkersConfig
 from glassgait.studies.tables import print_table, write_metrics, write_table
-
-OUTPUT = Path("runs/certification")
 
 BOX_NAME = "box.yaml"
 
@@ -85,7 +84,7 @@ class Certify(Settings):
         policy = load_policy(path)
         policy.check(gait=gait.name, observation_names=expert.observation_names)
         claims = self._claims(gait)
-        folder = self.output or OUTPUT / gait.name / Path(name).stem
+        folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
         inputs = {
             "gait": gait.digest(),
             "policy": digest(path),
@@ -156,7 +155,7 @@ def _write(
         {**counts, "worst_gap_percent": worst, "seconds": seconds}, folder / "metrics.json"
     )
     written = certificate(prover, verdicts, path)
-    write_atomically(folder / "certificate.json", certificate_text(written))
+    write_atomically(folder / CERTIFICATE_NAME, certificate_text(written))
     print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
     told = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
     console.print(f"{told}; bounds of targets within {worst:.2g} % of the joint's range")

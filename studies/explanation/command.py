@@ -13,13 +13,14 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
+from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
@@ -27,11 +28,17 @@ from glassgait.studies.importance.study import draw_student
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.certificates import find_certificate
+from glassgait.studies.students.library import default_student, student_file
 from glassgait.studies.students.registry import sums_of_terms
+
+EXPLANATION_FOLDER = Path("runs/explanation")
 
 CONFIG = "config.yaml"
 """File beside the page that tells whose it is."""
+
+DIGEST = "policy_sha256"
+"""Key of that file: the digest of the policy's file."""
 
 STEP = 100
 """Step that is shown first, where the rollout lasts so long and a person names none."""
@@ -54,6 +61,8 @@ class Explain(Settings):
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert; the shipped one by default.
+        certificate: Certificate of the policy, whose claims the page shows; by default the one in
+            runs/certification/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.
     """
 
@@ -68,6 +77,7 @@ class Explain(Settings):
     seed: Seed = 0
     distillation: Path | None = None
     expert: Path | None = None
+    certificate: Path | None = None
     output: Path | None = None
 
     def __post_init__(self) -> None:
@@ -85,11 +95,14 @@ class Explain(Settings):
                 f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        student = find_student(policy, expert, self.distillation)
+        path = student_file(policy, expert, self.distillation)
+        student = load_policy(path)
+        student.check(gait=gait.name, observation_names=expert.observation_names)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
+        certificate = find_certificate(path, gait, self.certificate)
         name = Path(policy).stem
-        folder = self.output or Path("runs/explanation") / gait.name / name
+        folder = self.output or EXPLANATION_FOLDER / gait.name / name
         whose = {**to_plain(self), "policy": policy}
         _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"
@@ -123,8 +136,10 @@ class Explain(Settings):
             joint=joint,
             step=step,
             figures=[stem.with_name(f"{stem.name}.png") for stem in (local, *stems)],
+            certificate=certificate
+            and certificate_panel(certificate, student, path, rollout["observations"]),
         )
-        record = yaml.safe_dump({**whose, "step": step}, sort_keys=False)
+        record = yaml.safe_dump({**whose, "step": step, DIGEST: digest(path)}, sort_keys=False)
         write_atomically(folder / CONFIG, record)
         write_atomically(folder / "index.html", page)
         console.print(f"page written to {folder / 'index.html'}")

@@ -17,11 +17,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import entries_of
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.evaluation.tables import policy_title
+from glassgait.studies.explanation.certificate import CertificatePanel
 from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.products import Product, products
+from glassgait.studies.explanation.variables import variables_of
 from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -100,6 +101,7 @@ def render_page(
     joint: int,
     step: int,
     figures: Sequence[Path],
+    certificate: CertificatePanel | None = None,
 ) -> str:
     """Renders the page.
 
@@ -113,6 +115,7 @@ def render_page(
         joint: Joint that is shown first.
         step: Control step that is shown first.
         figures: Figures of that joint, as PNG, in order.
+        certificate: What the policy's certificate says, if it has one.
     """
     known = variables_of(policy, rollout["observations"])
     quantities = _quantities(known.titles, explained)
@@ -130,6 +133,7 @@ def render_page(
         "values": _values(quantities, known.values),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
         "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
+        "certificate": certificate.data if certificate else None,
         "joint": joint,
         "step": step,
     }
@@ -139,41 +143,11 @@ def render_page(
         joint=robot.JOINTS[joint].replace("_", " "),
         additive=any(not term.weights for own in explained for term in own.products),
         formulas=isinstance(policy, FormulaPolicy),
+        certificate=certificate,
         data=_embedded(data),
         replay=_embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
-
-
-@dataclass(frozen=True)
-class Variables:
-    """What a policy's terms are functions of, over a rollout.
-
-    Attributes:
-        titles: Their names (k).
-        units: Their units (k).
-        values: Their values (n_steps, k).
-    """
-
-    titles: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
-
-
-def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
-    """Returns what the terms of a policy are functions of.
-
-    Args:
-        policy: The policy.
-        observations: What it observed (n_steps, n).
-    """
-    entries = entries_of(policy.observation_names)
-    if not isinstance(policy, FormulaPolicy):
-        units = tuple(entry.scaled_unit for entry in entries)
-        return Variables(policy.observation_names, units, observations)
-    notes = (definition.note for definition in policy.vocabulary.definitions)
-    units = (*(entry.unit for entry in entries), *notes)
-    return Variables(policy.vocabulary.symbols, units, policy.quantities(observations))
 
 
 def _quantities(

@@ -18,6 +18,7 @@ from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import gait_names
 from glassgait.studies.console import console
 from glassgait.studies.pages import inline_image, page_template
+from glassgait.studies.report.certificates import certified_policies, verdicts_table
 from glassgait.studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
 from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults, study_gait
@@ -114,8 +115,15 @@ class Report(Settings):
         for item in items:
             for place, (_, table) in enumerate(item.tables, start=1):
                 write_table(table, folder / f"{item.number.lower().replace(' ', '_')}_{place}")
+        certified = certified_policies([found.gait for found in results], folder)
+        verdicts = verdicts_table(certified)
+        write_table(verdicts, folder / "certificates")
+        for place, policy in enumerate(certified, start=1):
+            write_table(policy.claims, folder / f"certificates_{place}")
         values = {
             "items": items,
+            "certified": certified,
+            "verdicts": verdicts,
             "deviations": DEVIATIONS,
             "gaits": [found.gait for found in results],
             "config": config,

@@ -13,8 +13,9 @@ from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.page import explain_rollout, render_page, variables_of
+from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.explanation.products import products
+from glassgait.studies.explanation.variables import variables_of
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,18 @@
 """The report: the paper's tables beside ours, and the whole of it in small."""
 
+import json
+
 import pandas as pd
 import pytest
 
+from glassgait.models.certificates.certificate import SHIPPED
+from glassgait.models.files import digest
+from glassgait.models.policies.library import STUDENT_DIRECTORY
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.pages import page_template
 from glassgait.studies.report import command
+from glassgait.studies.report.certificates import certified_policies, verdicts_table
 from glassgait.studies.report.config import ReportConfig
 from glassgait.studies.report.contents import contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults
@@ -15,6 +22,7 @@ from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSetting
 from glassgait.studies.students.registry import paper_students
 from glassgait.studies.students.settings import StudentsSettings
 from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.tables import to_markdown
 
 TINY = ReportConfig(
     distillation=DistillationConfig(
@@ -65,6 +73,60 @@ def test_r2_stands_beside_the_papers(results):
     assert table["Symbolic", "paper"] == 0.7331
 
 
+def rendered(name, certified):
+    return page_template(command.TEMPLATES, name).render(
+        items=[],
+        deviations=[],
+        gaits=["trot"],
+        config=TINY,
+        quick=True,
+        certified=certified,
+        verdicts=verdicts_table(certified),
+        markdown=to_markdown,
+    )
+
+
+def explained(folder, policy_sha256):
+    folder.mkdir(parents=True)
+    (folder / "config.yaml").write_text(f"gait: trot\npolicy_sha256: {policy_sha256}\n")
+    (folder / "index.html").write_text("a page")
+
+
+def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    certified = certified_policies(["bound", "trot"], tmp_path / "runs" / "report")
+    assert [own.title for own in certified] == ["Trot: Page of formulas", "Trot: Symbolic"]
+    told = json.loads((SHIPPED / "trot_page.json").read_text())["claims"]
+    table = verdicts_table(certified).set_index("policy").loc["Trot: Page of formulas"]
+    for verdict, outcome in (("proved", "proved"), ("refuted", "refuted"), ("open", "undecided")):
+        names = [claim["name"] for claim in told if claim["outcome"] == outcome]
+        claims = certified[0].claims
+        assert list(claims.loc[claims["verdict"] == verdict, "claim"]) == names
+        assert table[verdict] == len(names)
+    for name in ("report.html", "report.md"):
+        page = rendered(name, certified)
+        assert "FR calf in q0: target of −5.67 rad" in page
+        assert "glassgait explain --gait trot --policy page" in page
+    assert "No policy of these gaits has one." in rendered("report.html", [])
+
+
+def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    pages = tmp_path / "runs" / "explanation" / "trot"
+    explained(pages / "another", "0" * 64)
+    (pages / "damaged").mkdir()
+    (pages / "damaged" / "config.yaml").write_text("{")
+    folder = tmp_path / "runs" / "report"
+    page, symbolic = certified_policies(["trot"], folder)
+    assert page.page is symbolic.page is None
+    explained(pages / "page", digest(STUDENT_DIRECTORY / "trot" / "page.formulas"))
+    page, symbolic = certified_policies(["trot"], folder)
+    assert page.page == "../explanation/trot/page/index.html"
+    assert symbolic.page is None
+    for name in ("report.html", "report.md"):
+        assert "../explanation/trot/page/index.html#certificate" in rendered(name, [page])
+
+
 def test_gaits_without_an_expert_are_told(refused):
     message = refused(["report", "--quick", "--gait", "trot", "gallop"])
     assert "no expert of gallop ships with the project" in message
@@ -83,6 +145,7 @@ def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
         if line.startswith("![Trot"):
             assert (tmp_path / line.split("](")[1].rstrip(")")).exists()
     assert (tmp_path / "table_i_1.csv").exists()
+    assert "Trot: Page of formulas" in pd.read_csv(tmp_path / "certificates.csv")["policy"].tolist()
     assert "continue it with --resume" in refused(arguments)
     main([*arguments, "--resume"])
     assert (tmp_path / "report.html").read_text() == page

@@ -1,7 +1,10 @@
 """The command that prints formulas."""
 
+import json
+
 import pytest
 
+from glassgait.models.certificates.certificate import SHIPPED
 from glassgait.models.policies.formula_reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY
 from glassgait.studies.cli import main
@@ -14,6 +17,9 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     text = (STUDENT_DIRECTORY / "trot" / "page.formulas").read_text()
     assert told.startswith(text)
     assert "# Page of formulas: 100 terms in 12 formulas" in told
+    claims = json.loads((SHIPPED / "trot_page.json").read_text())["claims"]
+    proved = sum(claim["outcome"] == "proved" for claim in claims)
+    assert f"# Claims about it: {proved} proved, " in told
     assert read_formulas(told) == read_formulas(text)
 
 
@@ -22,6 +28,8 @@ def test_a_joints_lines_are_printed_alone(tmp_path, monkeypatch, capsys):
     main(["show", "trot", "--policy", "statewise_symbolic", "--joint", "RL_calf"])
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line.startswith("state")] == ["state 0", "state 1"]
+    # No certificate of these formulas ships.
+    assert not any("Claims" in line for line in lines)
     joints = [line.split(" ")[0] for line in lines if " = " in line and line[0] != " "]
     assert joints == ["RL_calf"] * 2
 

@@ -3,6 +3,8 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const at = id => document.getElementById(id);
 const last = data.state.length - 1;
 const view = { step: data.step, joint: data.joint, timer: null };
+// What else of the page tells of the moment that is shown.
+const followers = [];
 
 const shownJoint = joint => data.joints[joint].replace("_", " ");
 
@@ -210,6 +212,7 @@ function show() {
   showLocal();
   showFile();
   showValues();
+  followers.forEach(tell => tell());
   seek();
 }
 function go(step) { view.step = Math.max(0, Math.min(last, step)); show(); write(); }

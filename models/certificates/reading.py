@@ -1,0 +1,117 @@
+"""Reading certificates back: what became of each claim about a policy, and over which boxes."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from glassgait.models.certificates.certificate import FORMAT, content_digest
+from glassgait.models.certificates.claims import Claim
+from glassgait.models.certificates.observation_box import ObservationBox
+from glassgait.models.certificates.prover import OUTCOMES, Observed, Outcome, Verdict
+from glassgait.models.errors import InputError, shown
+from glassgait.models.files import RECORD_BYTES, read_text
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout
+
+_CLAIM_KEYS = {own.name for own in fields(Claim)}
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a certificate says. Whether it holds, the checker alone tells.
+
+    Attributes:
+        path: Its file.
+        gait: Name of the gait.
+        states: Names of the machine's states.
+        policy_kind: Kind of the policy.
+        policy_file: Name of the policy's file.
+        policy_digest: SHA-256 of that file.
+        boxes: The boxes by name, "operating" and "physical".
+        verdicts: What became of each claim, in order.
+    """
+
+    path: Path
+    gait: str
+    states: tuple[str, ...]
+    policy_kind: str
+    policy_file: str
+    policy_digest: str
+    boxes: Mapping[str, ObservationBox]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def steps(self) -> bool:
+        """Whether the policy's targets are of tables or trees, which have steps and no slopes."""
+        return self.policy_kind in (AdditivePolicy.kind, BoostedTreesPolicy.kind)
+
+    def counts(self) -> dict[Outcome, int]:
+        """Counts the claims by what became of them."""
+        outcomes = [verdict.outcome for verdict in self.verdicts]
+        return {outcome: outcomes.count(outcome) for outcome in OUTCOMES}
+
+    def is_of(self, gait: Gait, policy_digest: str) -> bool:
+        """Tells whether it is of a policy, by the digest of its file, in a gait."""
+        own = self.gait, self.states, self.policy_digest
+        return own == (gait.name, gait.states, policy_digest)
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Reads a certificate, without checking what it says.
+
+    Raises:
+        InputError: if the file cannot be read, is damaged or is no certificate.
+    """
+    text = read_text(path, RECORD_BYTES)
+    try:
+        content = json.loads(text)
+        sound = content["sha256"] == content_digest(content) and content["format"] == FORMAT
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: is no certificate; make one with 'glassgait certify'") from error
+    if not sound:
+        raise InputError(f"{path}: is damaged, its digest is of other contents; certify anew")
+    try:
+        layout = ObservationLayout(len(content["states"]))
+        symbols = [entry.symbol for entry in layout.entries]
+        return Certificate(
+            path,
+            str(content["gait"]),
+            tuple(map(str, content["states"])),
+            str(content["policy"]["kind"]),
+            str(content["policy"]["file"]),
+            str(content["policy"]["sha256"]),
+            {
+                name: ObservationBox.of_quantities(layout.names, content["boxes"][name])
+                for name in ("operating", "physical")
+            },
+            tuple(_verdict(told, symbols) for told in content["claims"]),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, InputError) as error:
+        raise InputError(f"{path}: is no certificate of this version ({error})") from error
+
+
+def _verdict(told: dict[str, Any], symbols: Sequence[str]) -> Verdict:
+    said = {key: value for key, value in told.items() if key in _CLAIM_KEYS}
+    claim = Claim.from_plain(said, "a claim")
+    if told["outcome"] not in OUTCOMES:
+        raise ValueError(f"the outcome {shown(told['outcome'])} is unknown")
+    witnesses = tuple(_observed(one, symbols) for one in told["witnesses"])
+    worst, claimed = _finite(told["worst"]), _finite(told["claimed"])
+    return Verdict(claim, told["outcome"], worst, claimed, str(told["where"]), witnesses)
+
+
+def _observed(told: dict[str, Any], symbols: Sequence[str]) -> Observed:
+    if set(told) != set(symbols):
+        raise ValueError("a witness tells other observations than the gait has")
+    return {symbol: _finite(told[symbol]) for symbol in symbols}
+
+
+def _finite(value: Any) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{shown(value)} is no number")
+    return float(value)

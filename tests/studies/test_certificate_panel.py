@@ -1,0 +1,227 @@
+"""The certificate on the page that explains a policy: whose it is, and what its witnesses show."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.certificates.certificate import shipped_certificates
+from glassgait.models.certificates.observation_box import operating_box
+from glassgait.models.certificates.reading import read_certificate
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import entries_of, machine_state_entries
+from glassgait.studies.cli import main
+from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
+from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.students.certificates import find_certificate
+
+GAIT = load_gait("trot")
+PAGE = STUDENT_DIRECTORY / "trot" / "page.formulas"
+SYMBOLIC = STUDENT_DIRECTORY / "trot" / "symbolic.formulas"
+PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
+CERTIFICATE = read_certificate(PATH)
+CALVES = 2
+"""The claim that calf targets stay within the joints' limits, which is refuted."""
+
+
+@pytest.fixture(scope="module")
+def observed():
+    """Observations of the operating box, some beyond its ends."""
+    box = operating_box(GAIT)
+    observations = box.random(40, np.random.default_rng(1))
+    observations[[7, 8], -1] = box.upper[-1] + 0.5 * (box.upper - box.lower)[-1]
+    return observations
+
+
+@pytest.fixture(scope="module")
+def panel(observed):
+    return certificate_panel(CERTIFICATE, load_policy(PAGE), PAGE, observed)
+
+
+@pytest.fixture(scope="module")
+def explained(tmp_path_factory):
+    """The page of the trot's page of formulas."""
+    output = tmp_path_factory.mktemp("page")
+    short = ["--seconds", "0.8", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
+    main(["explain", "--policy", "page", *short])
+    return output / "index.html"
+
+
+def test_every_claim_is_told_with_its_verdict(panel):
+    assert [row.name for row in panel.rows] == [v.claim.name for v in CERTIFICATE.verdicts]
+    words = {"proved": "✓ proved", "refuted": "✗ refuted", "undecided": "○ open"}
+    for row, verdict in zip(panel.rows, CERTIFICATE.verdicts, strict=True):
+        assert row.verdict == words[verdict.outcome]
+        assert row.refuted_by == len(verdict.witnesses)
+        assert (row.refuted_by > 0) == (row.outcome == "refuted")
+    assert panel.checked_by == "glassgait check"
+
+
+def test_the_policy_answers_a_witness_as_the_certificate_says(panel):
+    calves = panel.data["witnesses"][CALVES]
+    assert calves["joint"] == 5
+    assert calves["targets"][0][5] == pytest.approx(CERTIFICATE.verdicts[CALVES].worst, abs=1e-5)
+    assert calves["targets"][0][5] < panel.data["limits"][5][0]
+    symbols = [entry.symbol for entry in entries_of(load_policy(PAGE).observation_names)]
+    witness = CERTIFICATE.verdicts[CALVES].witnesses[0]
+    told = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
+    assert told == pytest.approx({symbol: witness[symbol] for symbol in told}, abs=1e-5)
+    # The formula of the front right calf sees the rear left foot's height, not its own hip.
+    assert "h.RL" in told
+    assert "q.FR_hip" not in told
+
+
+def test_only_refuted_claims_have_witnesses(panel):
+    for row, own in zip(panel.rows, panel.data["witnesses"], strict=True):
+        assert (own is not None) == (row.outcome == "refuted")
+        if own is not None:
+            nearest = own["distances"][own["nearest"]]
+            assert nearest == min(d for d in own["distances"] if d is not None)
+
+
+def test_a_page_holds_numbers_that_every_browser_reads(panel):
+    text = json.dumps(panel.data, allow_nan=False)
+    assert json.loads(text)["witnesses"][CALVES]["nearest"] is not None
+
+
+def test_steps_outside_of_the_box_are_told(panel, observed):
+    outside = panel.data["outside"]
+    last = observed.shape[1] - 1
+    assert [step for step, own in enumerate(outside) if own] == [7, 8]
+    assert outside[7] == [[last, 0.5]]
+    assert "At 2 of 40 steps (5.0 %) it is outside of the operating box" in panel.outside
+    assert "where h.RR is beyond its range by 0.50 of the range's width" in panel.outside
+    none = outside_in_words("physical", np.zeros((3, 2)), ("a", "b"))
+    assert none == "It is never outside of the physical box."
+
+
+def test_a_certificate_is_found_by_the_policys_digest_wherever_the_policy_lies(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "mine.formulas"
+    shutil.copy(PAGE, mine)
+    found = find_certificate(mine, GAIT)
+    assert found is not None
+    assert found.path == PATH
+    mine.write_text(PAGE.read_text() + "\n")
+    assert find_certificate(mine, GAIT) is None
+
+
+def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "runs" / "certification" / "trot"
+    for name in ("damaged", "page"):
+        (folder / name).mkdir(parents=True)
+    own = folder / "page" / "certificate.json"
+    shutil.copy(PATH, own)
+    (folder / "damaged" / "certificate.json").write_text("{}")
+    found = find_certificate(PAGE, GAIT)
+    assert found is not None
+    assert found.path.resolve() == own
+    panel = certificate_panel(found, load_policy(PAGE), PAGE, operating_box(GAIT).lower[None])
+    assert panel.checked_by == f"glassgait check {found.path} --policy {PAGE}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--policy", "symbolic", "--certificate", str(PATH)], "is of another policy than"),
+        (["--policy", "page", "--certificate", str(PAGE)], "is no certificate; make one"),
+        (["--policy", "page", "--certificate", "none.json"], "no such file"),
+    ],
+)
+def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, told):
+    output = tmp_path / "page"
+    assert told in refused(["explain", *arguments, "--output", str(output)])
+    assert not output.exists()
+
+
+def test_a_page_without_a_certificate_tells_of_none(few_page, embedded):
+    assert embedded(few_page, "data")["certificate"] is None
+    assert 'id="certificate"' not in few_page.read_text()
+
+
+def test_a_witness_moves_the_timeline_to_the_moment_that_is_nearest(explained, browser, embedded):
+    own = embedded(explained, "data")["certificate"]["witnesses"][CALVES]
+    browser.get(f"file://{explained}")
+
+    def shown(name):
+        return browser.find_element("id", name)
+
+    assert "at step 40" in shown("local-title").text
+    assert own["nearest"] != 40
+    button = browser.find_element("css selector", f"button.witness[data-claim='{CALVES}']")
+    button.click()
+    assert f"FR calf at step {own['nearest']}:" in shown("local-title").text
+    assert shown("time").get_attribute("value") == str(own["nearest"])
+    assert f"{own['distances'][own['nearest']]:.2f} widths away" in shown("witness").text
+    asked = browser.find_element("css selector", "#witness .targets tr.asked")
+    assert asked.text.startswith("FR calf −5.671")
+    assert shown("nearest").get_attribute("visibility") == "visible"
+
+    def differences():
+        cells = browser.find_elements("css selector", "#witness .inputs tbody td:last-child")
+        return [abs(float(cell.text.replace("−", "-"))) for cell in cells]
+
+    before = differences()
+    assert before == sorted(before, reverse=True)
+    assert np.linalg.norm(before) <= own["distances"][own["nearest"]] + 0.02
+    browser.find_element("tag name", "body").send_keys("\ue014")  # the right arrow
+    assert f"at step {own['nearest'] + 1}:" in shown("local-title").text
+    assert f"Step {own['nearest'] + 1} is" in shown("witness").text
+    assert differences() != before
+    button.click()
+    assert not browser.find_elements("id", "witness")
+
+
+def test_the_timeline_marks_the_steps_outside_of_the_box(panel, observed, browser, tmp_path):
+    policy = load_policy(PAGE)
+    states = observed[:, machine_state_entries(policy.observation_names)]
+    values = {"observations": observed, "actions": policy(observed), "rm_state": states}
+    values |= {"rm_iterations": np.zeros((len(observed), 1)), "foot_contact": np.zeros((40, 4))}
+    rollout = Rollout(0.02 * np.arange(len(observed)), values)
+    page = tmp_path / "index.html"
+    page.write_text(
+        render_page(
+            gait=GAIT,
+            policy_name="page",
+            policy=policy,
+            rollout=rollout,
+            explained=explain_rollout(policy, rollout),
+            replay="",
+            joint=0,
+            step=7,
+            figures=[],
+            certificate=panel,
+        )
+    )
+    browser.get(f"file://{page}")
+    (mark,) = browser.find_elements("css selector", "#gait rect.outside")
+    # The timeline is 610 wide, from step 0 to step 39.
+    assert float(mark.get_attribute("x")) == pytest.approx(26 + 610 * 7 / 39)
+    assert float(mark.get_attribute("width")) == pytest.approx(610 * 2 / 39)
+    now = browser.find_element("id", "outside-now")
+    assert now.text == "Step 7 is outside of the operating box: h.RR (by 0.50 widths)."
+    browser.find_element("tag name", "body").send_keys("\ue012")  # the left arrow
+    assert now.text == "Step 6 is inside of the operating box."
+
+
+@pytest.mark.parametrize("width", [1280, 800, 500])
+def test_no_label_of_the_certificate_is_cut(explained, browser, width):
+    browser.get(f"file://{explained}")
+    browser.set_window_size(width, 900)
+    browser.execute_script(
+        "document.querySelector('button.witness[data-claim=\"13\"]').click()"  # two observations
+    )
+    cut = browser.execute_script(
+        "return [...document.querySelectorAll('#certificate td, #certificate th')]"
+        ".filter(cell => cell.scrollWidth > cell.clientWidth).map(cell => cell.textContent)"
+    )
+    assert cut == []
+    assert browser.execute_script(
+        "const all = document.documentElement; return all.scrollWidth <= all.clientWidth"
+    )
