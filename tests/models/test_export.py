@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import OK, LoadedController
+from glassgait.models.export.binding import MACHINE, OK, LoadedController
 from glassgait.models.export.controller import write_controller
 from glassgait.models.export.language import CArray, commented, is_identifier, number
 from glassgait.models.export.reference import PythonController
@@ -110,6 +111,27 @@ def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     assert found.machine == 0
     assert found.changes > 3
     assert found.target < 1e-12
+
+
+@needs_compiler
+def test_faults_are_entered_and_left_alike(make_policy, small_expert, tmp_path):
+    """The wrong rear foot of a half-bound leads to a fault, and the front feet out of it."""
+    gait = load_gait("half_bound")
+    policy, expert = make_policy(gait), small_expert(gait)
+    names = {"name": "faulty", "policy_name": "", "version": "0"}
+    compiled = load_controller(write_controller(gait, policy, expert, **names), tmp_path)
+    python = PythonController(gait, policy, expert)
+    ours, theirs, visited = python.initial(), compiled.initial(), []
+    for sequence in random_sequences(gait, 2000, 5):
+        for moment in sequence:
+            ours = python.step(ours, *moment).memory
+            theirs = compiled.step(theirs, *moment).memory
+            np.testing.assert_array_equal(theirs[MACHINE], ours[MACHINE])
+            visited.append(gait.states[int(ours[MACHINE][0])])
+    for fault in gait.faults:
+        left = [b for a, b in pairwise(visited) if a == fault != b]
+        assert fault in visited
+        assert set(left) == {"q1" if fault == "missed_right" else "q3"}
 
 
 FORMULAS = """format: 1
