@@ -98,7 +98,7 @@ COMMANDS = {
     ),
     "export": (
         "glassgait.studies.export.command:Export",
-        "Write a controller as one C file, from sensors to joint targets, and check it.",
+        "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
     ),
     "report": (
         "glassgait.studies.report.command:Report",

@@ -85,11 +85,7 @@ def write_controller(
         InputError: if the name can be none in C, a policy is made for another gait or observation,
             or there is no C for its kind.
     """
-    if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
-        raise InputError(
-            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
-            "letters, digits and _ that begins with a letter"
-        )
+    refuse_other_than_names(name)
     layout = ObservationLayout(gait.n_states)
     for one in (policy, expert):
         one.check(gait=gait.name, observation_names=layout.names)
@@ -131,6 +127,19 @@ def write_controller(
     }
     source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
     return ControllerSource(name, real, acting.takes_state, source, header)
+
+
+def refuse_other_than_names(name: str) -> None:
+    """Refuses what cannot name a controller and its files.
+
+    Raises:
+        InputError: if it cannot.
+    """
+    if not is_identifier(name) or name != name.lower() or len(name) > MOST_NAME:
+        raise InputError(
+            f"the controller's name is {shown(name)}; give one of at most {MOST_NAME} small "
+            "letters, digits and _ that begins with a letter"
+        )
 
 
 def _constants_of_robot(gait: Gait) -> list[tuple[str, float, str]]:

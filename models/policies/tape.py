@@ -188,15 +188,37 @@ def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
             return operator, list(formula.operands), []
 
 
+@dataclass(frozen=True)
+class Line:
+    """An operator that is applied to some nodes, as any language may write it.
+
+    Attributes:
+        operator: "sum", "product", or the name of a function.
+        operands: Slots of each node's operands, from left to right.
+        signs: Their signs in a sum, 1 or -1; none otherwise.
+    """
+
+    operator: str
+    operands: tuple[tuple[int, ...], ...]
+    signs: tuple[tuple[float, ...], ...]
+
+
 class Tape:
     """Formulas compiled to a short list of vectorised instructions.
 
     Nodes of all formulas that have the same operator and the same height are evaluated together,
-    and a sub-formula that occurs twice is evaluated once.
+    and a sub-formula that occurs twice is evaluated once. Every value has a slot: first come those
+    of the variables, then those of the constants, then those of each line's nodes.
+
+    Attributes:
+        n_variables: Number of variables.
+        constants: The constants.
+        lines: What is evaluated, in order.
+        outputs: Slot of each formula's value.
     """
 
     def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
-        self._n_variables = n_variables
+        self.n_variables = n_variables
         nodes = _Nodes()
         roots = [nodes.add(expression) for expression in expressions]
         # The slot of each node among the values: variables first, then constants, then the rest.
@@ -211,8 +233,9 @@ class Tape:
                 constants.append(operands)
             else:
                 by_height[nodes.heights[number], operator].append(number)
-        self._constants = np.array(constants)
+        self.constants = np.array(constants)
         self._instructions: list[tuple[slice, _Instruction]] = []
+        lines: list[Line] = []
         size = n_variables + len(constants)
         for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
             # The longest chain first; of functions all are as long.
@@ -222,34 +245,37 @@ class Tape:
             operands = [slots[list(nodes.keys[number][1][0])] for number in numbers]
             signs = [nodes.keys[number][1][1] for number in numbers]
             self._instructions.append((own, _instruction(operator, operands, signs)))
+            whole = tuple(tuple(of_node.tolist()) for of_node in operands)
+            lines.append(Line(operator, whole, tuple(map(tuple, signs))))
             size = own.stop
+        self.lines = tuple(lines)
         self._size = size
-        self._outputs = slots[roots]
+        self.outputs = slots[roots]
 
     def __call__(self, observation: Array) -> Array:
         """Evaluates all formulas (..., k) on observations (..., n)."""
         if observation.ndim == 1:
             return self._of_row(observation)
         # Nodes along the first axis, so that an instruction writes one block of memory.
-        rows = observation.reshape(-1, self._n_variables)
+        rows = observation.reshape(-1, self.n_variables)
         values = np.empty((self._size, len(rows)))
-        values[: self._n_variables] = rows.T
-        first = self._n_variables
-        values[first : first + len(self._constants)] = self._constants[:, None]
+        values[: self.n_variables] = rows.T
+        first = self.n_variables
+        values[first : first + len(self.constants)] = self.constants[:, None]
         with np.errstate(all="ignore"):
             for own, instruction in self._instructions:
                 values[own] = instruction.rows(values)
-        return values[self._outputs].T.reshape(*observation.shape[:-1], len(self._outputs))
+        return values[self.outputs].T.reshape(*observation.shape[:-1], len(self.outputs))
 
     def _of_row(self, observation: Array) -> Array:
         values = np.empty(self._size)
-        values[: self._n_variables] = observation
-        first = self._n_variables
-        values[first : first + len(self._constants)] = self._constants
+        values[: self.n_variables] = observation
+        first = self.n_variables
+        values[first : first + len(self.constants)] = self.constants
         with np.errstate(all="ignore"):
             for own, instruction in self._instructions:
                 values[own] = instruction.row(values)
-        return values[self._outputs]
+        return values[self.outputs]
 
 
 def _instruction(

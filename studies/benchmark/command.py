@@ -3,14 +3,16 @@
 import resource
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 
-from glassgait.models.policies.library import load_expert, load_policy, policy_path
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.library import load_expert, load_policy, load_student, policy_path
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, Settings
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.benchmark.controllers import controller_times
 from glassgait.studies.benchmark.distillation import (
     compiled_against_library,
@@ -18,15 +20,25 @@ from glassgait.studies.benchmark.distillation import (
     study_against_naive_loop,
 )
 from glassgait.studies.benchmark.inference import single_row_microseconds
+from glassgait.studies.benchmark.peers import observed, peer_times
 from glassgait.studies.benchmark.throughput import gymnasium_processes, training_and_physics
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.export.compiler import has_compiler
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings, refuse_run
+from glassgait.studies.students.boosting import GBM
 from glassgait.studies.students.library import distillation_folder
 from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.tables import print_table, write_metrics, write_table
+from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.training.config import TrainingConfig
+
+Tables = dict[str, tuple[str, pd.DataFrame]]
+"""What was measured: for each file of a table, its title and the table."""
+
+Part = Literal["throughput", "inference", "controllers", "trees", "students"]
+"""What can be measured."""
+
+PARTS: tuple[Part, ...] = ("throughput", "inference", "controllers", "trees", "students")
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,9 @@ class Benchmark(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
+        parts: What is measured: training, actions in Python, controllers in C beside Python and
+            ONNX Runtime, trees in C beside tl2cgen's, students beside their libraries; all by
+            default.
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
@@ -47,6 +62,7 @@ class Benchmark(Settings):
     title: ClassVar[str] = "benchmark"
 
     gait: str = "trot"
+    parts: tuple[Part, ...] = PARTS
     training: Path | None = None
     updates: Count = 4
     repeats: Count = 5
@@ -57,46 +73,65 @@ class Benchmark(Settings):
     def run(self) -> None:
         """Measures, and writes tables."""
         refuse_run(self.output)
-        throughput = self._throughput()
-        write_table(throughput, self.output / "throughput")
-        print_table("Throughput (2 cores unless your machine has more)", throughput)
-        inference = self._inference()
-        write_table(inference, self.output / "inference")
-        print_table("One action, one observation", inference)
-        controllers = self._controllers()
+        measures = {
+            "throughput": self._throughput,
+            "inference": self._inference,
+            "controllers": self._controllers,
+            "trees": self._trees,
+            "students": self._students,
+        }
+        metrics: dict[str, Any] = {}
+        for part in dict.fromkeys(self.parts):
+            for title, (told, table) in measures[part]().items():
+                write_table(table, self.output / title)
+                print_table(told, table)
+                metrics[title] = json_records(table)
+        # Linux counts in KiB.
+        metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10
+        write_metrics(metrics, self.output / "metrics.json")
+        console.print(f"written to {self.output}")
+
+    def _controllers(self) -> Tables:
+        if not has_compiler():
+            say("there is no C compiler here, cc: controllers in C are not timed")
+            return {}
+        say("timing controllers in C, and the same policies in Python")
+        return {
+            "controllers": ("Controllers in C, one step", controller_times(self.gait)),
+            "peers": ("The same policies elsewhere, one action", peer_times(self.gait)),
+        }
+
+    def _trees(self) -> Tables:
+        if not has_compiler():
+            say("there is no C compiler here, cc: trees in C are not timed")
+            return {}
+        try:
+            # Imported here: tl2cgen and treelite are an extra.
+            from glassgait.studies.benchmark.compiled_trees import tree_times  # noqa: PLC0415
+        except ImportError:
+            say("trees by tl2cgen are not timed: run pip install 'glassgait[tl2cgen]'")
+            return {}
+        gait, expert = load_gait(self.gait), load_expert(self.gait)
+        trees = load_student(self.gait, GBM.name)
+        if not isinstance(trees, BoostedTreesPolicy):
+            return {}
+        say("compiling trees by tl2cgen, which takes minutes")
+        table = tree_times(gait, trees, expert, observed(gait, expert))
+        return {"trees": ("Boosted trees in C, one action", table)}
+
+    def _students(self) -> Tables:
         say("fitting library models, to compare them with what they compile to")
         expert = load_expert(self.gait)
         samples = expert_samples(expert, n_steps=1000)
         config = DistillationConfig(gait=self.gait)
         compiled = compiled_against_library(samples, expert, config.settings)
-        write_table(compiled, self.output / "compiled")
-        print_table("Compiled students against their libraries", compiled)
+        tables = {"compiled": ("Compiled students against their libraries", compiled)}
         naive = study_against_naive_loop(samples, config, self._student_folder())
         if len(naive):
-            write_table(naive, self.output / "distillation")
-            print_table("The distillation study against the naive loop", naive)
-        metrics = {
-            "compiled": compiled.to_dict(orient="records"),
-            "controllers": controllers.to_dict(orient="records"),
-            "distillation": naive.to_dict(orient="records"),
-            "throughput": throughput.to_dict(orient="records"),
-            "inference": inference.to_dict(orient="records"),
-            # Linux counts in KiB.
-            "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10,
-        }
-        write_metrics(metrics, self.output / "metrics.json")
-        console.print(f"written to {self.output}")
+            tables["distillation"] = ("The distillation study against the naive loop", naive)
+        return tables
 
-    def _controllers(self) -> pd.DataFrame:
-        if not has_compiler():
-            say("there is no C compiler here, cc: controllers in C are not timed")
-            return pd.DataFrame()
-        controllers = controller_times(self.gait)
-        write_table(controllers, self.output / "controllers")
-        print_table("Controllers in C, one step", controllers)
-        return controllers
-
-    def _throughput(self) -> pd.DataFrame:
+    def _throughput(self) -> Tables:
         config = TrainingConfig(gait=self.gait)
         if self.training is not None:
             settings = read_settings(self.training, "train")
@@ -112,7 +147,7 @@ class Benchmark(Settings):
         shares = [
             (pairs["training"] / pairs[name]).median() for name in ("late_physics", "physics")
         ]
-        return pd.DataFrame(
+        table = pd.DataFrame(
             {
                 "what": [
                     f"PPO training, {config.n_robots} robots",
@@ -128,11 +163,12 @@ class Benchmark(Settings):
                 ],
             }
         )
+        return {"throughput": ("Throughput (2 cores unless your machine has more)", table)}
 
     def _student_folder(self) -> Path:
         return self.distillation or distillation_folder(self.gait)
 
-    def _inference(self) -> pd.DataFrame:
+    def _inference(self) -> Tables:
         expert = load_expert(self.gait)
         policies: dict[str, Policy] = {"neural expert": expert}
         folder = self._student_folder()
@@ -145,6 +181,7 @@ class Benchmark(Settings):
             title: single_row_microseconds(policy, observation)
             for title, policy in policies.items()
         }
-        return pd.DataFrame(
+        table = pd.DataFrame(
             {"policy": times.keys(), "12 joints (µs)": [round(t, 1) for t in times.values()]}
         )
+        return {"inference": ("One action, one observation", table)}

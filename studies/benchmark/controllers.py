@@ -2,16 +2,20 @@
 
 import subprocess
 import tempfile
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.benchmark.quietest import Times, quietest
 from glassgait.studies.export.command import EXPERT, controller_name
 from glassgait.studies.export.compiler import FLAGS, compile_c, write_source
 from glassgait.studies.pages import page_template
@@ -21,25 +25,28 @@ COUNT = 20_000
 """Steps that are timed."""
 
 
+def shipped_policies(expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the expert and the shipped students of its gait, by kind."""
+    return {EXPERT: expert, **load_shipped_students(expert)}
+
+
 def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     """Times the controllers of a gait's shipped policies, compiled with the system's compiler.
 
     Args:
         gait_name: Name of a gait that ships.
-        count: Steps that are timed.
+        count: Steps that are timed, in each repetition.
 
     Returns:
-        A row a policy: medians (µs) of the policy alone, of the estimator and of a whole step; the
-        99.9th percentile of a step by the thread's own clock (µs), which other work on the machine
-        does not count for; size of the C file and of what it compiles to (kB).
+        A row a policy: median and 99.9th percentile (µs) of the policy alone, of the estimator and
+        of a whole step; size of the C file and of what it compiles to (kB); the machine's load.
 
     Raises:
         InputError: if there is no compiler.
     """
     gait, expert = load_gait(gait_name), load_expert(gait_name)
-    policies: dict[str, Policy] = {EXPERT: expert, **load_shipped_students(expert)}
     rows = []
-    for kind, policy in policies.items():
+    for kind, policy in shipped_policies(expert).items():
         written = write_controller(
             gait,
             policy,
@@ -57,29 +64,42 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
         folder = Path(temporary)
         source = write_source(written, folder)
         compile_c(source, folder / "controller.o", (*FLAGS, "-c"))
-        harness = folder / "controller_times.c"
-        template = page_template(Path(__file__).parent / "templates", harness.name)
-        text = template.render(
-            name=written.name,
-            real=written.real,
-            count=count,
-            speed=0.5 * gait.max_speed,
-            dwell=gait.dwell[0],
-            takes_state=written.takes_state,
-        )
-        write_atomically(harness, text)
-        compile_c(harness, folder / "controller_times")
-        done = subprocess.run(
-            [folder / "controller_times"], check=True, capture_output=True, text=True
-        )
-        (step, worst), (estimator, _), (policy, _) = (
-            map(float, line.split()) for line in done.stdout.splitlines()
-        )
+        values = {
+            "name": written.name,
+            "real": written.real,
+            "count": count,
+            "speed": 0.5 * gait.max_speed,
+            "dwell": gait.dwell[0],
+            "takes_state": written.takes_state,
+        }
+        program = compile_harness(folder, "controller_times.c", values)
+        (step, estimator, policy), load = quietest(lambda: run_harness(program))
         return {
-            "policy (µs)": policy,
-            "estimator (µs)": estimator,
-            "step (µs)": step,
-            "step, 99.9 % (µs)": worst,
+            "policy (µs)": policy.median,
+            "policy, 99.9 % (µs)": policy.late,
+            "estimator (µs)": estimator.median,
+            "estimator, 99.9 % (µs)": estimator.late,
+            "step (µs)": step.median,
+            "step, 99.9 % (µs)": step.late,
             "C file (kB)": round(source.stat().st_size / 1000),
             "object file (kB)": round((folder / "controller.o").stat().st_size / 1000),
+            "load": load,
         }
+
+
+def compile_harness(
+    folder: Path, name: str, values: Mapping[str, Any], objects: Sequence[Path] = ()
+) -> Path:
+    """Fills in a template of this study, and compiles it with objects that are there."""
+    harness = folder / name
+    template = page_template(Path(__file__).parent / "templates", name)
+    write_atomically(harness, template.render(**values))
+    program = harness.with_suffix("")
+    compile_c(harness, program, (*FLAGS, *map(str, objects)))
+    return program
+
+
+def run_harness(program: Path) -> list[Times]:
+    """Runs what times in C, and returns what its lines tell."""
+    done = subprocess.run([program], check=True, capture_output=True, text=True, cwd=program.parent)
+    return [Times(*map(float, line.split())) for line in done.stdout.splitlines()]

@@ -1,1 +1,1 @@
-"""Controllers in C: writing them, and measuring whether they are the policies they were made of."""
+"""Controllers in C and ONNX: writing them, and measuring whether they are the same policies."""

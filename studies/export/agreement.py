@@ -110,19 +110,24 @@ def recorded_sequences(
         seed: Seed of initial states, commands and noise.
     """
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    simulator = BatchSimulator(
-        TaskConfig.of_scenario(gait, Scenario()),
-        make_physics(Scenario().station),
-        n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=expert.estimator,
-    )
+    simulator = robots_at_home(gait, expert, n_robots, seed)
     sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
     for _ in range(n_steps // n_robots):
         for sequence, moment in zip(sequences, moments(simulator), strict=True):
             sequence.append(moment)
         simulator.step(policy(simulator.observe()))
     return sequences
+
+
+def robots_at_home(gait: Gait, expert: NeuralPolicy, n_robots: int, seed: int) -> BatchSimulator:
+    """Returns robots in the training world that observe by the expert's estimator."""
+    return BatchSimulator(
+        TaskConfig.of_scenario(gait, Scenario()),
+        make_physics(Scenario().station),
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
+        estimator=expert.estimator,
+    )
 
 
 def moments(simulator: BatchSimulator) -> Iterator[Moment]:

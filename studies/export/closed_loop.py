@@ -1,4 +1,4 @@
-"""Whether a compiled controller moves robots as the Python policy does, in two engines."""
+"""Whether what was exported moves robots as the Python policy does, in two engines."""
 
 from collections.abc import Callable
 
@@ -16,6 +16,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.export.agreement import moments
 from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.rollouts.roll_out import log_batch
@@ -24,21 +25,35 @@ from glassgait.studies.rollouts.scores import score_rollouts
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
 """Scenario of each engine."""
 
+Maker = Callable[[BatchSimulator], Callable[[int], Array]]
+"""Makes what acts in a simulator: at each control step it returns the actions of all robots."""
+
 
 def walk_both(
     gait: Gait,
     policy: Policy,
     expert: NeuralPolicy,
-    compiled: LoadedController,
+    exported: Maker,
     *,
+    title: str,
     n_robots: int,
     n_steps: int,
     seed: int,
 ) -> pd.DataFrame:
-    """Rolls the Python policy and the compiled controller out in either engine.
+    """Rolls the Python policy and what was exported out in either engine.
 
     Both have the same robots, noise and commands, one for each robot, at the speeds of
     distillation.
+
+    Args:
+        gait: The gait.
+        policy: Who acts, in Python.
+        expert: Whose estimator observes.
+        exported: Makes what acts instead, such as `otherontroller` returns.
+        title: What the table calls it.
+        n_robots: Number of robots.
+        n_steps: Control steps.
+        seed: Seed of initial states, commands and noise.
 
     Returns:
         A row an engine: `falls` and `return` (mean) of both, and the greatest difference of a
@@ -50,7 +65,7 @@ def walk_both(
         task = TaskConfig.of_scenario(gait, load_scenario(name), episode_steps=n_steps)
         physics = make_physics(load_scenario(name).station)
         scores = []
-        for make in (_python(policy), _compiled(compiled)):
+        for make in (by_policy(policy), exported):
             simulator = BatchSimulator(
                 task,
                 physics,
@@ -61,7 +76,7 @@ def walk_both(
             simulator.start_at(simulator.state.plant, command)
             log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
             scores.append(score_rollouts(log))
-        rows.append(_compared(engine, *scores))
+        rows.append(_compared(engine, title, *scores))
     return pd.DataFrame(rows)
 
 
@@ -78,13 +93,17 @@ def _as_told(
     return act_as_told
 
 
-def _python(policy: Policy) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+def by_policy(policy: Policy) -> Maker:
+    """Returns what acts by all that the simulator observes."""
     return lambda simulator: lambda step: policy(simulator.observe())
 
 
-def _compiled(
-    compiled: LoadedController,
-) -> Callable[[BatchSimulator], Callable[[int], Array]]:
+def by_graph(graph: Callable[[Array], tuple[Array, Array]]) -> Maker:
+    """Returns what acts by proprioception, and estimates the rest by its own estimator."""
+    return lambda simulator: lambda step: graph(simulator.observe()[:, :-N_ESTIMATED])[0]
+
+
+def by_controller(compiled: LoadedController) -> Maker:
     """Returns what makes a controller for each robot, which acts by what the robot senses alone."""
 
     def make(simulator: BatchSimulator) -> Callable[[int], Array]:
@@ -100,15 +119,17 @@ def _compiled(
     return make
 
 
-def _compared(engine: str, python: pd.DataFrame, compiled: pd.DataFrame) -> dict[str, object]:
-    earned, by_c = python["reward"], compiled["reward"]
+def _compared(
+    engine: str, title: str, python: pd.DataFrame, exported: pd.DataFrame
+) -> dict[str, object]:
+    earned, other = python["reward"], exported["reward"]
     return {
         "engine": engine,
         "robots": len(python),
         "falls, Python": int(python["fell"].sum()),
-        "falls, C": int(compiled["fell"].sum()),
+        f"falls, {title}": int(exported["fell"].sum()),
         "return, Python": float(earned.mean()),
-        "return, C": float(by_c.mean()),
-        "apart, mean (%)": 100.0 * abs(float(by_c.mean() / earned.mean()) - 1.0),
-        "apart, robot (%)": 100.0 * float(((by_c - earned).abs() / earned.abs()).max()),
+        f"return, {title}": float(other.mean()),
+        "apart, mean (%)": 100.0 * abs(float(other.mean() / earned.mean()) - 1.0),
+        "apart, robot (%)": 100.0 * float(((other - earned).abs() / earned.abs()).max()),
     }

@@ -22,7 +22,9 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import mirrored_states
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -184,5 +186,72 @@ def small_additive() -> Callable[..., AdditivePolicy]:
             "intercepts": np.zeros(12),
         }
         return AdditivePolicy("trot", NAMES, **(arrays | changes))
+
+    return make
+
+
+@pytest.fixture
+def small_expert(random_network: Callable[..., Network]) -> Callable[..., NeuralPolicy]:
+    """Makes experts of few units, whose actions stay small."""
+
+    def make(gait: Gait, *, mirrored: bool = False, hidden: tuple[int, ...] = (8,)) -> NeuralPolicy:
+        generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states).names
+        n = len(names)
+        # Actions are observed: greater ones would grow from step to step.
+        actor, estimator = (
+            Network(tuple(0.1 * weight for weight in own.weights), own.biases)
+            for own in (
+                random_network(generator, n, *hidden, robot.N_JOINTS),
+                random_network(generator, n - 7, *hidden, 7),
+            )
+        )
+        states = mirrored_states(gait) if mirrored else None
+        return NeuralPolicy(gait.name, names, actor, estimator, states)
+
+    return make
+
+
+@pytest.fixture
+def random_trees() -> Callable[..., BoostedTreesPolicy]:
+    """Draws six trees a joint, some of whose branches end early."""
+
+    def make(generator: np.random.Generator, *, rounded: bool) -> BoostedTreesPolicy:
+        thresholds = generator.normal(size=(12, 6, 7))
+        thresholds[..., 5:] = np.inf
+        if rounded:
+            thresholds = thresholds.astype(np.float32)
+        return BoostedTreesPolicy(
+            "trot",
+            NAMES,
+            features=generator.integers(N, size=(12, 6, 7)),
+            thresholds=thresholds,
+            leaves=generator.normal(size=(12, 6, 8)),
+            intercepts=generator.normal(size=12),
+            importances=np.zeros((12, N)),
+        )
+
+    return make
+
+
+@pytest.fixture
+def random_additive() -> Callable[..., AdditivePolicy]:
+    """Draws tables of one observation, and of some pairs."""
+
+    def make(generator: np.random.Generator, *, n_pairs: int) -> AdditivePolicy:
+        cuts, pair_cuts = (np.sort(generator.normal(size=(N, k)), axis=1) for k in (9, 3))
+        cuts[:, -2:] = np.inf
+        return AdditivePolicy(
+            "trot",
+            NAMES,
+            cuts=cuts,
+            pair_cuts=pair_cuts,
+            tables=generator.normal(size=(12, N, 10)),
+            pairs=generator.integers(N, size=(n_pairs, 2)),
+            pair_joints=generator.integers(12, size=n_pairs),
+            pair_tables=generator.normal(size=(n_pairs, 4, 4)),
+            deviations=np.zeros((12, N, 10)),
+            pair_deviations=np.zeros((n_pairs, 4, 4)),
+            intercepts=generator.normal(size=12),
+        )
 
     return make

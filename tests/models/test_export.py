@@ -2,27 +2,24 @@
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import OK, LoadedController
+from glassgait.models.export.binding import MACHINE, OK, LoadedController
 from glassgait.models.export.controller import write_controller
 from glassgait.models.export.language import CArray, commented, is_identifier, number
 from glassgait.models.export.reference import PythonController
 from glassgait.models.export.reward_machine import cases, state_constants
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.formula_reader import read_formulas
 from glassgait.models.policies.library import load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
-from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.task.gait import Gait, gait_names, load_gait, parse_gait
+from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.export.agreement import Agreement, compare_controllers, random_sequences
 from glassgait.studies.export.compiler import has_compiler, load_controller
 
@@ -46,27 +43,6 @@ transitions:
 
 
 @pytest.fixture
-def small_expert(random_network: Callable[..., Network]) -> Callable[..., NeuralPolicy]:
-    """Makes experts of few units, whose actions stay small."""
-
-    def make(gait: Gait, *, mirrored: bool = False, hidden: tuple[int, ...] = (8,)) -> NeuralPolicy:
-        generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states).names
-        n = len(names)
-        # Actions are observed: greater ones would grow from step to step.
-        actor, estimator = (
-            Network(tuple(0.1 * weight for weight in own.weights), own.biases)
-            for own in (
-                random_network(generator, n, *hidden, robot.N_JOINTS),
-                random_network(generator, n - 7, *hidden, 7),
-            )
-        )
-        states = mirrored_states(gait) if mirrored else None
-        return NeuralPolicy(gait.name, names, actor, estimator, states)
-
-    return make
-
-
-@pytest.fixture
 def agree(tmp_path) -> Callable[..., Agreement]:
     """Lets Python and C take some hundred steps of random sensors."""
 
@@ -78,42 +54,6 @@ def agree(tmp_path) -> Callable[..., Agreement]:
         return compare_controllers(python, compiled, random_sequences(gait, n_steps, 3))
 
     return run
-
-
-def random_trees(generator: np.random.Generator, *, rounded: bool) -> BoostedTreesPolicy:
-    thresholds = generator.normal(size=(12, 6, 7))
-    thresholds[..., 5:] = np.inf
-    if rounded:
-        thresholds = thresholds.astype(np.float32)
-    policy = BoostedTreesPolicy(
-        "trot",
-        NAMES,
-        features=generator.integers(len(NAMES), size=(12, 6, 7)),
-        thresholds=thresholds,
-        leaves=generator.normal(size=(12, 6, 8)),
-        intercepts=generator.normal(size=12),
-        importances=np.zeros((12, len(NAMES))),
-    )
-    return policy
-
-
-def random_additive(generator: np.random.Generator, *, n_pairs: int) -> AdditivePolicy:
-    n = len(NAMES)
-    cuts, pair_cuts = (np.sort(generator.normal(size=(n, k)), axis=1) for k in (9, 3))
-    cuts[:, -2:] = np.inf
-    return AdditivePolicy(
-        "trot",
-        NAMES,
-        cuts=cuts,
-        pair_cuts=pair_cuts,
-        tables=generator.normal(size=(12, n, 10)),
-        pairs=generator.integers(n, size=(n_pairs, 2)),
-        pair_joints=generator.integers(12, size=n_pairs),
-        pair_tables=generator.normal(size=(n_pairs, 4, 4)),
-        deviations=np.zeros((12, n, 10)),
-        pair_deviations=np.zeros((n_pairs, 4, 4)),
-        intercepts=generator.normal(size=12),
-    )
 
 
 KINDS = (
@@ -135,6 +75,8 @@ def test_c_does_what_python_does(
     open_loop,
     symbolic,
     statewise_symbolic,
+    random_trees,
+    random_additive,
 ):
     policies = {
         "linear": lambda: make_policy(trot),
@@ -169,6 +111,27 @@ def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
     assert found.machine == 0
     assert found.changes > 3
     assert found.target < 1e-12
+
+
+@needs_compiler
+def test_faults_are_entered_and_left_alike(make_policy, small_expert, tmp_path):
+    """The wrong rear foot of a half-bound leads to a fault, and the front feet out of it."""
+    gait = load_gait("half_bound")
+    policy, expert = make_policy(gait), small_expert(gait)
+    names = {"name": "faulty", "policy_name": "", "version": "0"}
+    compiled = load_controller(write_controller(gait, policy, expert, **names), tmp_path)
+    python = PythonController(gait, policy, expert)
+    ours, theirs, visited = python.initial(), compiled.initial(), []
+    for sequence in random_sequences(gait, 2000, 5):
+        for moment in sequence:
+            ours = python.step(ours, *moment).memory
+            theirs = compiled.step(theirs, *moment).memory
+            np.testing.assert_array_equal(theirs[MACHINE], ours[MACHINE])
+            visited.append(gait.states[int(ours[MACHINE][0])])
+    for fault in gait.faults:
+        left = [b for a, b in pairwise(visited) if a == fault != b]
+        assert fault in visited
+        assert set(left) == {"q1" if fault == "missed_right" else "q3"}
 
 
 FORMULAS = """format: 1

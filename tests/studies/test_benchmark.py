@@ -1,15 +1,20 @@
 """The benchmark times what it says it times."""
 
 import itertools
+import json
+import sys
+from importlib.util import find_spec
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.linear_model import LinearRegression
 
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.files import write_record
+from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.studies.benchmark import controllers, distillation
+from glassgait.studies.benchmark import command, controllers, distillation, peers
 from glassgait.studies.benchmark.distillation import (
     NaiveModel,
     compiled_against_library,
@@ -18,7 +23,9 @@ from glassgait.studies.benchmark.distillation import (
     study_against_naive_loop,
 )
 from glassgait.studies.benchmark.inference import single_row_microseconds
+from glassgait.studies.benchmark.quietest import Times, call_times, quietest
 from glassgait.studies.benchmark.throughput import training_and_physics
+from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.export.compiler import has_compiler
 from glassgait.studies.students.additive import EbmSettings
@@ -101,4 +108,73 @@ def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
     assert (table > 0).all(axis=None)
     assert table["policy (µs)"]["page"] < table["policy (µs)"]["expert"]
     assert (table["step (µs)"] > table["estimator (µs)"]).all()
+    assert (table["policy, 99.9 % (µs)"] > 0.5 * table["policy (µs)"]).all()
     assert table["C file (kB)"]["page"] < table["C file (kB)"]["expert"]
+
+
+def test_of_several_repetitions_the_quietest_is_told():
+    drawn = iter([5.0, 2.0, 3.0, 4.0, 6.0])
+    (times,), load = quietest(lambda: [Times(own := next(drawn), 10.0 * own)])
+    assert times == Times(2.0, 20.0)
+    assert load >= 0.0
+
+
+def test_calls_are_timed_row_by_row():
+    rows, seen = np.arange(6.0).reshape(3, 2), []
+    times = call_times(lambda row: seen.append(row[0]), rows, 7)
+    assert seen == [0, 2, 4, 0, 2, 4, 0]
+    assert 0.0 < times.median < 1e6
+
+
+def test_the_same_policies_are_timed_elsewhere(monkeypatch):
+    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
+    monkeypatch.setattr(peers, "N_STEPS", 3)
+    table = peers.peer_times("trot", count=40).set_index("policy")
+    assert table.index.tolist() == ["expert"]
+    assert table["both, Python (µs)"]["expert"] > table["policy, Python (µs)"]["expert"] > 0
+    if find_spec("onnxruntime"):
+        assert table["both, ONNX (µs)"]["expert"] > 0
+
+
+def test_without_the_runtime_python_is_timed_alone(monkeypatch, capsys):
+    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
+    monkeypatch.setattr(peers, "N_STEPS", 3)
+    monkeypatch.setitem(sys.modules, "glassgait.models.export.graphs.runtime", None)
+    table = peers.peer_times("trot", count=10)
+    assert not any("ONNX" in title for title in table.columns)
+    assert "pip install 'glassgait[onnx]'" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+def test_trees_by_tl2cgen_give_what_ours_give(trot, generator):
+    pytest.importorskip("tl2cgen")
+    trees = pytest.importorskip("glassgait.studies.benchmark.compiled_trees")
+    names = load_expert("trot").observation_names
+    thresholds = generator.normal(size=(12, 3, 3))
+    thresholds[:, 0, 0] = np.inf
+    policy = BoostedTreesPolicy(
+        "trot",
+        names,
+        features=generator.integers(len(names), size=(12, 3, 3)),
+        thresholds=thresholds,
+        leaves=generator.normal(size=(12, 3, 4)),
+        intercepts=generator.normal(size=12),
+        importances=np.zeros((12, len(names))),
+    )
+    rows = generator.normal(size=(50, len(names)))
+    table = trees.tree_times(trot, policy, load_expert("trot"), rows, count=1000)
+    assert table["trees by"].tolist() == ["glassgait", "tl2cgen"]
+    assert (table["greatest difference"] < 1e-12).all()
+    assert (table[["action (µs)", "program (kB)"]] > 0).all(axis=None)
+
+
+def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
+    table = pd.DataFrame({"policy": ["page"], "step (µs)": [1.0]})
+    for name in ("controller_times", "peer_times"):
+        monkeypatch.setattr(command, name, lambda gait: table)
+    monkeypatch.setattr(command, "has_compiler", lambda: True)
+    monkeypatch.setitem(sys.modules, "glassgait.studies.benchmark.compiled_trees", None)
+    main(["benchmark", "--parts", "controllers", "--output", str(tmp_path / "run")])
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert set(metrics) == {"controllers", "peers", "peak_memory_mb"}
+    assert (tmp_path / "run" / "peers.csv").exists()

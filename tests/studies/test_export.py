@@ -27,13 +27,14 @@ from glassgait.models.policies.library import (
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
+from glassgait.studies.export import c_file
 from glassgait.studies.export import command as export_command
 from glassgait.studies.export.agreement import (
     compare_controllers,
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.export.closed_loop import walk_both
+from glassgait.studies.export.closed_loop import by_controller, walk_both
 from glassgait.studies.export.command import controller_name
 from glassgait.studies.export.compiler import (
     FLAGS,
@@ -90,7 +91,16 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
 def test_robots_walk_alike_by_python_and_by_c(trot, compiled_page):
     policy, expert = load_student("trot", "page"), load_expert("trot")
-    table = walk_both(trot, policy, expert, compiled_page, n_robots=2, n_steps=40, seed=3)
+    table = walk_both(
+        trot,
+        policy,
+        expert,
+        by_controller(compiled_page),
+        title="C",
+        n_robots=2,
+        n_steps=40,
+        seed=3,
+    )
     assert table["engine"].tolist() == ["Drake", "MuJoCo"]
     assert (table["return, Python"] > 0).all()
     assert (table["apart, robot (%)"] < 1e-3).all()
@@ -117,7 +127,7 @@ def test_the_command_writes_a_checked_file(tmp_path, capsys):
 def test_without_a_compiler_the_file_is_written_and_said_to_be_unchecked(
     tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(export_command, "has_compiler", lambda: False)
+    monkeypatch.setattr(c_file, "has_compiler", lambda: False)
     main(["export", "--output", str(tmp_path / "run")])
     assert (tmp_path / "run" / "trot_page.c").exists()
     assert "not compared with Python" in capsys.readouterr().out

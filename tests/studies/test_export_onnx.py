@@ -1,0 +1,209 @@
+"""`glassgait export --format onnx`: files that act as the policy does, or none."""
+
+import builtins
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from glassgait.models.errors import InputError
+from glassgait.models.files import load_arrays, save_arrays
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.cli import main
+
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+
+from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
+from glassgait.studies.export import graph_agreement  # noqa: E402
+from glassgait.studies.export.closed_loop import by_graph, walk_both  # noqa: E402
+from glassgait.studies.export.exported import Acting  # noqa: E402
+from glassgait.studies.export.graph_agreement import (  # noqa: E402
+    check_graph,
+    compare_graph,
+    random_observations,
+    recorded_observations,
+)
+from glassgait.studies.export.onnx_file import OnnxFile  # noqa: E402
+
+EXPORT = ["export", "--format", "onnx"]
+
+
+def loaded(gait, kind, real="double"):
+    machine, expert = load_gait(gait), load_expert(gait)
+    policy = expert if kind == "expert" else load_student(gait, kind)
+    file = OnnxFile(Acting(machine, policy, expert, f"{gait}_{kind}", kind), real)
+    return LoadedGraph(file.model), policy, expert
+
+
+@pytest.mark.parametrize(
+    ("gait", "kind"),
+    [
+        ("trot", "expert"),
+        ("trot", "statewise_linear"),
+        ("trot", "symbolic"),
+        ("pace", "page"),
+        ("half_bound", "statewise_symbolic"),
+        ("three_one", "ebm"),
+        pytest.param("walk", "gbm", marks=pytest.mark.slow),
+    ],
+)
+def test_shipped_policies_agree(gait, kind):
+    graph, policy, expert = loaded(gait, kind)
+    rows = random_observations(load_gait(gait), 500, 1)
+    found = compare_graph(graph, policy, expert, rows)
+    assert found.rows == 500
+    assert max(found.target, found.estimate) < 1e-12
+
+
+def test_single_precision_agrees_but_for_rounding():
+    graph, policy, expert = loaded("trot", "ebm", "float")
+    rows = recorded_observations(load_gait("trot"), policy, expert, 60, 1)
+    found = compare_graph(graph, policy, expert, rows)
+    assert found.rows == 60
+    assert 0.0 < found.target < 1e-6
+
+
+def test_random_observations_are_of_robots_within_their_ranges(trot):
+    rows = random_observations(trot, 400, 0)
+    layout = ObservationLayout(trot.n_states)
+    assert rows.shape == (400, layout.n_proprioceptive)
+    named = dict(zip(layout.names, rows.T, strict=False))
+    assert np.abs(named["DoF Vel RR Calf"]).max() <= 21.0 * 0.05
+    assert np.ptp(named["DoF Pos FL Hip"]) > 1.4
+    assert set(named["RM State 0"] + named["RM State 1"]) == {1.0}
+    assert (named["RM Iters"] <= named["RM Iters"].max()).all()
+    assert np.unique(named["RM Iters"]).size == trot.dwell[1] + 3
+
+
+def test_the_command_writes_a_checked_file(tmp_path, capsys):
+    folder = tmp_path / "run"
+    arguments = [*EXPORT, "--n-steps", "60", "--output", str(folder), "--name", "mine"]
+    main(arguments)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert [row["rows"] for row in metrics["agreement"]] == [30, 30]
+    assert all(row["target"] < 1e-12 for row in metrics["agreement"])
+    path = folder / "mine.onnx"
+    assert metrics["bytes"] == path.stat().st_size
+    assert "mine.onnx" in capsys.readouterr().out
+    onnx.checker.check_model(str(path), full_check=True)
+    assert LoadedGraph(path.read_bytes()).metadata["policy"] == "page"
+    main([*arguments, "--resume"])
+
+
+@pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
+def test_robots_walk_alike_by_python_and_by_the_graph(trot):
+    graph, policy, expert = loaded("trot", "page")
+    table = walk_both(
+        trot, policy, expert, by_graph(graph), title="ONNX", n_robots=2, n_steps=40, seed=3
+    )
+    assert table["engine"].tolist() == ["Drake", "MuJoCo"]
+    assert (table["apart, robot (%)"] < 1e-3).all()
+    assert table["falls, ONNX"].tolist() == table["falls, Python"].tolist()
+
+
+def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refused):
+    monkeypatch.setattr(graph_agreement, "MOST", 0.0)
+    told = refused([*EXPORT, "--n-steps", "20", "--output", str(tmp_path / "run")])
+    assert "differs from Python by" in told
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_policy_is_told_apart(trot):
+    graph, policy, expert = loaded("trot", "page")
+    rows = {"random": random_observations(trot, 50, 0)}
+    assert len(check_graph(graph, policy, expert, rows)) == 1
+    with pytest.raises(InputError, match="nothing was written"):
+        check_graph(graph, load_student("trot", "symbolic"), expert, rows)
+
+
+def test_what_is_not_finite_on_one_side_alone_is_told(trot):
+    graph, policy, expert = loaded("trot", "statewise_linear")
+    rows = random_observations(trot, 5, 0)
+
+    def broken(observation):
+        action = policy(observation)
+        action[2, 3] = np.nan
+        return action
+
+    assert compare_graph(graph, broken, expert, rows).target > 1e300
+
+    def both(own):
+        acted = graph(own)
+        acted.action[2, 3] = np.inf
+        return acted
+
+    both.dtype = graph.dtype
+    assert compare_graph(both, broken, expert, rows).target < 1e-12
+
+
+def test_without_onnx_a_sentence_tells_what_to_install(tmp_path, monkeypatch, refused):
+    imported = builtins.__import__
+
+    def without(name, *arguments, **options):
+        if name.startswith("glassgait.studies.export.onnx_file"):
+            raise ImportError("No module named 'onnx'")
+        return imported(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    told = refused([*EXPORT, "--output", str(tmp_path / "run")])
+    assert "pip install 'glassgait[onnx]'" in told
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "oracle"], "unknown policy 'oracle'"),
+        (["--name", "Mine"], "the controller's name is 'Mine'"),
+        (["--format", "tflite"], "tflite"),
+        (["--precision", "half"], "half"),
+    ],
+)
+def test_bad_arguments_are_told_and_nothing_is_written(
+    arguments, message, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main([*EXPORT, *arguments])
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_policies_that_do_not_fit_are_refused(tmp_path, refused):
+    run = ["--output", str(tmp_path / "run")]
+    path = STUDENT_DIRECTORY / "pace" / "page.formulas"
+    assert "made for gait 'pace', not 'trot'" in refused([*EXPORT, "--policy", str(path), *run])
+    policy, broken = load_student("trot", "statewise_linear"), tmp_path / "broken.safetensors"
+    policy.save(broken)
+    arrays, header = load_arrays(broken)
+    arrays["weights"] = np.full_like(arrays["weights"], np.nan)
+    save_arrays(broken, arrays, header)
+    assert "holds nan" in refused([*EXPORT, "--policy", str(broken), *run])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_place_that_cannot_be_written_to_is_refused(tmp_path, refused):
+    (tmp_path / "file").write_text("")
+    told = refused([*EXPORT, "--n-steps", "20", "--output", str(tmp_path / "file" / "run")])
+    assert "cannot be written to" in told
+    folder = tmp_path / "run"
+    (folder / "mine.onnx").mkdir(parents=True)
+    told = refused([*EXPORT, "--n-steps", "20", "--name", "mine", "--output", str(folder)])
+    assert "holds files of something else" in told
+    assert [path.name for path in folder.rglob("*")] == ["mine.onnx"]
+
+
+def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
+    odd = replace(trot, name="hop")
+    policy = make_policy(odd)
+    expert = load_expert("trot")
+    own = type(expert)("hop", expert.observation_names, *expert._networks)
+    file = OnnxFile(Acting(odd, policy, own, "hop_mine", "mine"), "double")
+    rows = random_observations(odd, 20, 0)
+    assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12
