@@ -27,7 +27,7 @@ from glassgait.models.task.observation import (
     proprioception,
 )
 from glassgait.models.task.reward import step_reward, tracked_speeds
-from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
 
@@ -177,13 +177,7 @@ class BatchSimulator:
         action = np.where(lost[:, None], s.action, action)
 
         feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
-        machine = self.machine.step(
-            s.machine,
-            foot_contact=task.randomization.sensed_contact(feet.contact, self.generator),
-            foot_height=self._sensed_height(feet, s.estimate),
-            commanded_dwell=s.command.dwell,
-            difficulty=self.difficulty,
-        )
+        machine = self._step_machine(s, feet)
         reward = step_reward(
             state=plant,
             previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
@@ -220,6 +214,15 @@ class BatchSimulator:
             failures=shown,
             terminated=shown.any(axis=1),
             truncated=steps >= task.episode_steps,
+        )
+
+    def _step_machine(self, s: TaskState, feet: FootSense) -> MachineStep:
+        return self.machine.step(
+            s.machine,
+            foot_contact=self.task.randomization.sensed_contact(feet.contact, self.generator),
+            foot_height=self._sensed_height(feet, s.estimate),
+            commanded_dwell=s.command.dwell,
+            difficulty=self.difficulty,
         )
 
     def _disturbed(self, state: TaskState) -> TaskState:
