@@ -17,12 +17,19 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
+    indices_of,
     machine_state_entries,
 )
+
+GREATEST_CHANGE = 50.0
+"""Greatest squared change of the action in a control step; one of 60 ends an episode."""
 
 
 class SwitchedPolicy(Policy):
     """Acts by the policy of the gait that runs, and observes by that gait's own estimator.
+
+    Where a gait begins, its policy may ask for an action far from the last one of the gait before.
+    The action then goes there as far as one step may go, and on in the next.
 
     It observes the state of a `GaitSwitch`, which tells the gait; each gait's policy is shown the
     states of its own gait alone, as it was when it learned. It is put together from policies that
@@ -34,11 +41,17 @@ class SwitchedPolicy(Policy):
 
     kind = "switched"
 
-    def __init__(self, switch: GaitSwitch, walkers: Sequence[AlternatingPolicy]) -> None:
+    def __init__(
+        self,
+        switch: GaitSwitch,
+        walkers: Sequence[AlternatingPolicy],
+        greatest_change: float = GREATEST_CHANGE,
+    ) -> None:
         """
         Args:
             switch: The gaits.
             walkers: Who walks alone in each of them, an expert or a student, in their order.
+            greatest_change: Greatest squared change of the action in a control step.
 
         Raises:
             InputError: if a walker was made for another gait, does not walk alone, or has no
@@ -58,12 +71,19 @@ class SwitchedPolicy(Policy):
         self._digests = [walker.expert.digest() for walker in walkers]
         self._digests += [policy.digest() for policy in self._policies]
         self._estimates = [_estimator(walker) for walker in walkers]
+        self._greatest_change = greatest_change
+        self._previous_action = list(indices_of("previous action", layout.names))
         self._states = machine_state_entries(layout.names)
         self._gait_of = switch.gait_of(np.arange(switch.n_states))
         self._columns = [_columns(layout, self._gait_of == i) for i in range(len(walkers))]
 
     def __call__(self, observation: Array) -> Array:
-        return self._by_gait(observation, self._policies, self._columns, robot.N_JOINTS)
+        action = self._by_gait(observation, self._policies, self._columns, robot.N_JOINTS)
+        previous = observation[..., self._previous_action]
+        change = action - previous
+        length = np.sqrt(np.sum(np.square(change), axis=-1, keepdims=True))
+        share = np.sqrt(self._greatest_change) / np.maximum(length, 1e-9)
+        return np.where(share < 1.0, previous + share * change, action)
 
     def estimator(self, proprioception: Array) -> Array:
         """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
@@ -110,7 +130,7 @@ class SwitchedPolicy(Policy):
 
     def digest(self) -> str:
         """Tells policies apart that would not act alike."""
-        own = [self.kind, self.gait, *self._digests]
+        own = [self.kind, self.gait, self._greatest_change, *self._digests]
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
 

@@ -5,7 +5,17 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Le, MinLen
 
-from glassgait.models.settings import DISTINCT, FEW, Count, NotNegative, Seed, Settings, Share
+from glassgait.models.policies.switched import GREATEST_CHANGE
+from glassgait.models.settings import (
+    DISTINCT,
+    FEW,
+    Count,
+    NotNegative,
+    Positive,
+    Seed,
+    Settings,
+    Share,
+)
 from glassgait.models.task.gait_switch import PATIENCE
 
 
@@ -19,6 +29,7 @@ class TransitionConfig(Settings):
         seed: Seed of initial states, dwells, instants of the request, and noise.
         patience: Multiple of the commanded steps in a state after which a gait is waited for no
             more; with 0 gaits change at once, whatever the feet do.
+        greatest_change: Greatest squared change of the action in a control step.
         slowdown: Factor on the commanded speed from the request until a second after the change.
     """
 
@@ -32,4 +43,5 @@ class TransitionConfig(Settings):
     n_robots: Count = 26
     seed: Seed = 1000
     patience: NotNegative = PATIENCE
+    greatest_change: Positive = GREATEST_CHANGE
     slowdown: Share = 1.0

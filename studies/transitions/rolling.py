@@ -88,7 +88,9 @@ class TransitionJob:
         walkers = [(walker.acting_student or walker.expert).digest() for walker in self.walkers]
         experts = [walker.expert.digest() for walker in self.walkers]
         gaits = [gait.digest() for gait in self.path]
-        whole = [walkers, experts, gaits, self.world.digest(), self.speed, to_plain(self.config)]
+        # Each speed is rolled out by itself.
+        config = to_plain(replace(self.config, speeds=(self.speed,)))
+        whole = [walkers, experts, gaits, self.world.digest(), config]
         return hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:16]
 
 
@@ -121,7 +123,7 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
     """
     config, n = job.config, job.config.n_robots
     switch = GaitSwitch(job.path, config.patience)
-    policy = SwitchedPolicy(switch, job.walkers)
+    policy = SwitchedPolicy(switch, job.walkers, config.greatest_change)
     generator = np.random.default_rng(config.seed)
     low, high = switch.gait.dwell
     dwell = generator.integers(low, high + 1, n).astype(float)
