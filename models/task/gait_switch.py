@@ -194,6 +194,5 @@ def _entry_distances(gait: Gait) -> IntArray:
 
 def _ending(gait: Gait) -> BoolArray:
     """Tells the stances (16) that end one of a gait's states and lead to no fault."""
-    edges = [edge for edge in gait.transitions if edge.target not in gait.faults]
-    never = [np.zeros(N_STANCES, dtype=bool)]
-    return np.any([*never, *(edge.when.table for edge in edges)], axis=0)
+    tables = [edge.when.table for edge in gait.transitions if edge.target not in gait.faults]
+    return np.array(tables, dtype=bool).reshape(-1, N_STANCES).any(axis=0)

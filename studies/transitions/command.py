@@ -28,7 +28,8 @@ from glassgait.studies.sweep import Gaits, WorkersConfig, gaits_named
 from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.transitions.config import TransitionConfig
 from glassgait.studies.transitions.figures import transition_figure
-from glassgait.studies.transitions.rolling import TransitionJob, jobs_of_pairs, roll_transition
+from glassgait.studies.transitions.jobs import TransitionJob, jobs_of_pairs
+from glassgait.studies.transitions.rolling import roll_transition
 from glassgait.studies.transitions.tables import readable_table, summary_table, transition_table
 
 

@@ -29,22 +29,22 @@ def transition_figure(table: pd.DataFrame, titles: dict[str, str]) -> Figure:
         table: What `transition_table` returned.
         titles: What people call each scenario.
     """
-    lines = list(table[["policy", "scenario"]].drop_duplicates().itertuples(index=False))
+    lines = table[["policy", "scenario"]].drop_duplicates().to_numpy().tolist()
     speeds, gaits = table["speed"].unique(), table["from"].unique().tolist()
     width, height = CELL * len(gaits) + 0.35, CELL * len(gaits) + 0.45
     size = (1.9 + width * len(speeds), 0.9 + height * len(lines))
     figure, panels = subplots(
         len(lines), len(speeds), figsize=size, squeeze=False, sharex=True, sharey=True
     )
-    for (i, line), (j, speed) in product(enumerate(lines), enumerate(speeds)):
-        chosen = (table["policy"] == line.policy) & (table["scenario"] == line.scenario)
+    for (i, (policy, world)), (j, speed) in product(enumerate(lines), enumerate(speeds)):
+        chosen = (table["policy"] == policy) & (table["scenario"] == world)
         cells = table[chosen & (table["speed"] == speed)]
         axes = panels[i, j]
         _draw_matrix(axes, cells, gaits)
         if i == 0:
             axes.set_title(f"{speed:g} m/s", fontsize=8)
         if j == 0:
-            title = f"{policy_title(line.policy)}, {titles[line.scenario]}"
+            title = f"{policy_title(policy)}, {titles[world]}"
             axes.set_ylabel(f"{textwrap.fill(title, 24)}\n\nfrom", fontsize=7)
         if i == len(lines) - 1:
             axes.set_xlabel("to")

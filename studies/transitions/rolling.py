@@ -1,19 +1,16 @@
 """Rolling robots out that change their gait while they walk."""
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.engines import make_physics
-from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
@@ -21,8 +18,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.reward_machine import BoolArray, IntArray
 from glassgait.models.task.termination import FAILURES
-from glassgait.studies.records import to_plain
-from glassgait.studies.transitions.config import TransitionConfig
+from glassgait.studies.transitions.jobs import TransitionJob
 
 FIRST_STEPS = 300
 """Control steps that a robot walks in its first gait before another is requested (6 s)."""
@@ -42,56 +38,6 @@ SCORED_STEPS = 300
 
 KEPT = 0.8
 """Share of the commanded rhythm from which a cycle counts as kept."""
-
-
-@dataclass(frozen=True)
-class TransitionJob:
-    """Robots that go from one gait to another at one speed.
-
-    Attributes:
-        policy: What tables call who walks.
-        scenario: Name of the world.
-        path: The gaits, in the order in which they are requested; of one alone nothing changes.
-        walkers: Who walks in each.
-        world: The world.
-        speed: Commanded speed (m/s).
-        config: How many robots, and what eases the change.
-    """
-
-    policy: str
-    scenario: str
-    path: tuple[Gait, ...]
-    walkers: tuple[AlternatingPolicy, ...]
-    world: Scenario
-    speed: float
-    config: TransitionConfig
-
-    @property
-    def labels(self) -> dict[str, str | float]:
-        """Columns that tell the job's robots from the others'."""
-        return {
-            "policy": self.policy,
-            "scenario": self.scenario,
-            "from": self.path[0].name,
-            "to": self.path[-1].name,
-            "speed": self.speed,
-        }
-
-    @property
-    def name(self) -> str:
-        """What progress and files call it."""
-        path = "-".join(gait.name for gait in self.path)
-        return f"{self.policy}_{self.scenario}_{path}_{self.speed:g}"
-
-    def digest(self) -> str:
-        """Tells jobs apart whose robots would not walk alike."""
-        walkers = [(walker.acting_student or walker.expert).digest() for walker in self.walkers]
-        experts = [walker.expert.digest() for walker in self.walkers]
-        gaits = [gait.digest() for gait in self.path]
-        # Each speed is rolled out by itself.
-        config = to_plain(replace(self.config, speeds=(self.speed,)))
-        whole = [walkers, experts, gaits, self.world.digest(), config]
-        return hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -134,34 +80,87 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
         make_physics(job.world.station),
         n_robots=n,
         generator=generator,
-        estimator=policy.estimator,
+        estimator=None if job.world.true_body_state else policy.estimator,
     )
-    log, asked = _advance(simulator, policy, job, dwell, request)
+    requests = _Requests(request, last=len(job.path) - 1)
+    n_steps = int(request.max()) + AFTER_STEPS
+    log = _advance(simulator, policy, job, dwell, requests, n_steps)
     rows = []
-    n_states = job.path[-1].n_states - len(job.path[-1].faults)
     for i in range(n):
-        alive = slice(0, request[i] + AFTER_STEPS)
-        failed = log.failures[alive, i].any(axis=1)
-        fell = bool(failed.any())
-        end = int(np.argmax(failed)) if fell else len(failed)
-        begun = np.flatnonzero(log.running[:end, i] == len(job.path) - 1)
-        start = max(int(begun[0]), int(asked[i])) if len(begun) else None
-        settled = None if start is None else _settled(log.served[:end, i], start, n_states)
-        shown = log.failures[end, i] if fell else np.zeros(len(FAILURES), dtype=bool)
+        own = _Log(*(values[: request[i] + AFTER_STEPS, i] for values in vars(log).values()))
         rows.append(
             {
                 **job.labels,
                 "robot": i,
                 "dwell": int(dwell[i]),
-                "fell": fell,
-                "before": fell and end < request[i],
-                "failure": " ".join(np.array(FAILURES)[shown]),
-                "wait": _seconds(start, int(asked[i])),
-                "settling": _seconds(settled, start),
-                "reward": float(log.reward[alive, i][-SCORED_STEPS:].mean()),
+                **_score(own, job.path, int(request[i]), int(requests.asked[i])),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _score(log: _Log, path: Sequence[Gait], request: int, asked: int) -> dict[str, Any]:
+    """Scores one robot, whose log is (T,) and (T, 6).
+
+    Args:
+        log: What it did.
+        path: The gaits.
+        request: Step at which the second gait was requested.
+        asked: Step at which the last one was.
+    """
+    failed = np.any(log.failures, axis=1)
+    fell = bool(failed.any())
+    end = int(np.argmax(failed)) if fell else len(log.reward)
+    shown = np.array(FAILURES)[log.failures[end]] if fell else []
+    begun = np.flatnonzero(log.running[:end] == len(path) - 1)
+    start = max(int(begun[0]), asked) if len(begun) else None
+    n_states = path[-1].n_states - len(path[-1].faults)
+    settled = None if start is None else settled_from(log.served[:end], start, n_states)
+    return {
+        "fell": fell,
+        "before": fell and end < request,
+        "failure": " ".join(shown),
+        "wait": _seconds(start, asked),
+        "settling": _seconds(settled, start),
+        "reward": float(log.reward[-SCORED_STEPS:].mean()),
+    }
+
+
+class _Requests:
+    """Requests the gaits of a path one after the other, of each robot when it is due.
+
+    Attributes:
+        number: Place on the path of the gait that is requested (n,).
+        asked: Control step at which the last gait was requested (n,).
+    """
+
+    def __init__(self, request: IntArray, last: int) -> None:
+        """
+        Args:
+            request: Control steps at which the second gait is requested (n,).
+            last: Place on the path of the last gait.
+        """
+        self.number = np.zeros_like(request)
+        self.asked = request.copy()
+        self._request, self._last = request, last
+        # Step from which on the robot is in the requested gait, the first one at its request.
+        self._since = request.copy()
+
+    def advance(self, step: int, running: IntArray) -> None:
+        """Requests the next gait of robots that have been long enough in the one before."""
+        enough = np.where(self.number == 0, 0, BETWEEN_STEPS)
+        due = (running == self.number) & (step - self._since >= enough) & (running < self._last)
+        self.number = self.number + due
+        self.asked = np.where(due, step, self.asked)
+
+    def note(self, step: int, before: IntArray, after: IntArray) -> None:
+        """Notes who came to another gait in a control step."""
+        self._since = np.where(after != before, step + 1, self._since)
+
+    def on_the_way(self, step: int, running: IntArray) -> BoolArray:
+        """Tells who changes, or has hardly changed, the gait (n,)."""
+        begun = (step >= self._request) & (self._last > 0)
+        return begun & ((running < self._last) | (step - self._since < BETWEEN_STEPS))
 
 
 def _advance(
@@ -169,38 +168,30 @@ def _advance(
     policy: SwitchedPolicy,
     job: TransitionJob,
     dwell: Array,
-    request: IntArray,
-) -> tuple[_Log, IntArray]:
-    """Advances the robots to the end; returns when the last gait was requested of each, too."""
-    n, last = simulator.n_robots, len(job.path) - 1
+    requests: _Requests,
+    n_steps: int,
+) -> _Log:
+    n = simulator.n_robots
     failed = np.zeros(n, dtype=bool)
-    # Control step at which the requested gait began, or will have been requested.
-    since, asked = request.copy(), np.where(last > 0, -1, request)
     logged: list[tuple[IntArray, Array, Array, BoolArray]] = []
-    for step in range(int(request.max()) + AFTER_STEPS):
+    for step in range(n_steps):
         running = simulator.running
-        arrived = running == simulator.requested
-        # The first gait ran all the time before the request; others run a while on the way.
-        rested = step - since >= np.where(simulator.requested == 0, 0, BETWEEN_STEPS)
-        more = arrived & rested & (simulator.requested < last)
-        simulator.requested = simulator.requested + more
-        asked = np.where(more & (simulator.requested == last), step, asked)
-        since = np.where(more, step, since)
-        slow = (step >= request) & ((simulator.requested != running) | (running < last))
-        slow |= (step >= request) & (last > 0) & (step - since < BETWEEN_STEPS)
+        requests.advance(step, running)
+        simulator.requested = requests.number
+        slow = requests.on_the_way(step, running)
         speed = job.speed * np.where(slow, job.config.slowdown, 1.0)
         simulator.set_command(Command(np.stack([speed, np.zeros(n)], axis=1), dwell))
         action = np.where(failed[:, None], 0.0, policy(simulator.observe()))
         outcome = simulator.step(action)
+        requests.note(step, running, simulator.running)
         failed |= outcome.failures.any(axis=1)
-        begun = (simulator.running == simulator.requested) & (running != simulator.requested)
-        since = np.where(begun, step + 1, since)
+        # A fallen robot counts no more.
         reward = np.where(failed, 0.0, outcome.reward)
         logged.append((simulator.running, outcome.served_dwell, reward, outcome.failures))
-    return _Log(*(np.array(values) for values in zip(*logged, strict=True))), asked
+    return _Log(*(np.array(values) for values in zip(*logged, strict=True)))
 
 
-def _settled(served: Array, start: int, n_states: int) -> int | None:
+def settled_from(served: Array, start: int, n_states: int) -> int | None:
     """Returns the step from which on a whole cycle of the gait kept `KEPT` of its rhythm.
 
     Args:
@@ -219,42 +210,3 @@ def _seconds(instant: int | None, since: int | None) -> float:
     if instant is None or since is None:
         return float("nan")
     return CONTROL_PERIOD * (instant - since)
-
-
-def jobs_of_pairs(
-    gaits: Sequence[Gait],
-    walkers: dict[str, dict[str, AlternatingPolicy]],
-    scenarios: dict[str, Scenario],
-    config: TransitionConfig,
-    via: Gait | None,
-) -> list[TransitionJob]:
-    """Lists the jobs of every ordered pair of gaits, and of every gait that does not change.
-
-    Args:
-        gaits: The gaits.
-        walkers: Who walks, by the policy's name and the gait's.
-        scenarios: The worlds by name.
-        config: How robots are rolled out, and at which speeds.
-        via: A gait that lies on the way between the others, if there is one.
-    """
-    paths: list[tuple[Gait, ...]] = [(gait,) for gait in gaits]
-    for source in gaits:
-        for target in gaits:
-            if source != target:
-                between = () if via is None or via in (source, target) else (via,)
-                paths.append((source, *between, target))
-    return [
-        TransitionJob(
-            policy,
-            scenario,
-            path,
-            tuple(own[gait.name] for gait in path),
-            world,
-            speed,
-            config,
-        )
-        for policy, own in walkers.items()
-        for scenario, world in scenarios.items()
-        for speed in config.speeds
-        for path in paths
-    ]

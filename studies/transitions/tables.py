@@ -77,15 +77,19 @@ def summary_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
     rows = []
     for (policy, scenario), own in pairs.groupby(["policy", "scenario"], sort=False):
         falls = own.groupby(["from", "to"], sort=False)["falls"].sum()
-        told = [f"{source} to {target} {count}" for (source, target), count in falls.items()]
-        fallen = [text for text, count in zip(told, falls, strict=True) if count > 0]
+        ends = zip(*(falls.index.get_level_values(name) for name in ("from", "to")), strict=True)
+        told = [
+            f"{source} to {target} {count}"
+            for (source, target), count in zip(ends, falls, strict=True)
+            if count > 0
+        ]
         rows.append(
             {
                 "policy": policy_title(str(policy)),
                 "world": titles[str(scenario)],
                 "pairs without a fall": f"{(falls == 0).sum()} of {len(falls)}",
                 "falls": f"{falls.sum()} of {own['robots'].sum()}",
-                "who falls": ", ".join(fallen) or "–",
+                "who falls": ", ".join(told) or "–",
                 "longest wait (s)": own["longest_wait"].max(),
             }
         )
