@@ -195,4 +195,4 @@ def _entry_distances(gait: Gait) -> IntArray:
 def _ending(gait: Gait) -> BoolArray:
     """Tells the stances (16) that end one of a gait's states and lead to no fault."""
     tables = [edge.when.table for edge in gait.transitions if edge.target not in gait.faults]
-    return np.array(tables, dtype=bool).reshape(-1, N_STANCES).any(axis=0)
+    return np.any(np.array(tables, dtype=bool).reshape(-1, N_STANCES), axis=0)

@@ -82,7 +82,7 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
         generator=generator,
         estimator=None if job.world.true_body_state else policy.estimator,
     )
-    requests = _Requests(request, last=len(job.path) - 1)
+    requests = Requests(request, last=len(job.path) - 1)
     n_steps = int(request.max()) + AFTER_STEPS
     log = _advance(simulator, policy, job, dwell, requests, n_steps)
     rows = []
@@ -126,7 +126,7 @@ def _score(log: _Log, path: Sequence[Gait], request: int, asked: int) -> dict[st
     }
 
 
-class _Requests:
+class Requests:
     """Requests the gaits of a path one after the other, of each robot when it is due.
 
     Attributes:
@@ -168,7 +168,7 @@ def _advance(
     policy: SwitchedPolicy,
     job: TransitionJob,
     dwell: Array,
-    requests: _Requests,
+    requests: Requests,
     n_steps: int,
 ) -> _Log:
     n = simulator.n_robots

@@ -41,7 +41,7 @@ def observations(switch, generator):
 
 
 def test_each_gaits_policy_and_estimator_see_their_own_states_alone(switch, walkers, generator):
-    policy = SwitchedPolicy(switch, walkers)
+    policy = SwitchedPolicy(switch, walkers, greatest_change=1e9)
     assert policy.observation_names == ObservationLayout(6).names
     whole, own = observations(switch, generator)
     actions, estimates = policy(whole), policy.estimator(whole[:, :-7])
@@ -58,6 +58,21 @@ def test_shapes_are_those_of_any_policy(switch, walkers, generator):
     np.testing.assert_allclose(policy(whole[5]), policy(whole)[5], atol=1e-12)
     assert policy(whole.reshape(2, 3, -1)).shape == (2, 3, 12)
     assert policy.estimator(whole.reshape(2, 3, -1)[..., :-7]).shape == (2, 3, 7)
+
+
+def test_an_action_goes_toward_the_policys_as_far_as_a_step_may(switch, walkers, generator):
+    free, bounded = (SwitchedPolicy(switch, walkers, change) for change in (1e9, 2.0))
+    whole, _ = observations(switch, generator)
+    previous = whole[:, 26:38]
+    wanted, taken = free(whole) - previous, bounded(whole) - previous
+    length = np.sqrt(np.sum(wanted**2, axis=1, keepdims=True))
+    assert np.all(length**2 > 2.0)
+    np.testing.assert_allclose(taken, np.sqrt(2.0) * wanted / length, atol=1e-12)
+    # One that is near enough is taken as it is.
+    near = whole.copy()
+    for _ in range(100):
+        near[:, 26:38] = bounded(near)
+    np.testing.assert_array_equal(bounded(near), free(near))
 
 
 def test_digests_differ_by_policy_estimator_and_order(switch, walkers):

@@ -15,7 +15,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.transitions.config import TransitionConfig
 from glassgait.studies.transitions.figures import transition_figure
 from glassgait.studies.transitions.jobs import jobs_of_pairs
-from glassgait.studies.transitions.rolling import settled_from
+from glassgait.studies.transitions.rolling import Requests, settled_from
 from glassgait.studies.transitions.tables import summary_table, transition_table
 
 GAITS = [load_gait(name) for name in ("trot", "pace", "walk")]
@@ -79,6 +79,31 @@ def test_the_rhythm_is_kept_from_the_first_whole_cycle_on_that_is_in_time():
     late = np.zeros(80)
     late[[10, 25, 40, 55, 70]] = 8.0
     assert settled_from(late, start=10, n_states=2) is None
+
+
+def test_gaits_of_a_path_are_requested_one_after_the_other():
+    requests = Requests(np.array([5, 8]), last=2)
+    running, slow = np.array([0, 0]), []
+    for step in range(120):
+        requests.advance(step, running)
+        slow.append(requests.on_the_way(step, running))
+        # The first robot changes at once, the other one waits for 10 steps on its way.
+        after = np.where([True, step >= 18], requests.number, running)
+        requests.note(step, running, after)
+        running = after
+    assert running.tolist() == [2, 2]
+    # A second after the robot came to the gait on the way, and it came at the end of a step.
+    assert requests.asked.tolist() == [5 + 1 + 50, 18 + 1 + 50]
+    first, last = np.flatnonzero(np.array(slow)[:, 1])[[0, -1]]
+    assert (first, last) == (8, 69 + 50)
+
+
+def test_robots_of_one_gait_are_asked_for_nothing():
+    requests = Requests(np.array([5]), last=0)
+    for step in range(10):
+        requests.advance(step, np.array([0]))
+        assert not requests.on_the_way(step, np.array([0])).any()
+    assert (requests.number.tolist(), requests.asked.tolist()) == ([0], [5])
 
 
 @pytest.fixture
