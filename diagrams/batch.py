@@ -27,7 +27,7 @@ from glassgait.models.task.observation import (
     proprioception,
 )
 from glassgait.models.task.reward import step_reward, tracked_speeds
-from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
 
 
@@ -178,18 +178,12 @@ class BatchSimulator:
 
         steps = s.steps + 1
         joint_noise = task.randomization.joint_noise(self.n_robots, self.generator)
-        push = self._draw_push()
+        push = task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
 
         feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
-        machine = self.machine.step(
-            s.machine,
-            foot_contact=task.randomization.sensed_contact(feet.contact, self.generator),
-            foot_height=self._sensed_height(feet, s.estimate),
-            commanded_dwell=command.dwell,
-            difficulty=self.difficulty,
-        )
+        machine = self._step_machine(s, feet, command)
         reward = step_reward(
             state=plant,
             previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
@@ -228,18 +222,19 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
-    def _draw_push(self) -> Array:
-        randomization = self.task.randomization
-        if randomization.push_speed == 0:
-            return np.zeros((self.n_robots, 3))
-        return randomization.pushes(self.n_robots, self.generator)
+    def _step_machine(self, s: TaskState, feet: FootSense, command: Command) -> MachineStep:
+        return self.machine.step(
+            s.machine,
+            foot_contact=self.task.randomization.sensed_contact(feet.contact, self.generator),
+            foot_height=self._sensed_height(feet, s.estimate),
+            commanded_dwell=command.dwell,
+            difficulty=self.difficulty,
+        )
 
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
-        if len(due):
-            state = state.with_commands(due, self._draw_commands(len(due)))
-        return state.command
+        return state.with_commands(due, self._draw_commands(len(due))).command
 
     def _draw_commands(self, count: int) -> Command:
         match self.task.command:
@@ -300,7 +295,6 @@ class BatchSimulator:
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
         """Returns the heights (n, 4; m) that the machine reads.
 
-        The estimator sees the machine's state, so that the machine can have no estimate of the same
-        instant: it takes that of the observation before.
+        The estimator sees the machine's state, so the machine reads the estimate of the step before.
         """
         return feet.height if self.estimator is None else estimate[:, -robot.N_LEGS :]

@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Multiplexer, RandomSource
 
 from glassgait.diagrams.acting import AddActingPolicies
 from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
@@ -20,6 +21,7 @@ from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
@@ -36,7 +38,7 @@ from glassgait.systems.state_estimator import StateEstimator
 
 
 def MakeLocomotion(  # noqa: N802
-    gait: Gait,
+    gait: Gait | GaitSwitch,
     scenario: Scenario | None = None,
     *,
     policy: ActingPolicy | Policy | None = None,
@@ -50,6 +52,7 @@ def MakeLocomotion(  # noqa: N802
         name: Locomotion
         input_ports:
         - actions
+        - requested_gait
         output_ports:
         - actions
         - observations
@@ -68,7 +71,8 @@ def MakeLocomotion(  # noqa: N802
         - expert_acts
         - overrun
 
-    Inputs: actions (12), only where no policy is given.
+    Inputs: actions (12), only where no policy is given. requested_gait (1), only of several gaits
+    without buttons; see `GaitSwitchSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
     and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
     rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
@@ -82,7 +86,7 @@ def MakeLocomotion(  # noqa: N802
     whoever advances the simulator; see `glassgait.diagrams.plant_state.push`.
 
     Args:
-        gait: The gait whose reward machine runs.
+        gait: The gait whose reward machine runs, or several that change on request.
         scenario: The world, and how the loop is closed; the training world by default.
         policy: Who acts. Its estimator gives the body state that is observed and the foot heights
             that the reward machine reads; they are the true ones where there is none, or the
@@ -96,7 +100,8 @@ def MakeLocomotion(  # noqa: N802
             for the command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
-    scenario = scenario or Scenario()
+    scenario, gaits = scenario or Scenario(), gait
+    gait = gaits.gait if isinstance(gaits, GaitSwitch) else gaits
     if isinstance(policy, Policy):
         policy = AlternatingPolicy(policy)
     layout = ObservationLayout(gait.n_states)
@@ -118,7 +123,7 @@ def MakeLocomotion(  # noqa: N802
 
     foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
     builder.Connect(state, foot_sensor.get_state_input_port())
-    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
+    machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
     contact = _sensed_contact(builder, scenario, foot_sensor, contact_noise)
     builder.Connect(contact, machine.get_foot_contact_input_port())
     builder.Connect(commanded_dwell, machine.get_commanded_dwell_input_port())

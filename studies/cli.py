@@ -68,6 +68,10 @@ COMMANDS = {
         "glassgait.studies.pushes.command:PushBasin",
         "Push walking robots from every side, and draw which pushes each policy survives.",
     ),
+    "transitions": (
+        "glassgait.studies.transitions.command:Transitions",
+        "Change the gait of walking robots, each to each, and tell who falls and how soon.",
+    ),
     "stability": (
         "glassgait.studies.stability.command:Stability",
         "Tell whether small differences grow or fade from one stride to the next, and test it.",

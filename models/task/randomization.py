@@ -87,7 +87,12 @@ class Randomization(Settings):
         return flip_contacts(contact, generator.random(contact.shape), self.contact_flips)
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
-        """Draws what this control step's pushes add to base velocities (count, 3; m/s)."""
+        """Draws what this control step's pushes add to base velocities (count, 3; m/s).
+
+        Without pushes nothing is drawn.
+        """
+        if self.push_speed == 0:
+            return np.zeros((count, 3))
         push = generator.uniform(-1.0, 1.0, size=(count, 3)) * self.push_speed
         push[:, 2] = 0.0
         pushed = generator.random(count) < CONTROL_PERIOD / self.push_interval

@@ -15,9 +15,11 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.policy import Policy
-from glassgait.models.settings import Seed, Settings
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.settings import DISTINCT, FEW, Seed, Settings
 from glassgait.models.task.alternation import parse_ratio, ratio_title
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console
 from glassgait.studies.figures import save_figure
 from glassgait.studies.records import to_plain
@@ -26,7 +28,8 @@ from glassgait.studies.rollout.stills import gait_strip
 from glassgait.studies.rollouts.gait_figure import gait_figure
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
-from glassgait.studies.students.library import find_student
+from glassgait.studies.students.library import find_student, find_walker
+from glassgait.studies.sweep import refuse_files_of_several
 
 SECONDS = 10.0
 """Length of a rollout that nobody watches (s), unless a person names another."""
@@ -70,6 +73,8 @@ class ShowRollout(Settings):
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
+        change_to: Further gaits, each with a button that changes to it while the robot walks; with
+            --live, and with the expert or a kind of students that every gait has.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
             out is the scenario's. A scenario that names no command asks for 0.5 m/s.
@@ -89,6 +94,7 @@ class ShowRollout(Settings):
     ratio: str | None = None
     stills: bool = False
     live: bool = False
+    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds | None = None
@@ -101,9 +107,27 @@ class ShowRollout(Settings):
         super().__post_init__()
         if self.live and self.seconds is not None:
             raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
+        if self.change_to and not self.live:
+            raise InputError("rollout: gaits change by buttons; give --live with --change-to")
+        if self.change_to and self.ratio is not None:
+            raise InputError("rollout: of several gaits each policy acts alone; leave --ratio out")
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
+        gait, policy = self._several() if self.change_to else self._one()
+        self._play(gait, policy)
+
+    def _several(self) -> tuple[GaitSwitch, AlternatingPolicy]:
+        """Loads the gaits that change, and who walks in each."""
+        names = (self.gait, *self.change_to)
+        own = Path(self.policy) if Path(self.policy).suffix else None
+        refuse_files_of_several(names, self.expert, self.distillation, own)
+        switch = GaitSwitch([load_gait(name) for name in names])
+        walkers = [find_walker(self.policy, load_expert(gait)) for gait in switch.gaits]
+        return switch, AlternatingPolicy(SwitchedPolicy(switch, walkers))
+
+    def _one(self) -> tuple[Gait, AlternatingPolicy]:
+        """Loads the only gait, and who walks."""
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         student: Policy | None = None
@@ -114,19 +138,24 @@ class ShowRollout(Settings):
         )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        policy = AlternatingPolicy(expert, student, period)
+        return gait, AlternatingPolicy(expert, student, period)
+
+    def _play(self, gait: Gait | GaitSwitch, policy: AlternatingPolicy) -> None:
+        shown = gait.gait if isinstance(gait, GaitSwitch) else gait
         scenario = load_scenario(self.scenario)
         if self.live:
             scenario = replace(scenario, command=SliderCommand())
         else:
             scenario = self.command.over(scenario)
         # As the paper writes it, so that 0.25 and 1/4 are one.
-        ratio = None if self.ratio is None else ratio_title(period)
+        ratio = None if self.ratio is None else ratio_title(policy.period)
         name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
         world = scenario_name(self.scenario)
         if world != TRAINING:
             name += f"_{world}"
-        stem = (self.output or Path("runs/rollout") / gait.name) / name
+        if self.change_to:
+            name += "_changing"
+        stem = (self.output or Path("runs/rollout") / load_gait(self.gait).name) / name
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
@@ -134,7 +163,9 @@ class ShowRollout(Settings):
             console.print(f"stopped after {rollout.time[-1]:.2f} s")
         else:
             seconds = SECONDS if self.seconds is None else self.seconds
-            rollout = play(gait, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed)
+            rollout = play(
+                shown, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed
+            )
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
             console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")
@@ -142,9 +173,10 @@ class ShowRollout(Settings):
             {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
         )
         write_atomically(stem.with_name(f"{name}.yaml"), record)
-        title = f"{gait.name}, {self.policy}" + (f", ratio {ratio}" if ratio else "")
-        save_figure(gait_figure(rollout, gait, title), stem)
+        title = f"{shown.description if self.change_to else shown.name}, {self.policy}"
+        title += f", ratio {ratio}" if ratio else ""
+        save_figure(gait_figure(rollout, shown, title), stem)
         if self.stills:
-            save_figure(gait_strip(rollout, gait), stem.with_name(f"{name}_stills"))
+            save_figure(gait_strip(rollout, shown), stem.with_name(f"{name}_stills"))
         stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
         console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")

@@ -18,6 +18,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console, say
 from glassgait.studies.rollouts.play import pusher
 
@@ -28,7 +29,7 @@ FALLEN_SECONDS = 1.0
 
 
 def play_live(
-    gait: Gait,
+    gait: Gait | GaitSwitch,
     policy: AlternatingPolicy,
     scenario: Scenario,
     meshcat: Meshcat,
@@ -41,7 +42,7 @@ def play_live(
     A robot that falls is put back on its feet where it began, the machine in its initial state.
 
     Args:
-        gait: The gait.
+        gait: The gait, or several, each with a button that changes to it.
         policy: Who acts.
         scenario: The world.
         meshcat: Where the robot shows.
@@ -56,8 +57,9 @@ def play_live(
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     meshcat.AddButton(STOP_BUTTON, "Escape")
+    steered = "move the sliders" if isinstance(gait, Gait) else "use sliders and gaits' buttons"
     console.print(
-        f"open {meshcat.web_url()} and move the sliders under 'Open Controls'; '{STOP_BUTTON}' "
+        f"open {meshcat.web_url()} and {steered} under 'Open Controls'; '{STOP_BUTTON}' "
         "there, or Ctrl-C here, ends and saves the last minute"
     )
     with _interrupt() as interrupted:

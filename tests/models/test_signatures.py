@@ -7,6 +7,7 @@ import pytest
 from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward import step_reward
 from glassgait.models.task.reward_machine import RewardMachine
@@ -23,6 +24,7 @@ from glassgait.models.task.termination import failures
         (step_reward, ("foot_contact", "air_time")),
         (failures, ("action", "previous_action")),
         (RewardMachine.step, ("foot_contact", "foot_height")),
+        (GaitSwitch.step, ("requested", "foot_contact", "foot_height", "commanded_dwell")),
         (BoostedTreesPolicy, ("features", "thresholds")),
         (AdditivePolicy, ("tables", "deviations")),
         (AdditivePolicy, ("pair_tables", "pair_deviations")),

@@ -119,6 +119,33 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
     assert "yaw rate" not in replay
 
 
+@pytest.mark.slow
+def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, tmp_path):
+    process, lines, address = live("--gait", "trot", "--change-to", "bound")
+    browser.set_window_size(480, 400)
+    browser.get(address)
+    browser.find_element("xpath", "//*[text()='Open Controls']").click()
+    eventually(lambda: trunk_place(browser)[0] > 0.2)
+    assert running(browser) <= {0, 1}
+    for gait, states in (("bound", {2, 3}), ("trot", {0, 1})):
+        press(browser, gait)
+        eventually(lambda states=states: running(browser) <= states)
+    press(browser, "stop and save")
+    until_said(lines, r"stopped after ([\d.]+) s")
+    assert process.wait(timeout=60) == 0
+    assert (tmp_path / "expert_alone_changing.html").exists()
+
+
+def running(browser):
+    """Reads which states of the machine the beacon above the trunk shows."""
+    return set(
+        browser.execute_script(
+            "return [...Array(4).keys()].filter("
+            "i => viewer.scene_tree.find(['drake', 'gait', 'state', String(i)]).object.visible)"
+        )
+    )
+
+
 def flinging():
     """Makes a policy that throws the robot over."""
     names = load_expert("trot").observation_names
@@ -178,6 +205,11 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
         (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
         (["--policy", "symbolic", "--ratio", ""], "is not an alternation ratio"),
         (["--live", "--seconds", "3"], "leave --seconds out"),
+        (["--change-to", "walk"], "give --live with --change-to"),
+        (["--live", "--change-to", "walk", "--ratio", "1"], "leave --ratio out"),
+        (["--live", "--change-to", "trot"], "name one or more, each once"),
+        (["--live", "--change-to", "gallop"], "unknown gait 'gallop'"),
+        (["--live", "--change-to", "walk", "--policy", "own.formulas"], "no files of your own"),
         (["--command.speed", "30"], "speed"),
         (["--command.speed", "nan"], "speed"),
         (["--command.yaw-rate", "-9"], "yaw_rate"),

@@ -1,0 +1,160 @@
+"""The policies of several gaits as one, for a robot that changes its gait while it walks."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.observation import (
+    N_ESTIMATED,
+    ObservationLayout,
+    indices_of,
+    machine_state_entries,
+)
+
+GREATEST_CHANGE = 50.0
+"""Greatest squared change of the action in a control step; one of 60 ends an episode."""
+
+
+class SwitchedPolicy(Policy):
+    """Acts by the policy of the gait that runs, and observes by that gait's own estimator.
+
+    Where a gait begins, its policy may ask for an action far from the last one of the gait before.
+    The action then goes there as far as one step may go, and on in the next.
+
+    It observes the state of a `GaitSwitch`, which tells the gait; each gait's policy is shown the
+    states of its own gait alone, as it was when it learned. It is put together from policies that
+    have files, and has none itself.
+
+    Attributes:
+        estimator: Maps proprioception (..., 40 + n_states) to the body state (..., 7).
+    """
+
+    kind = "switched"
+
+    def __init__(
+        self,
+        switch: GaitSwitch,
+        walkers: Sequence[AlternatingPolicy],
+        greatest_change: float = GREATEST_CHANGE,
+    ) -> None:
+        """
+        Args:
+            switch: The gaits.
+            walkers: Who walks alone in each of them, an expert or a student, in their order.
+            greatest_change: Greatest squared change of the action in a control step.
+
+        Raises:
+            InputError: if a walker was made for another gait, does not walk alone, or has no
+                estimator; a walker is missing or left over.
+        """
+        layout = ObservationLayout(switch.n_states)
+        super().__init__(switch.gait.name, layout.names)
+        if len(walkers) != len(switch.gaits):
+            raise InputError(
+                f"switched policy: {len(walkers)} policies cannot act in {len(switch.gaits)} "
+                "gaits; give one for each"
+            )
+        self._policies = [_acting(walker) for walker in walkers]
+        for gait, policy in zip(switch.gaits, self._policies, strict=True):
+            names = ObservationLayout(gait.n_states).names
+            policy.check(gait=gait.name, observation_names=names)
+        self._digests = [walker.expert.digest() for walker in walkers]
+        self._digests += [policy.digest() for policy in self._policies]
+        self._estimates = [_estimator(walker) for walker in walkers]
+        self._greatest_change = greatest_change
+        self._previous_action = list(indices_of("previous action", layout.names))
+        self._states = machine_state_entries(layout.names)
+        self._gait_of = switch.gait_of(np.arange(switch.n_states))
+        self._columns = [_columns(layout, self._gait_of == i) for i in range(len(walkers))]
+
+    def __call__(self, observation: Array) -> Array:
+        action = self._by_gait(observation, self._policies, self._columns, robot.N_JOINTS)
+        previous = observation[..., self._previous_action]
+        change = action - previous
+        length = np.sqrt(np.sum(np.square(change), axis=-1, keepdims=True))
+        share = np.sqrt(self._greatest_change) / np.maximum(length, 1e-9)
+        return np.where(share < 1.0, previous + share * change, action)
+
+    def estimator(self, proprioception: Array) -> Array:
+        """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        sensed = [columns[:-N_ESTIMATED] for columns in self._columns]
+        return self._by_gait(proprioception, self._estimates, sensed, N_ESTIMATED)
+
+    def _by_gait(
+        self,
+        observed: Array,
+        functions: Sequence[Callable[[Array], Array]],
+        columns: Sequence[NDArray[np.intp]],
+        size: int,
+    ) -> Array:
+        """Applies each gait's function to the rows (..., n) in which it runs."""
+        rows = observed.reshape(-1, observed.shape[-1])
+        running = self._gait_of[rows[:, self._states].argmax(axis=1)]
+        result = np.empty((len(rows), size))
+        for i, function in enumerate(functions):
+            mine = running == i
+            if mine.any():
+                result[mine] = function(rows[np.ix_(mine, columns[i])])
+        return result.reshape(*observed.shape[:-1], size)
+
+    def to_arrays(self) -> NoReturn:
+        """
+        Raises:
+            InputError: always; each gait's policy has a file of its own.
+        """
+        raise InputError("switched policy: has no file; save the policy of each gait")
+
+    @classmethod
+    def from_arrays(
+        cls,
+        gait: str,
+        observation_names: tuple[str, ...],
+        arrays: Mapping[str, NDArray[Any]],
+        values: Mapping[str, Any],
+    ) -> NoReturn:
+        """
+        Raises:
+            InputError: always; each gait's policy has a file of its own.
+        """
+        raise InputError("switched policy: has no file; load the policy of each gait")
+
+    def digest(self) -> str:
+        """Tells policies apart that would not act alike."""
+        own = [self.kind, self.gait, self._greatest_change, *self._digests]
+        return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
+
+
+def _acting(walker: AlternatingPolicy) -> Policy:
+    if walker.acting_expert is not None and walker.acting_student is not None:
+        raise InputError(
+            "switched policy: expert and student by turns cannot act in a gait; give one of them"
+        )
+    alone = walker.acting_expert or walker.acting_student
+    assert alone is not None
+    return alone
+
+
+def _estimator(walker: AlternatingPolicy) -> Callable[[Array], Array]:
+    if walker.estimator is None:
+        raise InputError(
+            f"switched policy: the {walker.expert.kind} expert of the {walker.expert.gait} has no "
+            "estimator; give one that has"
+        )
+    return walker.estimator
+
+
+def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Returns where the entries stand that a gait's own layout has."""
+    kept = np.ones(layout.size, dtype=bool)
+    kept[machine_state_entries(layout.names)] = mine
+    return np.flatnonzero(kept)

@@ -1,0 +1,133 @@
+"""`glassgait transitions`: gaits that change while walking."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import pandas as pd
+import tyro
+from annotated_types import MinLen
+from joblib import delayed
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario, load_scenarios
+from glassgait.models.errors import InputError
+from glassgait.models.files import read_record, write_record
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert
+from glassgait.models.settings import DISTINCT, FEW, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.console import console, progress_bar
+from glassgait.studies.figures import save_figure
+from glassgait.studies.parallel.loop import parallel_backend, run_parallel
+from glassgait.studies.run_folder import open_run
+from glassgait.studies.students.library import find_walker
+from glassgait.studies.sweep import Gaits, WorkersConfig, gaits_named
+from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.transitions.config import TransitionConfig
+from glassgait.studies.transitions.figures import transition_figure
+from glassgait.studies.transitions.jobs import TransitionJob, jobs_of_pairs
+from glassgait.studies.transitions.rolling import roll_transition
+from glassgait.studies.transitions.tables import readable_table, summary_table, transition_table
+
+
+@dataclass(frozen=True)
+class Transitions(Settings):
+    """Change the gait of walking robots, each to each, and tell who falls and how soon.
+
+    Attributes:
+        gait: Names of gaits; `all` for every gait that ships.
+        policies: Who walks in every gait: `expert`, or kinds of students. `--policy` is another
+            name for it.
+        scenario: The worlds: names of scenarios that ship, or `all` of them, and paths of scenario
+            files. `--worlds` is another name for it.
+        transitions: How robots are rolled out, and what eases the change.
+        via: A gait on the way between any two others; none by default.
+        workers: Where rollouts run.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results.
+    """
+
+    title: ClassVar[str] = "transitions"
+
+    gait: Gaits = ("walk", "trot", "pace", "bound")
+    policies: Annotated[
+        tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--policy",))
+    ] = ("expert",)
+    scenario: Annotated[
+        tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
+    ] = ("training",)
+    transitions: Annotated[TransitionConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TransitionConfig
+    )
+    via: str | None = None
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    resume: bool = False
+    output: Path = Path("runs/transitions")
+
+    def run(self) -> None:
+        """Rolls every pair of gaits out, and writes tables and figure."""
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        scenarios = load_scenarios(self.scenario)
+        jobs = self._jobs(gaits, scenarios)
+        inputs = {"policies": " ".join(sorted({job.digest() for job in jobs}))}
+        run = {"study": "transitions", "settings": self, "inputs": inputs, "resume": self.resume}
+        with open_run(self.output, **run), parallel_backend(self.workers.backend):
+            robots = _run_jobs(jobs, self.output / "rollouts", self.workers.processes)
+            titles = {name: scenario.title for name, scenario in scenarios.items()}
+            table = transition_table(robots)
+            write_table(robots, self.output / "robots")
+            write_table(readable_table(table, titles), self.output / "transitions")
+            write_metrics(json_records(table), self.output / "metrics.json")
+            save_figure(transition_figure(table, titles), self.output / "transitions")
+        print_table("who changes the gait without a fall", summary_table(table, titles))
+        console.print(f"written to {self.output}")
+
+    def _jobs(self, gaits: Sequence[Gait], scenarios: dict[str, Scenario]) -> list[TransitionJob]:
+        """Lists the jobs, and refuses what cannot be rolled out."""
+        if len(gaits) < 2:
+            raise InputError("transitions: one gait changes to no other; name two or more")
+        via = None if self.via is None else load_gait(self.via)
+        there = [*gaits, *([] if via is None or via in gaits else [via])]
+        common = GaitSwitch(there).gait
+        for speed in self.transitions.speeds:
+            FixedCommand(speed=speed, dwell=common.dwell[0]).check(common)
+        for name, scenario in scenarios.items():
+            if scenario.accuracy is not None:
+                raise InputError(
+                    f"transitions: scenario {name!r} is continuous; name worlds of discrete time"
+                )
+        walkers = {policy: _walkers(policy, there) for policy in self.policies}
+        return jobs_of_pairs(gaits, walkers, scenarios, self.transitions, via)
+
+
+def _walkers(policy: str, gaits: Sequence[Gait]) -> dict[str, AlternatingPolicy]:
+    """Finds who walks in each gait: the expert, or the student of a kind."""
+    return {gait.name: find_walker(policy, load_expert(gait)) for gait in gaits}
+
+
+def _run_jobs(jobs: Sequence[TransitionJob], folder: Path, processes: int | None) -> pd.DataFrame:
+    """Rolls out every job, but for those whose robots the folder holds already."""
+    paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
+    kept = {i: read_record(path, of=path.stem) for i, path in enumerate(paths) if path.exists()}
+    pending = [i for i in range(len(jobs)) if i not in kept]
+    n_jobs = max(1, min(processes or len(pending), len(pending)))
+    with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
+        for i, robots in _finished(jobs, pending, n_jobs):
+            kept[i] = robots.to_dict(orient="list")
+            write_record(paths[i], kept[i], of=paths[i].stem)
+            progress.update(bar, advance=1, text=jobs[i].name)
+    return pd.concat([pd.DataFrame(kept[i]) for i in range(len(jobs))], ignore_index=True)
+
+
+def _finished(
+    jobs: Sequence[TransitionJob], pending: list[int], n_jobs: int
+) -> Iterator[tuple[int, pd.DataFrame]]:
+    work = (delayed(_roll)(i, jobs[i]) for i in pending)
+    yield from run_parallel(work, n_jobs, in_order=False)
+
+
+def _roll(index: int, job: TransitionJob) -> tuple[int, pd.DataFrame]:
+    return index, roll_transition(job)
