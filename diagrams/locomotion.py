@@ -130,7 +130,13 @@ def MakeLocomotion(  # noqa: N802
     judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold)
     if meshcat is not None:
         AddLocomotionDisplay(
-            builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
+            builder,
+            scene_graph,
+            gait,
+            state=state,
+            rm_state=machine.get_rm_state_output_port(),
+            foot_contact=foot_sensor.get_foot_contact_output_port(),
+            meshcat=meshcat,
         )
 
     exported = {

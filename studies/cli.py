@@ -100,6 +100,10 @@ COMMANDS = {
         "glassgait.studies.export.command:Export",
         "Write a controller as one C file, from sensors to joint targets, and check it.",
     ),
+    "drive": (
+        "glassgait.studies.drive.command:Drive",
+        "Run a robot and its controller as two processes over LCM, and count what is late or lost.",
+    ),
     "report": (
         "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
