@@ -93,7 +93,7 @@ def test_a_robot_without_a_controller_is_lowered_and_rises_with_the_next(trot, p
     ends = Ends(trot, page, Scenario(command=FixedCommand()))
     ends.run(100)
     walked = ends.robot.output("state")[robot.POSITION].copy()
-    _, held = ends.run(10, answered=False)
+    _, held = ends.run(8, answered=False)
     np.testing.assert_array_equal(held[-1], held[0])
     assert ends.robot.phase is Phase.HOLDING
     states, _ = ends.run(150, answered=False)
