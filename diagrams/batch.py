@@ -295,6 +295,6 @@ class BatchSimulator:
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
         """Returns the heights (n, 4; m) that the machine reads.
 
-        The estimator sees the machine's state, so the machine reads the estimate of the step before.
+        The estimator sees the machine's state; hence the machine reads the estimate before this.
         """
         return feet.height if self.estimator is None else estimate[:, -robot.N_LEGS :]

@@ -1,40 +1,31 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
-from collections.abc import Callable
-
 from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Multiplexer, RandomSource
+from pydrake.systems.primitives import RandomSource
 
-from glassgait.diagrams.acting import AddActingPolicies
 from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.controller import AddController, Sensed
 from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
 from glassgait.models.counterfactuals.intervention import Intervention
-from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.contact_noise import ContactNoise
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
-from glassgait.systems.observation_offset import ObservationOffset
-from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
-from glassgait.systems.state_estimator import StateEstimator
 
 
 def MakeLocomotion(  # noqa: N802
@@ -102,20 +93,12 @@ def MakeLocomotion(  # noqa: N802
     """
     scenario, gaits = scenario or Scenario(), gait
     gait = gaits.gait if isinstance(gaits, GaitSwitch) else gaits
-    if isinstance(policy, Policy):
-        policy = AlternatingPolicy(policy)
-    layout = ObservationLayout(gait.n_states)
-    for one in (policy.acting_expert, policy.acting_student) if policy else ():
-        if one is not None:
-            one.check(gait=gait.name, observation_names=layout.names)
-    estimator = policy.estimator if policy and not scenario.true_body_state else None
-
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
-    joint_noise = _add_noise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
-    contact_noise = _add_noise(builder, "contact_noise", scenario.contact_flips, robot.N_LEGS)
+    joint_noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
+    contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, robot.N_LEGS)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddA1Station(builder, scenario.station)
@@ -123,29 +106,30 @@ def MakeLocomotion(  # noqa: N802
 
     foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
     builder.Connect(state, foot_sensor.get_state_input_port())
-    machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
-    contact = _sensed_contact(builder, scenario, foot_sensor, contact_noise)
-    builder.Connect(contact, machine.get_foot_contact_input_port())
-    builder.Connect(commanded_dwell, machine.get_commanded_dwell_input_port())
-    hold = builder.AddNamedSystem("action_hold", ActionHold())
-    proprioception = _add_proprioception(builder, layout, scenario, machine, hold)
-    if joint_noise is not None:
-        builder.Connect(joint_noise, proprioception.get_uniform_noise_input_port())
-    builder.Connect(state, proprioception.get_state_input_port())
-    builder.Connect(command, proprioception.get_command_input_port())
-    builder.Connect(commanded_dwell, proprioception.get_commanded_dwell_input_port())
-    observation, sensed_height = _add_observation(
-        builder, layout, proprioception, foot_sensor, state, estimator
+    sensed = Sensed(
+        state=state,
+        foot_contact=_sensed_contact(builder, scenario, foot_sensor, contact_noise),
+        command=command,
+        commanded_dwell=commanded_dwell,
+        foot_height=foot_sensor.get_foot_height_output_port(),
+        joint_noise=joint_noise,
     )
-    builder.Connect(sensed_height, machine.get_foot_height_input_port())
+    machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
+    controller = AddController(
+        builder,
+        gait,
+        sensed,
+        machine=machine,
+        policy=policy,
+        true_body_state=scenario.true_body_state,
+        sensor_noise=scenario.sensor_noise,
+        intervention=intervention,
+    )
+    hold = controller.hold
     if policy is None:
         builder.ExportInput(hold.get_action_input_port(), "actions")
-    else:
-        given = _given_observation(builder, observation, intervention)
-        acting = AddActingPolicies(builder, policy, given)
-        builder.Connect(acting["actions"], hold.get_action_input_port())
-        for name, port in acting.items():
-            builder.ExportOutput(port, name)
+    for name, port in controller.acting.items():
+        builder.ExportOutput(port, name)
     targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
     desired_state = plant.get_desired_state_input_port(instance)
     builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
@@ -153,11 +137,17 @@ def MakeLocomotion(  # noqa: N802
     judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold)
     if meshcat is not None:
         AddLocomotionDisplay(
-            builder, plant, scene_graph, gait, foot_sensor, machine, meshcat=meshcat
+            builder,
+            scene_graph,
+            gait,
+            state=state,
+            rm_state=machine.get_rm_state_output_port(),
+            foot_contact=foot_sensor.get_foot_contact_output_port(),
+            meshcat=meshcat,
         )
 
     exported = {
-        "observations": observation,
+        "observations": controller.observation,
         **judged,
         "rm_state": machine.get_rm_state_output_port(),
         "rm_iterations": machine.get_rm_iterations_output_port(),
@@ -175,7 +165,10 @@ def MakeLocomotion(  # noqa: N802
     return diagram
 
 
-def _add_noise(builder: DiagramBuilder, name: str, share: float, size: int) -> OutputPort | None:
+def AddNoise(  # noqa: N802
+    builder: DiagramBuilder, name: str, share: float, size: int
+) -> OutputPort | None:
+    """Adds a source of numbers from 0 to 1, new ones every control step; None where share is 0."""
     if share == 0:
         return None
     noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
@@ -209,23 +202,6 @@ def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold
     return delay.get_delayed_action_output_port()
 
 
-def _add_proprioception(
-    builder: DiagramBuilder,
-    layout: ObservationLayout,
-    scenario: Scenario,
-    machine: RewardMachineSystem,
-    hold: ActionHold,
-) -> Proprioception:
-    proprioception = builder.AddNamedSystem(
-        "proprioception", Proprioception(layout, scenario.sensor_noise)
-    )
-    connect = builder.Connect
-    connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
-    connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())
-    connect(machine.get_rm_iterations_output_port(), proprioception.get_rm_iterations_input_port())
-    return proprioception
-
-
 def _add_judges(
     builder: DiagramBuilder,
     scenario: Scenario,
@@ -251,40 +227,3 @@ def _add_judges(
         "reward_terms": reward.get_reward_terms_output_port(),
         "failures": monitor.get_failures_output_port(),
     }
-
-
-def _add_observation(
-    builder: DiagramBuilder,
-    layout: ObservationLayout,
-    sensor: Proprioception,
-    foot_sensor: FootSensor,
-    state: OutputPort,
-    estimator: Callable[[Array], Array] | None,
-) -> tuple[OutputPort, OutputPort]:
-    """Adds what observes the body state; returns the observation and the machine's heights."""
-    proprioception = sensor.get_proprioception_output_port()
-    if estimator is None:
-        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
-        builder.Connect(state, body_state.get_state_input_port())
-        sensed_height = foot_sensor.get_foot_height_output_port()
-    else:
-        body_state = StateEstimator(estimator, layout.n_proprioceptive)
-        builder.AddNamedSystem("state_estimator", body_state)
-        builder.Connect(proprioception, body_state.get_proprioception_input_port())
-        sensed_height = body_state.get_previous_foot_height_output_port()
-    observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
-    builder.AddNamedSystem("observation", observation)
-    builder.Connect(proprioception, observation.get_input_port(0))
-    builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
-    return observation.get_output_port(), sensed_height
-
-
-def _given_observation(
-    builder: DiagramBuilder, observation: OutputPort, intervention: Intervention | None
-) -> OutputPort:
-    """Returns what the policies observe."""
-    if intervention is None:
-        return observation
-    offset = builder.AddNamedSystem("observation_offset", ObservationOffset(intervention))
-    builder.Connect(observation, offset.get_observation_input_port())
-    return offset.get_given_observation_output_port()

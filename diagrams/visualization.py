@@ -14,13 +14,10 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from glassgait.models.task.gait import Gait
-from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
-from glassgait.systems.reward_machine import RewardMachineSystem
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -31,12 +28,12 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
-    plant: MultibodyPlant,
     scene_graph: SceneGraph,
     gait: Gait,
-    foot_sensor: FootSensor,
-    machine: RewardMachineSystem,
     *,
+    state: OutputPort,
+    rm_state: OutputPort,
+    foot_contact: OutputPort,
     meshcat: Meshcat,
 ) -> None:
     """Shows robot, ground, contacts and machine state in Meshcat."""
@@ -46,11 +43,9 @@ def AddLocomotionDisplay(  # noqa: N802
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
     )
     display = builder.AddNamedSystem("gait_display", GaitDisplay(gait, meshcat))
-    builder.Connect(plant.get_state_output_port(), display.get_state_input_port())
-    builder.Connect(machine.get_rm_state_output_port(), display.get_rm_state_input_port())
-    builder.Connect(
-        foot_sensor.get_foot_contact_output_port(), display.get_foot_contact_input_port()
-    )
+    builder.Connect(state, display.get_state_input_port())
+    builder.Connect(rm_state, display.get_rm_state_input_port())
+    builder.Connect(foot_contact, display.get_foot_contact_input_port())
 
 
 def draw_ground(meshcat: Meshcat) -> None:

@@ -104,6 +104,10 @@ COMMANDS = {
         "glassgait.studies.export.command:Export",
         "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
     ),
+    "drive": (
+        "glassgait.studies.drive.command:Drive",
+        "Run a robot and its controller as two processes over LCM, and count what is late or lost.",
+    ),
     "report": (
         "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",

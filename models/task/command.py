@@ -51,3 +51,11 @@ def sample_commands(
     velocity[np.abs(velocity[:, 0]) < DEAD_BAND, 0] = 0.0
     low, high = gait.dwell
     return Command(velocity, generator.integers(low, high + 1, size=count).astype(float))
+
+
+def limit_command(gait: Gait, command: Command) -> Command:
+    """Returns the nearest command that a gait is made for."""
+    greatest = np.array([gait.max_speed, gait.max_yaw_rate])
+    return Command(
+        np.clip(command.velocity, -greatest, greatest), np.clip(command.dwell, *gait.dwell)
+    )

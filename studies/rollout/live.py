@@ -62,7 +62,7 @@ def play_live(
         f"open {meshcat.web_url()} and {steered} under 'Open Controls'; '{STOP_BUTTON}' "
         "there, or Ctrl-C here, ends and saves the last minute"
     )
-    with _interrupt() as interrupted:
+    with first_interrupt() as interrupted:
 
         def stopped() -> bool:
             return interrupted() or meshcat.GetButtonClicks(STOP_BUTTON) > 0
@@ -110,7 +110,7 @@ def _joined(before: Rollout, after: Rollout) -> Rollout:
 
 
 @contextmanager
-def _interrupt() -> Iterator[Callable[[], bool]]:
+def first_interrupt() -> Iterator[Callable[[], bool]]:
     """Has the first Ctrl-C ask for the end, not break off a step; the second one breaks off."""
     asked = Event()
     usual = signal.getsignal(signal.SIGINT)

@@ -1,0 +1,157 @@
+"""What stands between a robot's sensors and the action that its joints are to follow."""
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Multiplexer
+
+from glassgait.diagrams.acting import AddActingPolicies
+from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.systems.action_hold import ActionHold
+from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.proprioception import Proprioception
+from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.state_estimator import StateEstimator
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """Where a controller's inputs come from.
+
+    Attributes:
+        state: The plant's state (37), of which the joints are read, and the trunk only where there
+            is no estimator.
+        foot_contact: Which feet touch, or did a control step ago (4).
+        command: Forward speed and yaw rate (2; m/s, rad/s).
+        commanded_dwell: Commanded iterations in a state (1, control steps).
+        foot_height: True heights of the feet (4, m), for the reward machine where there is no
+            estimator.
+        joint_noise: Uniform noise of the joints' sensors (24, in [0, 1]), or None.
+    """
+
+    state: OutputPort
+    foot_contact: OutputPort
+    command: OutputPort
+    commanded_dwell: OutputPort
+    foot_height: OutputPort | None = None
+    joint_noise: OutputPort | None = None
+
+
+@dataclass(frozen=True)
+class Controller:
+    """Parts of a controller that others are connected to.
+
+    Attributes:
+        hold: The action hold.
+        observation: What is observed (47 + n_states).
+        acting: `actions` (12), and what else tells who acts; nothing where no policy is given: the
+            hold's input is then still to be connected.
+    """
+
+    hold: ActionHold
+    observation: OutputPort
+    acting: dict[str, OutputPort]
+
+
+def AddController(  # noqa: N802
+    builder: DiagramBuilder,
+    gait: Gait,
+    sensed: Sensed,
+    *,
+    machine: RewardMachineSystem,
+    policy: ActingPolicy | Policy | None,
+    true_body_state: bool = False,
+    sensor_noise: float = 1.0,
+    intervention: Intervention | None = None,
+) -> Controller:
+    """Adds observation, estimator, policies and action hold, and connects the reward machine.
+
+    Args:
+        builder: Where they are added.
+        gait: The gait that the policy was made for.
+        sensed: Where the inputs come from.
+        machine: The gait's reward machine.
+        policy: Who acts. Its estimator gives the body state that is observed and the foot heights
+            that the reward machine reads.
+        true_body_state: Whether to observe the true ones all the same.
+        sensor_noise: Factor on the noise of the joints' sensors.
+        intervention: Gives the policy another observation for some control steps.
+
+    Raises:
+        InputError: if a policy was made for another gait or observation.
+        ValueError: if there is neither an estimator nor true heights of the feet.
+    """
+    if isinstance(policy, Policy):
+        policy = AlternatingPolicy(policy)
+    layout = ObservationLayout(gait.n_states)
+    for one in (policy.acting_expert, policy.acting_student) if policy else ():
+        if one is not None:
+            one.check(gait=gait.name, observation_names=layout.names)
+    hold = builder.AddNamedSystem("action_hold", ActionHold())
+    builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
+    builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
+    proprioception = _add_proprioception(builder, layout, sensed, sensor_noise, machine, hold)
+    # What estimates the body state, or else senses it.
+    if policy is None or policy.estimator is None or true_body_state:
+        if sensed.foot_height is None:
+            raise ValueError("controller: there is no estimator; connect true heights of the feet")
+        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
+        builder.Connect(sensed.state, body_state.get_state_input_port())
+        sensed_height = sensed.foot_height
+    else:
+        body_state = StateEstimator(policy.estimator, layout.n_proprioceptive)
+        builder.AddNamedSystem("state_estimator", body_state)
+        builder.Connect(
+            proprioception.get_proprioception_output_port(),
+            body_state.get_proprioception_input_port(),
+        )
+        sensed_height = body_state.get_previous_foot_height_output_port()
+    builder.Connect(sensed_height, machine.get_foot_height_input_port())
+    observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
+    builder.AddNamedSystem("observation", observation)
+    builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
+    builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
+    acting: dict[str, OutputPort] = {}
+    if policy is not None:
+        given = _given_observation(builder, observation.get_output_port(), intervention)
+        acting = AddActingPolicies(builder, policy, given)
+        builder.Connect(acting["actions"], hold.get_action_input_port())
+    return Controller(hold, observation.get_output_port(), acting)
+
+
+def _add_proprioception(
+    builder: DiagramBuilder,
+    layout: ObservationLayout,
+    sensed: Sensed,
+    sensor_noise: float,
+    machine: RewardMachineSystem,
+    hold: ActionHold,
+) -> Proprioception:
+    proprioception = builder.AddNamedSystem("proprioception", Proprioception(layout, sensor_noise))
+    connect = builder.Connect
+    connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
+    connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())
+    connect(machine.get_rm_iterations_output_port(), proprioception.get_rm_iterations_input_port())
+    connect(sensed.state, proprioception.get_state_input_port())
+    connect(sensed.command, proprioception.get_command_input_port())
+    connect(sensed.commanded_dwell, proprioception.get_commanded_dwell_input_port())
+    if sensed.joint_noise is not None:
+        connect(sensed.joint_noise, proprioception.get_uniform_noise_input_port())
+    return proprioception
+
+
+def _given_observation(
+    builder: DiagramBuilder, observation: OutputPort, intervention: Intervention | None
+) -> OutputPort:
+    """Returns what the policies observe."""
+    if intervention is None:
+        return observation
+    offset = builder.AddNamedSystem("observation_offset", ObservationOffset(intervention))
+    builder.Connect(observation, offset.get_observation_input_port())
+    return offset.get_given_observation_output_port()

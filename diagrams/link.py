@@ -1,0 +1,288 @@
+"""The two ends of the link, each of which may be a process of its own.
+
+Messages are sent and taken in by hand. A subscriber that plans an update of its own takes a message
+in after the updates of the instant at which it is found, and so lets it act a plant step late; and
+a publisher with a period sends the sensors of an instant as soon as they are computed, ahead of the
+clock on the wall.
+"""
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from glassgait.diagrams import linked_controller, linked_robot
+from glassgait.diagrams.linked_controller import MakeLinkedController
+from glassgait.diagrams.linked_robot import MakeLinkedRobot
+from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.a1.robot import Array
+from glassgait.models.errors import InputError
+from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.packing import MICROSECONDS
+from glassgait.models.link.settings import Channels
+from glassgait.models.link.tally import Tally
+from glassgait.models.link.watchdog import Phase, Watchdog
+from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait
+from glassgait.systems.link_watchdog import LinkWatchdog
+
+MOST_MADE_UP = 50
+"""Control steps without sensors that a controller makes up for; after more it starts anew."""
+
+FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
+
+
+class ControllerEnd:
+    """Answers sensors, as they come, by joint targets.
+
+    Its time is that of the sensors. For steps whose sensors never came it goes on with those that
+    it had, so that its reward machine counts them too.
+
+    Attributes:
+        tally: Counts of the sensors that came.
+        diagram: What `MakeLinkedController` built.
+    """
+
+    def __init__(
+        self, gait: Gait, policy: ActingPolicy, lcm: DrakeLcmInterface, channels: Channels
+    ) -> None:
+        """
+        Args:
+            gait: The gait whose reward machine runs.
+            policy: Who acts.
+            lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
+            channels: Names of the channels.
+
+        Raises:
+            InputError: if a policy was made for another gait or observation.
+            ValueError: if the policy has no estimator.
+        """
+        self.diagram = MakeLinkedController(gait, policy, lcm, channels)
+        self.tally = Tally()
+        self._simulator = Simulator(self.diagram)
+        self._latest: sensors_t | None = None
+        self._answered: sensors_t | None = None
+        self._sensors = Listener(lcm, channels.sensors, sensors_t, self._hear)
+        self._command = Listener(lcm, channels.command, command_t)
+
+    @property
+    def simulator(self) -> Simulator:
+        """The simulator, at the instant that was answered last."""
+        return self._simulator
+
+    def answer(self) -> bool:
+        """Answers the latest sensors, if some came since the last answer; tells whether so.
+
+        Raises:
+            InputError: if messages of another kind come on its channels.
+        """
+        self._sensors.check()
+        self._command.check()
+        message, before = self._latest, self._answered
+        self._latest = None
+        if message is None:
+            return False
+        instant = message.sequence * CONTROL_PERIOD
+        steps = None
+        if before is not None and before.session == message.session:
+            steps = message.sequence - before.sequence
+            if steps <= 0:
+                # It came twice, or was overtaken.
+                return False
+        if steps is None or steps > MOST_MADE_UP or not message.followed:
+            self._start_anew(instant)
+        else:
+            self._simulator.AdvanceTo(instant)
+        for name in (linked_controller.SENSORS_SUBSCRIBER, linked_controller.COMMAND_SUBSCRIBER):
+            take_in(self.diagram, self._simulator, name)
+        publish(self.diagram, self._simulator, linked_controller.TARGETS_PUBLISHER)
+        self._answered = message
+        return True
+
+    def _start_anew(self, instant: float) -> None:
+        context = self._simulator.get_mutable_context()
+        self.diagram.SetDefaultContext(context)
+        context.SetTime(instant)
+        self._simulator.Initialize()
+
+    def _hear(self, message: sensors_t) -> None:
+        if message.sequence >= 0:
+            self.tally.count(message.session, message.sequence)
+            self._latest = message
+
+
+class RobotEnd:
+    """Simulates a robot that sends what it senses and follows the targets that it is sent.
+
+    A control step is a call of `send`, and of `advance` for each step of the plant.
+
+    Attributes:
+        tally: Counts of the answers that came; one is late if the next sensors had been sent.
+        diagram: What `MakeLinkedRobot` built.
+        simulator: Its simulator.
+        n_parts: Steps of the plant in a control period.
+        step: Control steps since the start.
+    """
+
+    def __init__(
+        self,
+        gait: Gait,
+        scenario: Scenario,
+        lcm: DrakeLcmInterface,
+        channels: Channels,
+        *,
+        watchdog: Watchdog,
+        session: int,
+        seed: int = 0,
+        meshcat: Meshcat | None = None,
+    ) -> None:
+        """
+        Args:
+            gait: The gait that commands are made for.
+            scenario: The world.
+            lcm: Where messages go.
+            channels: Names of the channels.
+            watchdog: How long the robot waits for its controller.
+            session: Number of this start, not 0.
+            seed: Seed of noise and drawn commands.
+            meshcat: Shows the robot there.
+
+        Raises:
+            InputError: if the scenario is not made for two processes, or the gait not for it.
+            ValueError: if commands come from sliders, and there is no Meshcat.
+        """
+        self.diagram = MakeLinkedRobot(
+            gait, scenario, lcm, channels, watchdog=watchdog, session=session, meshcat=meshcat
+        )
+        self.simulator = make_simulator(self.diagram, seed=seed)
+        self.tally = Tally()
+        self.n_parts = scenario.station.plant_steps()
+        self.step = 0
+        self._lcm, self._session = lcm, session
+        self._answered = -1
+        self._targets = Listener(lcm, channels.targets, targets_t, self._hear)
+
+    def send(self) -> None:
+        """Sends command and sensors of this control instant."""
+        for name in linked_robot.PUBLISHERS:
+            publish(self.diagram, self.simulator, name)
+
+    @property
+    def answered(self) -> bool:
+        """Whether the sensors of this control instant have been answered."""
+        return self._answered >= self.step
+
+    def advance(self, part: int) -> None:
+        """Takes the latest answer in, and a step of the plant.
+
+        Args:
+            part: Which of the control period's `n_parts`.
+
+        Raises:
+            InputError: if messages of another kind come on its channel.
+        """
+        self._lcm.HandleSubscriptions(0)
+        if self._targets.check():
+            take_in(self.diagram, self.simulator, linked_robot.TARGETS_SUBSCRIBER)
+        last = part == self.n_parts - 1
+        # Between two steps of the plant nothing is due; at an instant itself rounding would decide
+        # whether its updates are taken.
+        share = 1.0 if last else (part + 0.5) / self.n_parts
+        self.simulator.AdvanceTo((self.step + share) * CONTROL_PERIOD)
+        self.step += last
+
+    def output(self, name: str) -> Array:
+        """Evaluates an output port of the diagram."""
+        return self.diagram.GetOutputPort(name).Eval(self.simulator.get_context())
+
+    @property
+    def phase(self) -> Phase:
+        """What the joints do."""
+        return Phase(int(self.output("phase")[0]))
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the robot shows a failure while it follows its controller."""
+        return self.phase in FOLLOWED and bool(np.any(self.output("failures") > 0.5))
+
+    def put_back(self) -> None:
+        """Puts the robot back on its feet where it began; its controller will start anew."""
+        context = self.simulator.get_mutable_context()
+        set_plant_state(self.diagram, context)
+        guard = self.diagram.GetSubsystemByName(linked_robot.WATCHDOG)
+        assert isinstance(guard, LinkWatchdog)
+        guard.restart(guard.GetMyMutableContextFromRoot(context))
+
+    def _hear(self, message: targets_t) -> None:
+        if message.session != self._session or message.sequence > self.step:
+            return
+        now = self.simulator.get_context().get_time()
+        late = now - message.utime / MICROSECONDS > CONTROL_PERIOD + 1.0 / MICROSECONDS
+        self.tally.count(message.session, message.sequence, late=late)
+        self._answered = max(self._answered, message.sequence)
+
+
+class Listener:
+    """Hears every message of a channel, also those that a subscriber never takes in."""
+
+    def __init__(
+        self,
+        lcm: DrakeLcmInterface,
+        channel: str,
+        kind: Any,
+        hear: Callable[[Any], None] = lambda message: None,
+    ) -> None:
+        """
+        Args:
+            lcm: Where messages come from.
+            channel: Name of the channel.
+            kind: Type of the messages.
+            hear: Called with each.
+        """
+        self._channel, self._kind, self._hear = channel, kind, hear
+        self._news, self._foreign = False, False
+        self._subscription = lcm.Subscribe(channel, self._decode)
+
+    def check(self) -> bool:
+        """Tells whether a message came since the last call.
+
+        Raises:
+            InputError: if one of another kind came, which no subscriber could take in.
+        """
+        if self._foreign:
+            raise InputError(
+                f"channel {self._channel}: a message came that is of another kind, or of another "
+                "version; run both processes of one version, or name other --channels"
+            )
+        news, self._news = self._news, False
+        return news
+
+    def _decode(self, data: bytes) -> None:
+        try:
+            message = self._kind.decode(data)
+        except (ValueError, struct.error):
+            self._foreign = True
+            return
+        self._news = True
+        self._hear(message)
+
+
+def take_in(diagram: Diagram, simulator: Simulator, name: str) -> None:
+    """Has a subscriber take the latest message in at once."""
+    subscriber = diagram.GetSubsystemByName(name)
+    context = simulator.get_mutable_context()
+    subscriber.ExecuteForcedEvents(subscriber.GetMyMutableContextFromRoot(context))
+
+
+def publish(diagram: Diagram, simulator: Simulator, name: str) -> None:
+    """Has a publisher send its message at once."""
+    publisher = diagram.GetSubsystemByName(name)
+    publisher.ForcedPublish(publisher.GetMyContextFromRoot(simulator.get_context()))

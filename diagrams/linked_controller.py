@@ -1,0 +1,84 @@
+"""A robot's controller, which meets the robot over LCM."""
+
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+
+from glassgait.diagrams.controller import AddController, Sensed
+from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.settings import Channels
+from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.task.gait import Gait
+from glassgait.systems.command_receiver import CommandReceiver
+from glassgait.systems.contact_memory import ContactMemory
+from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.sensors_receiver import SensorsReceiver
+from glassgait.systems.targets_sender import TargetsSender
+
+SENSORS_SUBSCRIBER, COMMAND_SUBSCRIBER = "sensors_subscriber", "command_subscriber"
+TARGETS_PUBLISHER = "targets_publisher"
+
+
+def MakeLinkedController(  # noqa: N802
+    gait: Gait, policy: ActingPolicy, lcm: DrakeLcmInterface, channels: Channels
+) -> Diagram:
+    """Builds the controller of `MakeLocomotion` between messages in place of a plant.
+
+    .. pydrake_system::
+
+        name: LinkedController
+        output_ports:
+        - actions
+        - observations
+        - rm_state
+
+    Outputs: actions (12) of this control step, observations (47 + n_states), rm_state (n_states,
+    one-hot). Messages: reads `sensors_t` and `command_t`; `targets_t` is sent when its publisher is
+    forced to; see `glassgait.diagrams.link.ControllerEnd`.
+
+    Args:
+        gait: The gait whose reward machine runs.
+        policy: Who acts; sensors tell no body state, so it needs an estimator.
+        lcm: Where messages go.
+        channels: Names of the channels.
+
+    Raises:
+        InputError: if a policy was made for another gait or observation.
+        ValueError: if the policy has no estimator.
+    """
+    builder = DiagramBuilder()
+    subscribe = LcmSubscriberSystem.Make
+    sensors = builder.AddNamedSystem(
+        SENSORS_SUBSCRIBER, subscribe(channels.sensors, sensors_t, lcm)
+    )
+    command = builder.AddNamedSystem(
+        COMMAND_SUBSCRIBER, subscribe(channels.command, command_t, lcm)
+    )
+    receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())
+    builder.Connect(sensors.get_output_port(), receiver.get_message_input_port())
+    commander = builder.AddNamedSystem("command_receiver", CommandReceiver(gait))
+    builder.Connect(command.get_output_port(), commander.get_message_input_port())
+    memory = builder.AddNamedSystem("contact_memory", ContactMemory())
+    builder.Connect(receiver.get_touching_output_port(), memory.get_touching_input_port())
+    sensed = Sensed(
+        state=receiver.get_state_output_port(),
+        foot_contact=memory.get_foot_contact_output_port(),
+        command=commander.get_command_output_port(),
+        commanded_dwell=commander.get_commanded_dwell_output_port(),
+    )
+    machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
+    controller = AddController(builder, gait, sensed, machine=machine, policy=policy)
+    sender = builder.AddNamedSystem("targets_sender", TargetsSender())
+    builder.Connect(controller.acting["actions"], sender.get_action_input_port())
+    builder.Connect(sensors.get_output_port(), sender.get_sensors_input_port())
+    publisher = LcmPublisherSystem.Make(
+        channels.targets, targets_t, lcm, publish_triggers={TriggerType.kForced}
+    )
+    builder.AddNamedSystem(TARGETS_PUBLISHER, publisher)
+    builder.Connect(sender.get_message_output_port(), publisher.get_input_port())
+    builder.ExportOutput(controller.acting["actions"], "actions")
+    builder.ExportOutput(controller.observation, "observations")
+    builder.ExportOutput(machine.get_rm_state_output_port(), "rm_state")
+    diagram = builder.Build()
+    diagram.set_name("LinkedController")
+    return diagram

@@ -1,0 +1,159 @@
+"""A simulated robot, which meets its controller over LCM."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, TriggerType
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+
+from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.locomotion import AddNoise
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import AddA1Station, actuated_joints
+from glassgait.diagrams.visualization import AddLocomotionDisplay
+from glassgait.models.a1 import robot
+from glassgait.models.errors import InputError
+from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.settings import Channels
+from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.task.gait import Gait
+from glassgait.systems.command_sender import CommandSender
+from glassgait.systems.fall_monitor import FallMonitor
+from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.link_watchdog import LinkWatchdog
+from glassgait.systems.sensors_sender import SensorsSender
+
+TARGETS_SUBSCRIBER, WATCHDOG = "targets_subscriber", "link_watchdog"
+PUBLISHERS = ("command_publisher", "sensors_publisher")
+"""In the order in which they are to send: who answers sensors has the command by then."""
+
+
+def MakeLinkedRobot(  # noqa: N802
+    gait: Gait,
+    scenario: Scenario,
+    lcm: DrakeLcmInterface,
+    channels: Channels,
+    *,
+    watchdog: Watchdog,
+    session: int,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Builds the station with messages in place of a controller, and a watchdog over them.
+
+    .. pydrake_system::
+
+        name: LinkedRobot
+        output_ports:
+        - state
+        - failures
+        - targets
+        - phase
+        - command
+
+    Outputs: state (37), the plant's. failures (6), less `abrupt_action`: actions are the
+    controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
+    command (2; m/s, rad/s). Messages: reads `targets_t`; `command_t` and `sensors_t` are sent when
+    their publishers are forced to; see `glassgait.diagrams.link.RobotEnd`.
+
+    Args:
+        gait: The gait that commands are made for.
+        scenario: The world.
+        lcm: Where messages go.
+        channels: Names of the channels.
+        watchdog: How long the robot waits for its controller.
+        session: Number of this start, not 0.
+        meshcat: Shows robot and contacts there.
+
+    Raises:
+        InputError: if the scenario is not made for two processes, or the gait not for the command.
+        ValueError: if commands come from sliders, and there is no Meshcat.
+    """
+    _check(scenario)
+    builder = DiagramBuilder()
+    # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
+    command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
+    noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
+    plant, scene_graph, instance = AddA1Station(builder, scenario.station)
+    state = plant.get_state_output_port()
+
+    subscriber = LcmSubscriberSystem.Make(channels.targets, targets_t, lcm)
+    builder.AddNamedSystem(TARGETS_SUBSCRIBER, subscriber)
+    guard = LinkWatchdog(watchdog, session=session, time_step=scenario.station.time_step)
+    builder.AddNamedSystem(WATCHDOG, guard)
+    builder.Connect(subscriber.get_output_port(), guard.get_message_input_port())
+    # The plant's joints stand in its own order, and are to come to rest at their targets.
+    order = [robot.JOINTS.index(name) for name in actuated_joints(plant)]
+    at_rest = np.concatenate([np.eye(robot.N_JOINTS)[order], np.zeros(2 * (robot.N_JOINTS,))])
+    desired_state = builder.AddNamedSystem("desired_state", MatrixGain(at_rest))
+    builder.Connect(guard.get_targets_output_port(), desired_state.get_input_port())
+    builder.Connect(desired_state.get_output_port(), plant.get_desired_state_input_port(instance))
+
+    commander = builder.AddNamedSystem("command_sender", CommandSender(session))
+    builder.Connect(command, commander.get_command_input_port())
+    builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
+    sender = SensorsSender(session, scenario.sensor_noise)
+    builder.AddNamedSystem("sensors_sender", sender)
+    builder.Connect(state, sender.get_state_input_port())
+    builder.Connect(guard.get_followed_output_port(), sender.get_followed_input_port())
+    if noise is not None:
+        builder.Connect(noise, sender.get_uniform_noise_input_port())
+    told = (
+        (commander.get_message_output_port(), channels.command, command_t),
+        (sender.get_message_output_port(), channels.sensors, sensors_t),
+    )
+    for name, (message, channel, kind) in zip(PUBLISHERS, told, strict=True):
+        forced = {TriggerType.kForced}
+        publisher = LcmPublisherSystem.Make(channel, kind, lcm, publish_triggers=forced)
+        builder.AddNamedSystem(name, publisher)
+        builder.Connect(message, publisher.get_input_port())
+
+    if meshcat is not None:
+        foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+        builder.Connect(state, foot_sensor.get_state_input_port())
+        # The machine's state is known to the controller alone.
+        unknown = builder.AddSystem(ConstantVectorSource(np.zeros(gait.n_states)))
+        AddLocomotionDisplay(
+            builder,
+            scene_graph,
+            gait,
+            state=state,
+            rm_state=unknown.get_output_port(),
+            foot_contact=foot_sensor.get_foot_contact_output_port(),
+            meshcat=meshcat,
+        )
+    exported = {
+        "state": state,
+        "failures": _add_fall_monitor(builder, scenario, state),
+        "targets": guard.get_targets_output_port(),
+        "phase": guard.get_phase_output_port(),
+        "command": command,
+    }
+    for name, port in exported.items():
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("LinkedRobot")
+    return diagram
+
+
+def _check(scenario: Scenario) -> None:
+    refused = {
+        "station.time_step": (scenario.station.time_step == 0, "a step such as 0.01"),
+        "contact_flips": (scenario.contact_flips > 0, "0"),
+        "latency": (scenario.latency > 0, "0: messages take their own time"),
+        "true_body_state": (scenario.true_body_state, "false: sensors do not tell it"),
+    }
+    for name, (wrong, remedy) in refused.items():
+        if wrong:
+            raise InputError(
+                f"{scenario.refused_as()}: {name} is not made for two processes; give {remedy}"
+            )
+
+
+def _add_fall_monitor(builder: DiagramBuilder, scenario: Scenario, state: OutputPort) -> OutputPort:
+    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(scenario.limits))
+    builder.Connect(state, monitor.get_state_input_port())
+    no_action = builder.AddNamedSystem("no_action", ConstantVectorSource(np.zeros(robot.N_JOINTS)))
+    builder.Connect(no_action.get_output_port(), monitor.get_action_input_port())
+    builder.Connect(no_action.get_output_port(), monitor.get_previous_action_input_port())
+    return monitor.get_failures_output_port()

@@ -1,0 +1,112 @@
+"""What stands in the messages, as the arrays of this project."""
+
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import Sensors
+from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.watchdog import Answer
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.command import Command, limit_command
+from glassgait.models.task.gait import Gait
+
+MICROSECONDS = 1e6
+
+NOBODY = 0
+"""Session of a message that was never sent: LCM's types are full of zeros at first."""
+
+
+class Stamped(Protocol):
+    """A message that says whose it is, which one, and of when."""
+
+    session: int
+    sequence: int
+    utime: int
+
+
+S = TypeVar("S", bound=Stamped)
+
+
+def stamp(message: S, session: int, time: float) -> S:
+    """Writes session, sequence and time (s, since the session's start) into a message."""
+    message.session = session
+    message.sequence = control_step(time)
+    message.utime = round(MICROSECONDS * time)
+    return message
+
+
+def control_step(time: float) -> int:
+    """Returns the number of a control instant (s)."""
+    return round(time / CONTROL_PERIOD)
+
+
+def pack_sensors(session: int, time: float, sensors: Sensors, *, followed: bool) -> sensors_t:
+    """Packs what the robot senses.
+
+    Args:
+        session: Number of the start of the robot's process.
+        time: Time since that start (s).
+        sensors: What it senses.
+        followed: Whether the joints follow the targets.
+    """
+    message = stamp(sensors_t(), session, time)
+    message.joint_position = sensors.joint_position.tolist()
+    message.joint_velocity = sensors.joint_velocity.tolist()
+    message.foot_contact = sensors.touching.tolist()
+    message.followed = followed
+    return message
+
+
+def pack_command(session: int, time: float, command: Command) -> command_t:
+    """Packs what the robot is asked to do: velocities (2; m/s, rad/s) and dwell."""
+    message = stamp(command_t(), session, time)
+    message.speed, message.yaw_rate = command.velocity.tolist()
+    message.dwell = float(command.dwell)
+    return message
+
+
+def pack_targets(answered: Stamped, targets: Array) -> targets_t:
+    """Packs joint targets (12; rad) as the answer to a message of sensors."""
+    message = targets_t()
+    message.session, message.sequence = answered.session, answered.sequence
+    message.utime = answered.utime
+    message.joint_position = targets.tolist()
+    return message
+
+
+def unpack_state(message: sensors_t) -> Array:
+    """Returns the plant's state x (37) as far as sensors tell it.
+
+    The trunk's entries are NaN: what would read them does not go by sensors alone.
+    """
+    state = np.full(robot.N_POSITIONS + robot.N_VELOCITIES, np.nan)
+    state[robot.JOINT_POSITION] = message.joint_position
+    state[robot.JOINT_VELOCITY] = message.joint_velocity
+    return state
+
+
+def unpack_touching(message: sensors_t) -> NDArray[np.bool_]:
+    """Returns whether each foot presses on the ground (4)."""
+    return np.array(message.foot_contact, dtype=bool)
+
+
+def unpack_command(message: command_t, gait: Gait) -> Command:
+    """Returns the command, the nearest that the gait is made for.
+
+    Before the first message, and where a number is not finite, the robot is to step on the spot at
+    the middle of the gait's rhythm.
+    """
+    velocity, dwell = np.array([message.speed, message.yaw_rate]), np.array(message.dwell)
+    if message.session == NOBODY or not np.all(np.isfinite([*velocity, dwell])):
+        velocity, dwell = np.zeros(2), np.array(float(sum(gait.dwell) // 2))
+    return limit_command(gait, Command(velocity, dwell))
+
+
+def unpack_answer(message: targets_t) -> Answer:
+    """Returns what the robot's watchdog is to judge."""
+    targets = np.array(message.joint_position, dtype=float)
+    return Answer(message.session, message.utime / MICROSECONDS, targets)

@@ -1,0 +1,76 @@
+"""Where the two processes meet."""
+
+import re
+from dataclasses import dataclass
+from typing import ClassVar
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.settings import Settings
+
+LOCAL_URL = "udpm://239.255.76.67:7667?ttl=0"
+"""LCM's own default: with a time to live of 0 no message leaves the machine."""
+
+LONGEST_PREFIX = 32
+"""Greatest length of the channels' prefix; LCM takes names of 63 characters."""
+
+_URL = re.compile(r"(udpm|tcpq)://[^\s/?#]+:\d{1,5}(\?\S*)?")
+_PREFIX = re.compile(r"[A-Za-z0-9_.-]*")
+
+
+@dataclass(frozen=True)
+class LinkSettings(Settings):
+    """Where messages go.
+
+    Attributes:
+        lcm_url: LCM's provider: `udpm://…`, by default on this machine alone, or `tcpq://host:port`
+            of a server.
+        channels: What the names of the channels begin with: two robots on one machine need two.
+    """
+
+    title: ClassVar[str] = "link"
+
+    lcm_url: str = LOCAL_URL
+    channels: str = "GLASSGAIT_"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not _URL.fullmatch(self.lcm_url):
+            raise InputError(
+                f"link: lcm_url is {shown(self.lcm_url)}; write {LOCAL_URL}, or tcpq://host:port"
+            )
+        if len(self.channels) > LONGEST_PREFIX or not _PREFIX.fullmatch(self.channels):
+            raise InputError(
+                f"link: channels is {shown(self.channels)}; write letters, digits, '_', '-' and "
+                f"'.', {LONGEST_PREFIX} at most"
+            )
+
+    @property
+    def names(self) -> "Channels":
+        """Names of the channels."""
+        return Channels(self.channels)
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Names of the channels.
+
+    Attributes:
+        prefix: What they begin with.
+    """
+
+    prefix: str = ""
+
+    @property
+    def sensors(self) -> str:
+        """Of `sensors_t`, from the robot."""
+        return f"{self.prefix}SENSORS"
+
+    @property
+    def command(self) -> str:
+        """Of `command_t`, from whoever steers."""
+        return f"{self.prefix}COMMAND"
+
+    @property
+    def targets(self) -> str:
+        """Of `targets_t`, from the controller."""
+        return f"{self.prefix}TARGETS"

@@ -1,0 +1,166 @@
+"""What a robot does while its controller answers in time, late, or not at all.
+
+Joints that follow targets do so as long as these are young. Then the last ones are held for a
+while, and then the robot is lowered to a crouch. It rises again when answers have come in time for
+long enough, and follows them once it stands.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from glassgait.models.a1 import robot
+from glassgait.models.a1.robot import Array
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+
+Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(60.0)]
+
+CROUCH: Array = np.tile([0.0, 1.3, -2.6], robot.N_LEGS)
+"""Joint targets of a robot that is lowered (12; rad): legs folded, each foot below its hip."""
+CROUCH.flags.writeable = False
+
+_ROUNDING = 1e-6
+"""Times in messages are whole microseconds (s)."""
+
+
+class Phase(IntEnum):
+    """What the joints do."""
+
+    STANDING = 0
+    """They go to the default stance, and wait there for a controller."""
+    FOLLOWING = 1
+    """They follow targets that answer the latest sensors."""
+    HOLDING = 2
+    """They follow the latest targets, which are late."""
+    LOWERED = 3
+    """They go to the crouch, and wait there until a controller answers steadily."""
+
+
+@dataclass(frozen=True)
+class Watchdog(Settings):
+    """How long the robot waits for its controller.
+
+    Attributes:
+        hold: Greatest age of targets that joints follow (s), from the sensors that they answer;
+            past it the robot is lowered.
+        lowering: Time in which it is lowered (s).
+        recovery: Time for which answers must come in time before a lowered robot rises (s).
+        rising: Time in which it rises (s).
+    """
+
+    title: ClassVar[str] = "watchdog"
+
+    hold: Seconds = 0.2
+    lowering: Seconds = 1.5
+    recovery: Seconds = 0.5
+    rising: Seconds = 1.5
+
+
+class Answer(NamedTuple):
+    """What a controller answered.
+
+    Attributes:
+        session: The session of the sensors that it answers.
+        time: Their time, by the robot's clock (s).
+        targets: Joint position targets (12; rad).
+    """
+
+    session: int
+    time: float
+    targets: Array
+
+
+class Watch(NamedTuple):
+    """What the watchdog remembers.
+
+    Attributes:
+        phase: What the joints do, one of `Phase`.
+        since: When they began to (s).
+        answered: Time of the sensors that the newest answer is to (s).
+        unsteady: When answers last were not in time (s).
+        newest: Joint targets of that answer (12; rad).
+        begin: Joint targets when the phase began (12; rad).
+        targets: Joint targets now (12; rad).
+    """
+
+    phase: int
+    since: float
+    answered: float
+    unsteady: float
+    newest: Array
+    begin: Array
+    targets: Array
+
+    @property
+    def followed(self) -> bool:
+        """Whether the joints follow the controller's targets."""
+        return self.phase in (Phase.FOLLOWING, Phase.HOLDING)
+
+
+def initial_watch() -> Watch:
+    """Returns the watch of a robot that stands, and has heard of no controller."""
+    stance = robot.DEFAULT_STANCE
+    return Watch(Phase.STANDING, -np.inf, -np.inf, -np.inf, stance, stance, stance)
+
+
+def step_watch(watch: Watch, answer: Answer | None, now: float, settings: Watchdog) -> Watch:
+    """Decides what the joints are to do.
+
+    Args:
+        watch: The watch before.
+        answer: The latest answer to this session's sensors that came, whether or not it was judged
+            before; None before the first.
+        now: Time by the robot's clock (s).
+        settings: How long to wait.
+
+    Returns:
+        The watch now. An answer that is not newer, of the future, or not finite changes nothing.
+    """
+    if answer is not None and _is_news(watch, answer, now):
+        watch = watch._replace(answered=answer.time, newest=answer.targets)
+    age = now - watch.answered
+    in_time = age <= CONTROL_PERIOD + _ROUNDING
+    if not in_time:
+        watch = watch._replace(unsteady=now)
+    phase = _next_phase(watch, age, in_time, now, settings)
+    if phase != watch.phase:
+        watch = watch._replace(phase=phase, since=now, begin=watch.targets)
+    elapsed = now - watch.since
+    match phase:
+        case Phase.STANDING:
+            targets = _between(watch.begin, robot.DEFAULT_STANCE, elapsed / settings.rising)
+        case Phase.LOWERED:
+            targets = _between(watch.begin, CROUCH, elapsed / settings.lowering)
+        case _:
+            targets = watch.newest
+    return watch._replace(targets=targets)
+
+
+def _is_news(watch: Watch, answer: Answer, now: float) -> bool:
+    # What answers sensors that were not sent yet is no answer.
+    of_the_past = watch.answered < answer.time <= now + _ROUNDING
+    return of_the_past and bool(np.all(np.isfinite(answer.targets)))
+
+
+def _next_phase(watch: Watch, age: float, in_time: bool, now: float, settings: Watchdog) -> Phase:
+    phase, elapsed = Phase(watch.phase), now - watch.since
+    if watch.followed:
+        if age > settings.hold + _ROUNDING:
+            return Phase.LOWERED
+        return Phase.FOLLOWING if in_time else Phase.HOLDING
+    if phase is Phase.LOWERED:
+        steady = now - watch.unsteady >= settings.recovery - _ROUNDING
+        lowered = elapsed >= settings.lowering - _ROUNDING
+        return Phase.STANDING if steady and lowered else phase
+    risen = elapsed >= settings.rising - _ROUNDING
+    return Phase.FOLLOWING if risen and in_time else phase
+
+
+def _between(begin: Array, end: Array, share: float) -> Array:
+    """Goes from one pose to another, at rest at both ends."""
+    share = min(max(share, 0.0), 1.0)
+    return begin + share * share * (3.0 - 2.0 * share) * (end - begin)

@@ -1,0 +1,1 @@
+"""A controller and a robot in two processes: run, and measured."""

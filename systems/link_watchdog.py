@@ -1,0 +1,127 @@
+"""Watches over the link between a robot and its controller."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    State,
+)
+
+from glassgait.models.a1 import robot
+from glassgait.models.link.messages import targets_t
+from glassgait.models.link.packing import unpack_answer
+from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_watch
+
+N_SCALARS = 4
+"""Numbers of a watch that are no joint targets."""
+
+
+class LinkWatchdog(LeafSystem):
+    """Passes a controller's targets on while they are young, and lowers the robot without them.
+
+    .. pydrake_system::
+
+        name: LinkWatchdog
+        input_ports:
+        - message
+        output_ports:
+        - targets
+        - phase
+        - followed
+
+    Inputs: message (targets_t), the latest that came; one of another session is not heard.
+    Outputs: targets (12, rad), FL FR RL RR, hip thigh calf. phase (1), a number of `Phase`.
+    followed (1, {0, 1}), whether the targets are the controller's.
+    State: the watch (40 numbers), taken on at every step of the plant (unrestricted update), before
+    the plant's discrete update of the same instant. Feedthrough: none.
+    """
+
+    def __init__(self, settings: Watchdog, *, session: int, time_step: float) -> None:
+        """
+        Args:
+            settings: How long to wait.
+            session: The session whose sensors are to be answered.
+            time_step: The plant's period (s).
+
+        Raises:
+            ValueError: if the time step is not positive.
+        """
+        super().__init__()
+        if not time_step > 0.0:
+            raise ValueError(f"link watchdog: time_step is {time_step}; it must be above 0")
+        self._settings, self._session = settings, session
+        self._watch = self.DeclareDiscreteState(pack_watch(initial_watch()))
+        self._message_port = self.DeclareAbstractInputPort(
+            "message", AbstractValue.Make(targets_t())
+        )
+        of_state = {self.xd_ticket()}
+        self._targets_port = self.DeclareVectorOutputPort(
+            name="targets",
+            size=robot.N_JOINTS,
+            calc=self._calc_targets,
+            prerequisites_of_calc=of_state,
+        )
+        self._phase_port = self.DeclareVectorOutputPort(
+            name="phase", size=1, calc=self._calc_phase, prerequisites_of_calc=of_state
+        )
+        self._followed_port = self.DeclareVectorOutputPort(
+            name="followed", size=1, calc=self._calc_followed, prerequisites_of_calc=of_state
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(
+            period_sec=time_step, offset_sec=0.0, update=self._latch
+        )
+
+    def get_message_input_port(self) -> InputPort:
+        """Takes the controller's latest message."""
+        return self._message_port
+
+    def get_targets_output_port(self) -> OutputPort:
+        """Gives the joint targets."""
+        return self._targets_port
+
+    def get_phase_output_port(self) -> OutputPort:
+        """Tells what the joints do."""
+        return self._phase_port
+
+    def get_followed_output_port(self) -> OutputPort:
+        """Tells whether the controller is followed."""
+        return self._followed_port
+
+    def restart(self, context: Context) -> None:
+        """Forgets all answers in a context of its own: the robot was put back on its feet."""
+        context.SetDiscreteState(pack_watch(initial_watch()))
+
+    def _stored(self, context: Context) -> Watch:
+        return unpack_watch(context.get_discrete_state(self._watch).value())
+
+    def _calc_targets(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._stored(context).targets)
+
+    def _calc_phase(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._stored(context).phase)])
+
+    def _calc_followed(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([float(self._stored(context).followed)])
+
+    def _latch(self, context: Context, state: State) -> None:
+        answer = unpack_answer(self._message_port.Eval(context))
+        heard = answer if answer.session == self._session else None
+        watch = step_watch(self._stored(context), heard, context.get_time(), self._settings)
+        state.get_mutable_discrete_state(self._watch).SetFromVector(pack_watch(watch))
+
+
+def pack_watch(watch: Watch) -> np.ndarray:
+    """Returns a watch as numbers (40)."""
+    scalars, targets = watch[:N_SCALARS], watch[N_SCALARS:]
+    return np.concatenate([np.array(scalars, dtype=float), *targets])
+
+
+def unpack_watch(numbers: np.ndarray) -> Watch:
+    """Returns the watch that numbers (40) stand for."""
+    phase, since, answered, unsteady = numbers[:N_SCALARS].tolist()
+    targets = numbers[N_SCALARS:].reshape(-1, robot.N_JOINTS)
+    return Watch(int(phase), since, answered, unsteady, *targets)

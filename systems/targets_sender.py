@@ -1,0 +1,54 @@
+"""Makes messages of joint targets."""
+
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort
+
+from glassgait.models.a1 import robot
+from glassgait.models.link.messages import sensors_t, targets_t
+from glassgait.models.link.packing import pack_targets
+
+
+class TargetsSender(LeafSystem):
+    """Packs the joint targets that answer what a robot in another process senses.
+
+    .. pydrake_system::
+
+        name: TargetsSender
+        input_ports:
+        - action
+        - sensors
+        output_ports:
+        - message
+
+    Inputs: action (12), of this control step. sensors (sensors_t), which it answers.
+    Outputs: message (targets_t). State: none. Feedthrough: both inputs.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._action_port = self.DeclareVectorInputPort("action", robot.N_JOINTS)
+        self._sensors_port = self.DeclareAbstractInputPort(
+            "sensors", AbstractValue.Make(sensors_t())
+        )
+        self._message_port = self.DeclareAbstractOutputPort(
+            name="message",
+            alloc=lambda: AbstractValue.Make(targets_t()),
+            calc=self._calc_message,
+            prerequisites_of_calc={self.all_input_ports_ticket()},
+        )
+
+    def get_action_input_port(self) -> InputPort:
+        """Takes the action."""
+        return self._action_port
+
+    def get_sensors_input_port(self) -> InputPort:
+        """Takes the sensors that are answered."""
+        return self._sensors_port
+
+    def get_message_output_port(self) -> OutputPort:
+        """Gives the message."""
+        return self._message_port
+
+    def _calc_message(self, context: Context, output: AbstractValue) -> None:
+        targets = robot.joint_targets(self._action_port.Eval(context))
+        output.set_value(pack_targets(self._sensors_port.Eval(context), targets))

@@ -1,0 +1,227 @@
+"""The two ends of the link: the same robot as in one diagram, and what it does without answers."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+
+from glassgait.diagrams.commands import DrawnCommands, FixedCommand
+from glassgait.diagrams.link import ControllerEnd, RobotEnd
+from glassgait.diagrams.linked_controller import MakeLinkedController
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.plant_state import push
+from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.link.messages import targets_t
+from glassgait.models.link.settings import Channels
+from glassgait.models.link.watchdog import Phase, Watchdog
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.task.gait import load_gait
+
+CHANNELS = Channels("TEST_")
+N_STEPS = 120
+
+
+@pytest.fixture(scope="module")
+def page() -> AlternatingPolicy:
+    return AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+
+
+class Ends:
+    """Both ends in one process; answers come `late` steps of the plant after their sensors."""
+
+    def __init__(self, gait, policy, scenario, *, seed=0, late=0):
+        self.lcm = DrakeLcm("memq://")
+        self.robot = RobotEnd(
+            gait, scenario, self.lcm, CHANNELS, watchdog=Watchdog(), session=4, seed=seed
+        )
+        self.controller = ControllerEnd(gait, policy, self.lcm, CHANNELS)
+        self.late = late
+
+    def step(self, *, answered=True):
+        self.robot.send()
+        for part in range(self.robot.n_parts):
+            if answered and part == self.late:
+                self.lcm.HandleSubscriptions(0)
+                self.controller.answer()
+            self.robot.advance(part)
+
+    def run(self, n_steps, **settings):
+        """Returns states before, and targets after each step."""
+        states, targets = [], []
+        for _ in range(n_steps):
+            states.append(self.robot.output("state").copy())
+            self.step(**settings)
+            targets.append(self.robot.output("targets").copy())
+        return np.array(states), np.array(targets)
+
+
+@pytest.mark.parametrize(
+    ("late", "time_step"), [(0, 0.01), (1, 0.01), (3, 0.004)], ids=["at once", "10 ms", "12 ms"]
+)
+def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
+    scenario = Scenario(command=DrawnCommands(), station=StationConfig(time_step=time_step))
+    states, targets = Ends(trot, page, scenario, seed=3, late=late).run(N_STEPS)
+    world = replace(scenario, latency=late * time_step)
+    one = record(make_simulator(MakeLocomotion(trot, world, policy=page), seed=3), N_STEPS)
+    np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-12)
+    expected = robot.joint_targets(one["actions"][:-1])
+    np.testing.assert_allclose(targets, expected, rtol=0, atol=1e-12)
+    # It walks: a foot was lifted.
+    assert kinematics.foot_heights(states).max() > 0.02
+
+
+def test_counts_and_survives_losses(trot, page):
+    ends = Ends(trot, page, Scenario(command=FixedCommand()))
+    ends.run(50)
+    for _ in range(10):
+        ends.run(1, answered=False)
+        ends.run(7)
+    # What was not answered was counted on either side, when the next message came.
+    assert ends.robot.tally.rows() == {"heard": 120, "late": 0, "lost": 10, "doubled": 0}
+    assert ends.robot.phase is Phase.FOLLOWING
+    assert not ends.robot.fallen
+
+
+def test_a_robot_without_a_controller_is_lowered_and_rises_with_the_next(trot, page):
+    ends = Ends(trot, page, Scenario(command=FixedCommand()))
+    # From most other steps of its gait it falls over while it is lowered; see the study's page.
+    ends.run(98)
+    walked = ends.robot.output("state")[robot.POSITION].copy()
+    _, held = ends.run(8, answered=False)
+    np.testing.assert_array_equal(held[-1], held[0])
+    assert ends.robot.phase is Phase.HOLDING
+    states, _ = ends.run(150, answered=False)
+    assert ends.robot.phase is Phase.LOWERED
+    assert states[-1][robot.POSITION][2] < 0.15
+    assert states[-1][robot.QUATERNION][0] > 0.9
+    assert not ends.robot.fallen
+    ends.run(250)
+    assert ends.robot.phase is Phase.FOLLOWING
+    assert not ends.robot.fallen
+    assert ends.robot.output("state")[robot.POSITION][0] > walked[0] + 0.1
+
+
+def test_an_answer_that_comes_after_the_next_sensors_is_late_and_taken(trot, page):
+    ends = Ends(trot, page, Scenario())
+    ends.run(5)
+    robot_end = ends.robot
+    robot_end.send()
+    ends.lcm.HandleSubscriptions(0)
+    for part in (0, 1, 0):
+        robot_end.advance(part)
+    assert robot_end.phase is Phase.HOLDING
+    before = robot_end.output("targets").copy()
+    ends.controller.answer()
+    robot_end.advance(1)
+    assert robot_end.tally.rows() == {"heard": 6, "late": 1, "lost": 0, "doubled": 0}
+    assert np.any(robot_end.output("targets") != before)
+
+
+def test_a_robot_that_fell_is_put_back_and_its_controller_starts_anew(trot, page):
+    ends = Ends(trot, page, Scenario(command=FixedCommand()))
+    ends.run(50)
+    context = ends.robot.simulator.get_mutable_context()
+    push(ends.robot.diagram, context, np.array([0.0, 6.0, 0.0]))
+    for _ in range(100):
+        ends.run(1)
+        if ends.robot.fallen:
+            break
+    assert ends.robot.fallen
+    ends.robot.put_back()
+    assert ends.robot.phase is Phase.STANDING
+    np.testing.assert_array_equal(
+        ends.robot.output("state"), kinematics.standing_state(robot.DEFAULT_STANCE)
+    )
+    ends.run(100)
+    assert ends.robot.phase is Phase.FOLLOWING
+    assert not ends.robot.fallen
+
+
+def test_a_controller_starts_anew_with_each_message_until_it_is_followed(trot, page):
+    ends = Ends(trot, page, Scenario(), late=5)
+    machine = ends.controller.diagram.GetOutputPort("rm_state")
+    for _ in range(30):
+        ends.robot.send()
+        ends.lcm.HandleSubscriptions(0)
+        ends.controller.answer()
+        # Its answers get lost.
+        ends.lcm.HandleSubscriptions(0)
+        ends.robot.put_back()
+        for part in range(ends.robot.n_parts):
+            ends.robot.advance(part)
+        ends.robot.put_back()
+        context = ends.controller.simulator.get_context()
+        np.testing.assert_array_equal(machine.Eval(context), [1, 0])
+        assert context.get_time() == pytest.approx((ends.robot.step - 1) * 0.02)
+
+
+def test_answers_every_message_once(trot, page):
+    ends = Ends(trot, page, Scenario())
+    assert not ends.controller.answer()
+    ends.robot.send()
+    ends.robot.send()
+    ends.lcm.HandleSubscriptions(0)
+    assert ends.controller.answer()
+    assert not ends.controller.answer()
+    ends.robot.send()
+    ends.lcm.HandleSubscriptions(0)
+    assert not ends.controller.answer()
+    assert ends.controller.tally.doubled == 2
+
+
+def test_messages_of_another_kind_are_told(trot, page):
+    ends = Ends(trot, page, Scenario())
+    ends.lcm.Publish(CHANNELS.targets, b"nonsense")
+    with pytest.raises(InputError, match="channel TEST_TARGETS: a message came that is of another"):
+        ends.robot.advance(0)
+    ends = Ends(trot, page, Scenario())
+    ends.robot.send()
+    ends.lcm.Publish(CHANNELS.command, targets_t().encode())
+    ends.lcm.HandleSubscriptions(0)
+    with pytest.raises(InputError, match="channel TEST_COMMAND"):
+        ends.controller.answer()
+
+
+def test_answers_to_another_session_are_not_heard(trot, page):
+    ends = Ends(trot, page, Scenario())
+    stale = targets_t()
+    stale.session = 99
+    ends.lcm.Publish(CHANNELS.targets, stale.encode())
+    ends.robot.send()
+    ends.robot.advance(0)
+    assert ends.robot.tally.heard == 0
+    assert ends.robot.phase is Phase.STANDING
+
+
+@pytest.mark.parametrize(
+    ("world", "told"),
+    [
+        ({"latency": 0.01}, "latency"),
+        ({"contact_flips": 0.01}, "contact_flips"),
+        ({"true_body_state": True}, "true_body_state"),
+        ({"station": StationConfig(time_step=0.0), "accuracy": 1e-5}, "station.time_step"),
+    ],
+)
+def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, world, told):
+    with pytest.raises(InputError, match=f"{told} is not made for two processes"):
+        Ends(trot, page, Scenario(**world))
+
+
+def test_a_policy_of_another_gait_is_refused(page):
+    with pytest.raises(InputError, match="trot"):
+        MakeLinkedController(load_gait("pace"), page, DrakeLcm("memq://"), CHANNELS)
+
+
+def test_a_step_of_both_ends_takes_less_than_a_control_period(trot, page):
+    ends = Ends(trot, page, Scenario())
+    ends.run(5)
+    begun = time.thread_time()
+    ends.run(50)
+    assert (time.thread_time() - begun) / 50 < 0.02

@@ -1,0 +1,163 @@
+"""What a robot does while its controller answers in time, late, or not at all."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.errors import InputError
+from glassgait.models.link.watchdog import (
+    CROUCH,
+    Answer,
+    Phase,
+    Watchdog,
+    initial_watch,
+    step_watch,
+)
+from glassgait.models.task import CONTROL_PERIOD
+
+SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8)
+STEP = 0.01
+
+
+def targets(time):
+    return np.full(12, time)
+
+
+class Robot:
+    """Steps a watch every 10 ms; answers are those of a time, or none."""
+
+    def __init__(self):
+        self.watch, self.now, self.answer = initial_watch(), 0.0, None
+
+    def run(self, seconds, *, answered=True, late=0.0):
+        """Goes on; each answer is to the sensors of the control instant before, `late` ago."""
+        phases = []
+        for _ in range(round(seconds / STEP)):
+            instant = CONTROL_PERIOD * ((self.now - late + 1e-9) // CONTROL_PERIOD)
+            if answered and instant >= 0.0:
+                self.answer = Answer(1, instant, targets(instant))
+            self.watch = step_watch(self.watch, self.answer, self.now, SETTINGS)
+            phases.append(Phase(self.watch.phase))
+            self.now += STEP
+        return phases
+
+
+def test_stands_until_a_controller_answers():
+    one = Robot()
+    assert set(one.run(5.0, answered=False)) == {Phase.STANDING}
+    np.testing.assert_array_equal(one.watch.targets, robot.DEFAULT_STANCE)
+    assert not one.watch.followed
+
+
+def test_follows_answers_that_come_in_time():
+    one = Robot()
+    assert set(one.run(1.0)) == {Phase.FOLLOWING}
+    np.testing.assert_allclose(one.watch.targets, targets(0.98))
+    assert one.watch.followed
+
+
+def test_holds_the_last_targets_and_takes_newer_ones_at_once():
+    one = Robot()
+    one.run(1.0)
+    # The latest answer is to the sensors of 0.98 s.
+    assert one.run(0.08, answered=False) == [Phase.FOLLOWING] + 7 * [Phase.HOLDING]
+    np.testing.assert_allclose(one.watch.targets, targets(0.98))
+    assert one.watch.followed
+    assert set(one.run(0.1)) == {Phase.FOLLOWING}
+
+
+def test_late_targets_are_better_than_older_ones():
+    one = Robot()
+    one.run(1.0)
+    assert Phase.HOLDING in one.run(0.5, late=0.04)
+    np.testing.assert_allclose(one.watch.targets, targets(1.44), atol=1e-9)
+
+
+def test_is_lowered_to_a_crouch_once_targets_are_too_old():
+    one = Robot()
+    one.run(1.0)
+    phases = one.run(0.2, answered=False)
+    # The latest answer, to the sensors of 0.98 s, is 0.11 s old then.
+    assert phases.index(Phase.LOWERED) == 9
+    assert set(phases[9:]) == {Phase.LOWERED}
+    before = one.watch.targets
+    one.run(3.0, answered=False)
+    assert not one.watch.followed
+    assert np.any(before != one.watch.targets)
+    np.testing.assert_allclose(one.watch.targets, CROUCH)
+
+
+def test_rises_when_answers_have_come_in_time_for_long_enough_and_then_follows():
+    one = Robot()
+    one.run(1.0)
+    one.run(3.0, answered=False)
+    begun = one.now
+    phases = one.run(3.0)
+    rises, follows = phases.index(Phase.STANDING), phases.index(Phase.FOLLOWING)
+    assert rises * STEP == pytest.approx(SETTINGS.recovery, abs=2 * STEP)
+    assert (follows - rises) * STEP == pytest.approx(SETTINGS.rising, abs=2 * STEP)
+    assert one.watch.answered > begun
+
+
+def test_stays_lowered_while_answers_come_now_and_then():
+    one = Robot()
+    one.run(1.0)
+    one.run(2.0, answered=False)
+    for _ in range(10):
+        assert set(one.run(0.3)) == {Phase.LOWERED}
+        assert set(one.run(0.1, answered=False)) == {Phase.LOWERED}
+
+
+def test_a_robot_that_rises_without_a_controller_stands():
+    one = Robot()
+    one.run(1.0)
+    one.run(3.0, answered=False)
+    one.run(0.6)
+    assert set(one.run(3.0, answered=False)) == {Phase.STANDING}
+    np.testing.assert_allclose(one.watch.targets, robot.DEFAULT_STANCE)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        Answer(1, 0.5, targets(7.0)),
+        Answer(1, 1.5, targets(7.0)),
+        Answer(1, 1.0, np.full(12, np.nan)),
+        Answer(1, np.nan, targets(7.0)),
+    ],
+    ids=["old", "of the future", "not finite", "of no time"],
+)
+def test_an_answer_that_is_none_changes_nothing(answer):
+    one = Robot()
+    one.run(1.0)
+    watch = step_watch(one.watch, answer, 1.0, SETTINGS)
+    np.testing.assert_array_equal(watch.targets, one.watch.targets)
+    assert watch.answered == one.watch.answered
+
+
+@given(st.lists(st.sampled_from([None, 0.0, 0.01, 0.02, 0.03, 0.2, -1.0, np.nan]), max_size=200))
+def test_targets_never_jump_but_to_what_a_controller_answers(ages):
+    watch, now = initial_watch(), 0.0
+    for age in ages:
+        answer = None if age is None else Answer(1, now - age, np.full(12, 0.3))
+        after = step_watch(watch, answer, now, SETTINGS)
+        assert np.all(np.isfinite(after.targets))
+        if not after.followed:
+            # Smooth steps are fastest in their middle: 1.5 times as fast as straight ones.
+            greatest = np.abs(CROUCH - robot.DEFAULT_STANCE).max() + 3.0
+            moved = np.abs(after.targets - watch.targets).max()
+            assert moved <= 1.5 * STEP / SETTINGS.rising * greatest
+        watch, now = after, now + STEP
+
+
+def test_the_crouch_is_within_the_joints_ranges_and_keeps_the_trunk_off_the_ground():
+    assert np.all((robot.LOWER_LIMITS < CROUCH) & (CROUCH < robot.UPPER_LIMITS))
+    height = kinematics.standing_state(CROUCH)[robot.POSITION][2]
+    assert robot.TRUNK_BOX[2] / 2 < height < 0.15
+
+
+def test_settings_are_checked():
+    with pytest.raises(InputError, match=r"watchdog: hold is 0.0; it must be 0.02 or more"):
+        Watchdog(hold=0.0)

@@ -1,0 +1,32 @@
+"""`glassgait drive`: what is refused, and the losses that are counted."""
+
+import json
+
+import pytest
+
+from glassgait.studies.cli import main
+from glassgait.studies.drive import command
+
+REFUSED = {
+    "controller --gait gallop": "unknown gait 'gallop'",
+    "controller --lcm-url nonsense": "lcm_url is 'nonsense'; write udpm://",
+    "simulator --scenario latency_20ms --channels T1_": "latency is not made for two processes",
+    "simulator --watchdog.hold 0": "hold is 0.0",
+    "losses --n-robots 0": "n_robots is 0",
+}
+
+
+@pytest.mark.parametrize("arguments", REFUSED)
+def test_bad_input_is_told_in_one_sentence(arguments, refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert REFUSED[arguments] in refused(["drive", *arguments.split()])
+    assert not list(tmp_path.iterdir())
+
+
+def test_losses_are_counted_and_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "TRIALS", command.TRIALS[5:6])
+    run = ["drive", "losses", "--policy", "page", "--n-robots", "1", "--n-steps", "60"]
+    main([*run, "--output", str(tmp_path / "run")])
+    (row,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert row["control steps"] == 60
+    assert row["lost either way"] > 0

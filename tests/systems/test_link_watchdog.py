@@ -1,0 +1,101 @@
+"""The watchdog over the link."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+
+from glassgait.models.a1 import robot
+from glassgait.models.link.messages import targets_t
+from glassgait.models.link.watchdog import (
+    CROUCH,
+    Phase,
+    Watchdog,
+    initial_watch,
+    step_watch,
+)
+from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch
+
+SESSION, STEP = 9, 0.01
+TARGETS = np.linspace(-1.0, 1.0, 12)
+
+
+def answer(time, session=SESSION, targets=TARGETS):
+    message = targets_t()
+    message.session, message.utime = session, round(1e6 * time)
+    message.joint_position = list(targets)
+    return AbstractValue.Make(message)
+
+
+@pytest.fixture
+def system():
+    return LinkWatchdog(Watchdog(), session=SESSION, time_step=STEP)
+
+
+@pytest.fixture
+def advance(system):
+    """Takes the update of an instant, with a message."""
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+
+    def run(until, message):
+        system.get_message_input_port().FixValue(context, message)
+        simulator.AdvanceTo(until)
+        return context
+
+    return run
+
+
+def test_ports_without_feedthrough(system, port_sizes):
+    # A port of messages has no size.
+    _, outputs = port_sizes(system)
+    assert outputs == {"targets": 12, "phase": 1, "followed": 1}
+    assert not system.HasAnyDirectFeedthrough()
+
+
+def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
+    def told(context):
+        return [
+            port.Eval(context)
+            for port in (
+                system.get_targets_output_port(),
+                system.get_phase_output_port(),
+                system.get_followed_output_port(),
+            )
+        ]
+
+    context = advance(0.005, answer(0.0))
+    for value, expected in zip(told(context), (TARGETS, Phase.FOLLOWING, 1), strict=True):
+        np.testing.assert_array_equal(value, expected)
+    clone = context.Clone()
+    context = advance(0.045, answer(0.0))
+    assert told(context)[1:] == [[Phase.HOLDING], [1]]
+    context = advance(3.005, answer(0.0))
+    assert told(context)[1:] == [[Phase.LOWERED], [0]]
+    np.testing.assert_allclose(told(context)[0], CROUCH)
+    np.testing.assert_array_equal(told(clone)[0], TARGETS)
+
+
+def test_answers_of_another_session_are_not_heard(system, advance):
+    context = advance(0.005, answer(0.0, session=SESSION + 1))
+    np.testing.assert_array_equal(
+        system.get_targets_output_port().Eval(context), robot.DEFAULT_STANCE
+    )
+
+
+def test_restarts_on_its_feet(system, advance):
+    context = advance(0.005, answer(0.0))
+    system.restart(context)
+    assert system.get_followed_output_port().Eval(context) == [0]
+
+
+def test_numbers_stand_for_a_watch_and_back():
+    watch = step_watch(initial_watch(), None, 1.0, Watchdog())
+    again = unpack_watch(pack_watch(watch))
+    for one, other in zip(watch, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_refuses_a_plant_without_steps():
+    with pytest.raises(ValueError, match="time_step is 0"):
+        LinkWatchdog(Watchdog(), session=SESSION, time_step=0.0)
