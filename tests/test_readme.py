@@ -34,6 +34,9 @@ LONGEST_README = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
+WITH_PARTS = {"drive": ("controller", "simulator", "losses")}
+"""Commands that are given with one of their parts."""
+
 NEEDS_A_DISTILLATION = ("pareto",)
 """Commands that read the samples of one."""
 
@@ -141,7 +144,7 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
 def test_every_option_is_one_of_some_command(parsed, option):
     def takes(name, *arguments):
         try:
-            return parsed(name, *arguments)
+            return parsed(*name, *arguments)
         except SystemExit:
             return None
 
@@ -150,7 +153,8 @@ def test_every_option_is_one_of_some_command(parsed, option):
     values = [["x"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]] if len(words) == 1 else []
     assert any(
         takes(name, *words) or any(takes(name, *words, *value) for value in values)
-        for name in COMMANDS
+        for command in COMMANDS
+        for name in [(command, part) for part in WITH_PARTS.get(command, ())] or [(command,)]
     )
 
 
