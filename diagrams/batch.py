@@ -234,7 +234,9 @@ class BatchSimulator:
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
-        return state.with_commands(due, self._draw_commands(len(due))).command
+        if len(due):
+            state = state.with_commands(due, self._draw_commands(len(due)))
+        return state.command
 
     def _draw_commands(self, count: int) -> Command:
         match self.task.command:
@@ -293,8 +295,5 @@ class BatchSimulator:
         return replace(state, estimate=self.estimator(self._proprioception(state)))
 
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
-        """Returns the heights (n, 4; m) that the machine reads.
-
-        The estimator sees the machine's state; hence the machine reads the estimate before this.
-        """
+        # The estimator sees the machine's state, so the machine reads what it estimated before.
         return feet.height if self.estimator is None else estimate[:, -robot.N_LEGS :]

@@ -162,7 +162,7 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         with safe_open(_regular(path), framework="numpy") as file:
             metadata = file.metadata() or {}
             header = json.loads(metadata["header"])
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            arrays = {name: _native(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
         checksum = header.pop("sha256", None)
         whole = checksum is None or checksum == _checksum(arrays, header)
     except OSError as error:
@@ -172,6 +172,13 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     if not whole:
         raise InputError(f"{path}: is damaged, its checksum is of other contents; make it anew")
     return arrays, header
+
+
+def _native(array: NDArray[Any]) -> NDArray[Any]:
+    # With `ml_dtypes` installed, which ONNX brings, arrays of its own types would be read too.
+    if array.dtype.isbuiltin != 1:
+        raise ValueError(f"arrays of {array.dtype} are not ours")
+    return array
 
 
 def write_record(path: Path, values: Any, of: str = "") -> None:

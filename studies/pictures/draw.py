@@ -44,7 +44,6 @@ ABLATIONS = {
     },
 }
 """Runs that differ in an ingredient, by picture and by the name of their line."""
-"""Records and curves of runs that differ in an ingredient."""
 
 FRAME_STEPS = 2
 """Control steps between two frames: 25 frames a second."""

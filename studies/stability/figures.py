@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from glassgait.models.a1.robot import Array
 from glassgait.studies.evaluation.tables import policy_title
 from glassgait.studies.figures import COLUMN_WIDTH, styled
 from glassgait.studies.stability.tables import believed
@@ -44,10 +45,13 @@ def stability_figure(results: Mapping[str, Records], name: str) -> Figure:
     parts: Any = figure.subfigures(3, 1, height_ratios=(1.25, 1.15, 1.3))
     top, middle, bottom = parts
     maps, circles = (part.subplots(1, n, sharey=True, squeeze=False)[0] for part in (top, middle))
+    reach = max(
+        1.3, *(1.1 * np.abs(_eigenvalues(records)).max(initial=0.0) for records in results.values())
+    )
     for axes, circle, (policy, records) in zip(maps, circles, results.items(), strict=True):
         _draw_map(axes, records)
         axes.set_title(policy_title(policy), fontsize=7.5)
-        _draw_circle(circle, records)
+        _draw_circle(circle, records, reach)
     maps[0].set_ylabel("yaw rate\n(rad/s)")
     circles[0].set_ylabel("imaginary part")
     bar = top.colorbar(ScalarMappable(SCALE, COLORS), ax=maps, shrink=0.9, pad=0.01)
@@ -87,22 +91,29 @@ def _draw_map(axes: Axes, records: Records) -> None:
     axes.set_xlabel("speed (m/s)", fontsize=7)
 
 
-def _draw_circle(axes: Axes, records: Records) -> None:
+def _eigenvalues(records: Records) -> Array:
+    """Returns real and imaginary parts (n, 2) of the eigenvalues of all commands; n may be 0."""
+    own = [record["eigenvalues"] for record in records if believed(record)]
+    return np.array(own, dtype=float).reshape(-1, 2)
+
+
+def _draw_circle(axes: Axes, records: Records, reach: float) -> None:
     """Draws the eigenvalues of all commands beside the unit circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     axes.fill(np.cos(angle), np.sin(angle), color="0.95", linewidth=0)
     axes.plot(np.cos(angle), np.sin(angle), color="0.5", linewidth=0.7)
-    own = [record["eigenvalues"] for record in records if believed(record)]
-    if own:
-        values = np.array(own).reshape(-1, 2)
+    values = _eigenvalues(records)
+    if len(values):
         outside = np.hypot(*values.T) > 1.0
         axes.plot(*values[~outside].T, ".", color="#0072B2", markersize=2.5, alpha=0.6)
         axes.plot(*values[outside].T, ".", color="#D55E00", markersize=4)
     else:
         axes.text(0, 0, "no derivative", fontsize=6.5, color="0.4", ha="center", va="center")
-    axes.set(xlim=(-1.6, 1.6), ylim=(-1.3, 1.3), aspect="equal", xlabel="real part")
-    axes.set_xticks((-1, 0, 1))
-    axes.set_yticks((-1, 0, 1))
+    # Wide enough that no eigenvalue of any policy is left out.
+    wide = 1.25 * reach
+    axes.set(xlim=(-wide, wide), ylim=(-reach, reach), aspect="equal", xlabel="real part")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(4, integer=True))
 
 
 def _draw_rhythm(axes: Axes, results: Mapping[str, Records]) -> None:
