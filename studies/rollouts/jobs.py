@@ -2,9 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import pandas as pd
 from joblib import delayed
@@ -20,6 +21,22 @@ from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts
+
+
+class Job(Protocol):
+    """Work of its own, of which a table comes."""
+
+    @property
+    def name(self) -> str:
+        """What progress and files call it."""
+        ...
+
+    def digest(self) -> str:
+        """Tells jobs apart that would not give the same table."""
+        ...
+
+
+J = TypeVar("J", bound=Job)
 
 
 @dataclass(frozen=True)
@@ -93,18 +110,50 @@ def run_jobs(
     Raises:
         InputError: if scores that the folder holds are damaged.
     """
+    return finish_jobs(jobs, _score, folder, processes=processes, tell=_tell_not_finite)
+
+
+def finish_jobs(
+    jobs: Sequence[J],
+    do: Callable[[J], pd.DataFrame],
+    folder: Path,
+    *,
+    processes: int | None = None,
+    tell: Callable[[J, pd.DataFrame], None] | None = None,
+) -> pd.DataFrame:
+    """Does every job side by side, but for those whose tables the folder holds already.
+
+    Args:
+        jobs: The jobs, the slowest best first.
+        do: Does one of them, in whichever process.
+        folder: Where each job's table is kept as soon as it is done.
+        processes: Jobs at once; by default as many as there are cores, or the cluster has.
+        tell: Called with each job that is done and its table.
+
+    Returns:
+        The tables, in the order of the jobs.
+
+    Raises:
+        InputError: if a table that the folder holds is damaged.
+    """
     paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
     kept = {i: read_record(path, of=path.stem) for i, path in enumerate(paths) if path.exists()}
     pending = [i for i in range(len(jobs)) if i not in kept]
     processes = max(1, min(processes or len(pending), len(pending)))
+    work = (delayed(_numbered)(i, do, jobs[i]) for i in pending)
     with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
-        for i, scores in _finished(jobs, pending, processes):
-            kept[i] = scores.to_dict(orient="list")
+        for i, table in run_parallel(work, processes, in_order=False):
+            kept[i] = table.to_dict(orient="list")
             write_record(paths[i], kept[i], of=paths[i].stem)
-            _tell_not_finite(jobs[i], scores)
+            if tell is not None:
+                tell(jobs[i], table)
             progress.update(bar, advance=1, text=jobs[i].name)
     tables = [pd.DataFrame(kept[i]) for i in range(len(jobs))]
     return pd.concat(tables, ignore_index=True)
+
+
+def _numbered(index: int, do: Callable[[J], pd.DataFrame], job: J) -> tuple[int, pd.DataFrame]:
+    return index, do(job)
 
 
 def _tell_not_finite(job: RolloutJob, scores: pd.DataFrame) -> None:
@@ -119,16 +168,9 @@ def _tell_not_finite(job: RolloutJob, scores: pd.DataFrame) -> None:
         )
 
 
-def _finished(
-    jobs: Sequence[RolloutJob], pending: list[int], processes: int
-) -> Iterator[tuple[int, pd.DataFrame]]:
-    work = (delayed(_score)(i, jobs[i]) for i in pending)
-    yield from run_parallel(work, processes, in_order=False)
-
-
-def _score(index: int, job: RolloutJob) -> tuple[int, pd.DataFrame]:
+def _score(job: RolloutJob) -> pd.DataFrame:
     log = roll_out(job.gait, job.policy, job.scenario, job.config)
     scores = score_rollouts(log, robot.MASS + job.scenario.station.payload)
     for position, (label, value) in enumerate({**job.labels, "seed": job.config.seed}.items()):
         scores.insert(position, label, value)
-    return index, scores
+    return scores

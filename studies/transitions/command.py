@@ -1,27 +1,25 @@
 """`glassgait transitions`: gaits that change while walking."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import pandas as pd
 import tyro
 from annotated_types import MinLen
-from joblib import delayed
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.studies.console import console, progress_bar
+from glassgait.studies.console import console
 from glassgait.studies.figures import save_figure
-from glassgait.studies.parallel.loop import parallel_backend, run_parallel
+from glassgait.studies.parallel.loop import parallel_backend
+from glassgait.studies.rollouts.jobs import finish_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import find_walker
 from glassgait.studies.sweep import Gaits, WorkersConfig, gaits_named
@@ -75,7 +73,8 @@ class Transitions(Settings):
         inputs = {"policies": " ".join(sorted({job.digest() for job in jobs}))}
         run = {"study": "transitions", "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(self.output, **run), parallel_backend(self.workers.backend):
-            robots = _run_jobs(jobs, self.output / "rollouts", self.workers.processes)
+            folder, processes = self.output / "rollouts", self.workers.processes
+            robots = finish_jobs(jobs, roll_transition, folder, processes=processes)
             titles = {name: scenario.title for name, scenario in scenarios.items()}
             table = transition_table(robots)
             write_table(robots, self.output / "robots")
@@ -106,28 +105,3 @@ class Transitions(Settings):
 def _walkers(policy: str, gaits: Sequence[Gait]) -> dict[str, AlternatingPolicy]:
     """Finds who walks in each gait: the expert, or the student of a kind."""
     return {gait.name: find_walker(policy, load_expert(gait)) for gait in gaits}
-
-
-def _run_jobs(jobs: Sequence[TransitionJob], folder: Path, processes: int | None) -> pd.DataFrame:
-    """Rolls out every job, but for those whose robots the folder holds already."""
-    paths = [folder / f"{job.name}.{job.digest()}.json" for job in jobs]
-    kept = {i: read_record(path, of=path.stem) for i, path in enumerate(paths) if path.exists()}
-    pending = [i for i in range(len(jobs)) if i not in kept]
-    n_jobs = max(1, min(processes or len(pending), len(pending)))
-    with progress_bar(len(jobs), len(jobs) - len(pending)) as (progress, bar):
-        for i, robots in _finished(jobs, pending, n_jobs):
-            kept[i] = robots.to_dict(orient="list")
-            write_record(paths[i], kept[i], of=paths[i].stem)
-            progress.update(bar, advance=1, text=jobs[i].name)
-    return pd.concat([pd.DataFrame(kept[i]) for i in range(len(jobs))], ignore_index=True)
-
-
-def _finished(
-    jobs: Sequence[TransitionJob], pending: list[int], n_jobs: int
-) -> Iterator[tuple[int, pd.DataFrame]]:
-    work = (delayed(_roll)(i, jobs[i]) for i in pending)
-    yield from run_parallel(work, n_jobs, in_order=False)
-
-
-def _roll(index: int, job: TransitionJob) -> tuple[int, pd.DataFrame]:
-    return index, roll_transition(job)
