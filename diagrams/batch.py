@@ -94,6 +94,7 @@ class BatchSimulator:
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states)
         self._weights = task.weights
+        self._told = False
         self._everyone = np.arange(n_robots)
         self._state: TaskState = self._fresh(n_robots)
         self.resample_friction()
@@ -140,7 +141,8 @@ class BatchSimulator:
         self._state = self._begin(plant, command)
 
     def set_command(self, command: Command) -> None:
-        """Gives every robot a command, until it is drawn anew or its episode ends."""
+        """Gives every robot a command: from then on episodes alone begin with drawn ones."""
+        self._told = True
         self._state = self._estimated(replace(self._state, command=command))
 
     def proprioception(self) -> Array:
@@ -181,7 +183,6 @@ class BatchSimulator:
         push = task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
-
         feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
         machine = self._step_machine(s, feet, command)
         reward = step_reward(
@@ -234,7 +235,7 @@ class BatchSimulator:
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
-        if len(due):
+        if len(due) and not self._told:
             state = state.with_commands(due, self._draw_commands(len(due)))
         return state.command
 

@@ -49,7 +49,7 @@ def walk_both(
         gait: The gait.
         policy: Who acts, in Python.
         expert: Whose estimator observes.
-        exported: Makes what acts instead, such as `otherontroller` returns.
+        exported: Makes what acts instead, such as `by_controller` returns.
         title: What the table calls it.
         n_robots: Number of robots.
         n_steps: Control steps.

@@ -102,6 +102,17 @@ def test_a_state_once_taken_stays_as_it_is(trot, generator):
         simulator.state.steps = ages
 
 
+def test_a_command_that_was_set_stays_and_is_what_the_machine_serves(trot):
+    simulator = make_simulator(trot, randomization=Randomization(push_speed=0.0))
+    simulator.restore(replace(simulator.state, steps=np.full(6, COMMAND_STEPS - 2)))
+    told = Command(np.full((6, 2), 0.25), np.full(6, 11.0))
+    simulator.set_command(told)
+    for _ in range(4):
+        simulator.step(np.zeros((6, 12)))
+        np.testing.assert_array_equal(simulator.state.command.velocity, told.velocity)
+        np.testing.assert_array_equal(simulator.state.command.dwell, told.dwell)
+
+
 def test_a_scenario_is_played_as_it_says(trot):
     scenario = Scenario(
         station=StationConfig(friction=0.3),
