@@ -26,7 +26,9 @@ def additive_code(policy: AdditivePolicy, real: Real, own: str = "") -> Code:
         arrays += [
             CArray(f"{begin}PAIR_CUTS", coarse, cut_type, "coarser cuts, for pairs"),
             CArray.of_indices(f"{begin}PAIRS", pairs, "two observations, and the joint that gains"),
-            CArray.of_reals(f"{begin}PAIR_EFFECTS", policy.pair_tables, real, "its gain, by both bins"),
+            CArray.of_reals(
+                f"{begin}PAIR_EFFECTS", policy.pair_tables, real, "its gain, by both bins"
+            ),
         ]
     return Code(
         f"A sum of {effects.shape[0]} functions of one observation a joint, and in all {n_pairs} "

@@ -6,9 +6,7 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 
 
-def linear_code(
-    policy: LinearPolicy | StatewiseLinearPolicy, real: Real, own: str = ""
-) -> Code:
+def linear_code(policy: LinearPolicy | StatewiseLinearPolicy, real: Real, own: str = "") -> Code:
     """Writes weighted sums of the observations, the same always or others in each state; see
     `formula_code`."""
     begin = own.upper()
@@ -24,7 +22,9 @@ def linear_code(
             statewise=statewise,
         ),
         (
-            CArray.of_reals(f"{begin}WEIGHTS", policy.weights, real, f"weight of each observation, {of}"),
+            CArray.of_reals(
+                f"{begin}WEIGHTS", policy.weights, real, f"weight of each observation, {of}"
+            ),
             CArray.of_reals(f"{begin}INTERCEPTS", policy.intercepts, real, f"constant of {of}"),
         ),
         takes_state=statewise,

@@ -82,13 +82,15 @@ typedef struct {
     {{ '%-17s' % (real ~ ' ' ~ field) }} /* {{ note }} */
 {% endfor %}
     int spent;        /* control steps in the state, with this one */
-    int age;          /* control steps since the start */
+    int age;          /* control steps since the {% block begin_of_age %}start{% endblock %} */
 } Propositions;
 
-{% block machine %}
+{% block next_state %}
 {% include 'next_state.c' %}
 
-static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell)
+{% endblock %}
+static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell
+{%- block requested %}{% endblock %})
 {
     Propositions now;
     int entered;
@@ -103,14 +105,15 @@ static void step_machine({{ name }}_controller *controller, const int foot_conta
     now.spent = controller->iterations + 1;
     now.age = controller->age;
 
-    entered = next_state(controller->state, &now);
+    entered = next_state({% block where %}controller->state{% endblock %}, &now);
     if (entered != STAY)
         controller->state = entered;
     controller->iterations = entered != STAY ? 0 : now.spent < LONGEST ? now.spent : LONGEST;
     controller->age += controller->age < LONGEST;
+{% block change_gait %}
+{% endblock %}
 }
 
-{% endblock %}
 /* ---- Observation: what the estimator and the policy see -------------------------------------- */
 
 {% block places %}
@@ -124,11 +127,12 @@ enum {
 {% endblock %}
 #define OVERDUE {{ overdue | number }} /* control steps by which the observed time may pass the commanded one */
 
-{% block observe %}
 /* Writes all but what is estimated. */
 static void observe(const {{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const {{ name }}_command *command, {{ real }} observation[N_OBSERVATIONS])
+    const {{ name }}_command *command, {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
 {
+{% block n_states %}
+{% endblock %}
     const {{ real }} spent = ({{ real }})controller->iterations;
     const {{ real }} longest = command->dwell + OVERDUE;
 
@@ -139,13 +143,12 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
         observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
         observation[PREVIOUS_ACTION + joint] = controller->action[joint];
     }
-    for (int state = 0; state < N_STATES; state++)
+    for (int state = 0; state < {% block observed_states %}N_STATES{% endblock %}; state++)
         observation[RM_STATE + state] = state == controller->state ? {{ 1.0 | number }} : {{ 0.0 | number }};
-    observation[RM_ITERATIONS] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
-    observation[COMMAND_RM_ITERATIONS] = command->dwell * {{ 0.1 | number }};
+    observation[{% block iterations %}RM_ITERATIONS{% endblock %}] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
+    observation[{% block commanded_iterations %}COMMAND_RM_ITERATIONS{% endblock %}] = command->dwell * {{ 0.1 | number }};
 }
 
-{% endblock %}
 {% block estimator_and_policy %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 

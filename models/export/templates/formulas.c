@@ -22,7 +22,7 @@
     const {{ real }} {{ name }} = observation[RM_STATE + {{ name[1:] }}]; /* 1 in that state, else 0 */
 {% endfor %}
 {% if 't' in quantities %}
-    const {{ real }} t = observation[{{ OWN }}RM_ITERATIONS] / {{ 0.1 | number }}; /* control steps since the state began */
+    const {{ real }} t = observation[{{ OWN }}RM_ITERATIONS] / {{ 0.1 | number }}; /* control steps {{ 'in the state' if own else 'since the state began' }} */
 {% endif %}
 {% if 'v' in quantities %}
     const struct {
