@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
@@ -25,7 +27,8 @@ COMMAND_STEPS = 50
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
 
-Moment = tuple[Sensors, Command]
+Moment = tuple[Sensors, Command] | tuple[Sensors, Command, int]
+"""What a controller reads in a step: of several gaits the number of the requested one as well."""
 
 
 @dataclass(frozen=True)
@@ -37,30 +40,34 @@ class Agreement:
         target: Greatest difference of a joint target (rad).
         machine: Control steps at which the machine's state, iterations or age differ.
         changes: Changes of the machine's state.
+        gaits: Changes of the gait among them; None where there is only one.
     """
 
     steps: int
     target: float
     machine: int
     changes: int
+    gaits: int | None = None
 
 
 def compare_controllers(
     python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
 ) -> Agreement:
     """Lets both take the steps of each sequence, each with its own memory."""
-    greatest, apart, changes = 0.0, 0, 0
+    greatest, apart, changes, gaits = 0.0, 0, 0, 0
     for sequence in sequences:
         ours, theirs = python.initial(), compiled.initial()
-        for sensors, command in sequence:
-            state = ours[MACHINE][0]
-            one = python.step(ours, sensors, command)
-            other = compiled.step(theirs, sensors, command)
+        for moment in sequence:
+            state, gait = ours[MACHINE][0], compiled.gait_of(ours)
+            one = python.step(ours, *moment)
+            other = compiled.step(theirs, *moment)
             ours, theirs = one.memory, other.memory
             greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
             apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
             changes += bool(ours[MACHINE][0] != state)
-    return Agreement(sum(map(len, sequences)), greatest, apart, changes)
+            gaits += compiled.gait_of(ours) != gait
+    steps = sum(map(len, sequences))
+    return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
 
 
 def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
@@ -131,14 +138,15 @@ def robots_at_home(gait: Gait, expert: NeuralPolicy, n_robots: int, seed: int) -
 
 
 def moments(simulator: BatchSimulator) -> Iterator[Moment]:
-    """Returns what each robot senses now, and what it is told to do."""
+    """Returns what each robot senses now, and what it is told to do; see `Moment`."""
     state = simulator.state
+    several = isinstance(simulator, SwitchingSimulator)
+    requested = [(int(gait),) for gait in simulator.requested] if several else repeat(())
     measured = joint_readings(state.plant, state.joint_noise)
-    for row, touching, velocity, dwell in zip(
-        measured, state.touching, *state.command, strict=True
-    ):
+    rows = zip(measured, state.touching, *state.command, strict=True)
+    for (row, touching, velocity, dwell), request in zip(rows, requested, strict=False):
         position, speed = np.split(row, 2)
-        yield Sensors(position, speed, touching), Command(velocity, dwell)
+        yield Sensors(position, speed, touching), Command(velocity, dwell), *request
 
 
 def joint_readings(plant: Array, noise: Array) -> Array:
