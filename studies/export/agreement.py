@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,19 @@ COMMAND_STEPS = 50
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
 
-Moment = tuple[Sensors, Command] | tuple[Sensors, Command, int]
-"""What a controller reads in a step: of several gaits the number of the requested one as well."""
+
+class Moment(NamedTuple):
+    """What a controller reads in a step.
+
+    Attributes:
+        sensors: What the robot senses.
+        command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+        requested: Number of the gait that is to run, of several.
+    """
+
+    sensors: Sensors
+    command: Command
+    requested: int = 0
 
 
 @dataclass(frozen=True)
@@ -101,7 +112,7 @@ def _random_moments(
         position = generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS)
         limit = robot.VELOCITY_LIMIT
         velocity = generator.uniform(-limit, limit, size=robot.N_JOINTS)
-        yield Sensors(position, velocity, touching), command
+        yield Moment(Sensors(position, velocity, touching), command)
 
 
 def recorded_sequences(
@@ -141,12 +152,13 @@ def moments(simulator: BatchSimulator) -> Iterator[Moment]:
     """Returns what each robot senses now, and what it is told to do; see `Moment`."""
     state = simulator.state
     several = isinstance(simulator, SwitchingSimulator)
-    requested = [(int(gait),) for gait in simulator.requested] if several else repeat(())
+    requested = simulator.requested if several else np.zeros(simulator.n_robots, dtype=np.int64)
     measured = joint_readings(state.plant, state.joint_noise)
-    rows = zip(measured, state.touching, *state.command, strict=True)
-    for (row, touching, velocity, dwell), request in zip(rows, requested, strict=False):
+    for row, touching, velocity, dwell, gait in zip(
+        measured, state.touching, *state.command, requested, strict=True
+    ):
         position, speed = np.split(row, 2)
-        yield Sensors(position, speed, touching), Command(velocity, dwell), *request
+        yield Moment(Sensors(position, speed, touching), Command(velocity, dwell), int(gait))
 
 
 def joint_readings(plant: Array, noise: Array) -> Array:

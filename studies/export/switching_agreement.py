@@ -49,7 +49,7 @@ def random_switching_sequences(switch: GaitSwitch, n_steps: int, seed: int) -> l
     sequences = random_sequences(switch.gait, n_steps, seed)
     requested = drawn_requests(switch, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
     return [
-        [(*moment[:2], int(gait)) for moment, gait in zip(sequence, own, strict=False)]
+        [moment._replace(requested=int(gait)) for moment, gait in zip(sequence, own, strict=False)]
         for sequence, own in zip(sequences, requested.T, strict=True)
     ]
 

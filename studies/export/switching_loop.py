@@ -1,18 +1,19 @@
 """Whether a controller in C changes the gaits of walking robots as Python does, in two engines."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import load_scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.a1.robot import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.task.command import Command, sample_commands
 from glassgait.studies.export.closed_loop import WORLDS, Maker, by_controller, by_policy, compared
 from glassgait.studies.export.switching_agreement import drawn_requests
 from glassgait.studies.rollouts.config import distilled_speeds
@@ -47,8 +48,8 @@ def change_both(
 ) -> pd.DataFrame:
     """Rolls robots out that are asked for another gait every 3 s, by Python and by C.
 
-    Both have the same robots, noise, requests and commands, one for each robot, at the speeds of
-    distillation.
+    Both have the same robots, noise, requests and commands, at the speeds of distillation and new
+    ones after 10 s.
 
     Args:
         switched: The gaits, and who acts and observes in each, in Python.
@@ -61,14 +62,11 @@ def change_both(
         A row an engine, as `walk_both` returns it; besides `changes`, of the gait by Python and by
         C, and `robots, RM state apart`, whose machine was ever in another state.
     """
-    switch = switched.switch
-    generator = np.random.default_rng(seed)
-    command = sample_commands(switch.gait, n_robots, generator, distilled_speeds(switch.gait))
-    requested = drawn_requests(switch, n_robots, n_steps, REQUEST_STEPS, seed)
+    requested = drawn_requests(switched.switch, n_robots, n_steps, REQUEST_STEPS, seed)
     rows = []
     for engine, world in WORLDS.items():
         python, other = (
-            _changing(switched, make, world, command, requested, seed)
+            _changing(switched, make, world, requested, seed)
             for make in (by_policy(switched), by_controller(compiled))
         )
         apart = np.any(python.states != other.states, axis=0)
@@ -87,13 +85,13 @@ def _changing(
     switched: SwitchedPolicy,
     make: Maker,
     world: str,
-    command: Command,
     requested: NDArray[np.int64],
     seed: int,
 ) -> _Run:
     """Rolls robots out that are asked for gaits (T, n)."""
     n_steps, n_robots = requested.shape
-    scenario = load_scenario(world)
+    speeds = DrawnCommands(distilled_speeds(switched.switch.gait))
+    scenario = replace(load_scenario(world), command=speeds)
     simulator = SwitchingSimulator(
         switched.switch,
         scenario,
@@ -102,18 +100,16 @@ def _changing(
         generator=np.random.default_rng(seed),
         estimator=switched.estimator,
     )
-    simulator.start_at(simulator.state.plant, command)
     act, alone = make(simulator), np.zeros(n_robots, dtype=bool)
     visited = []
 
-    def act_as_told(step: int) -> tuple[Array, NDArray[np.bool_]]:
-        simulator.set_command(command)
+    def act_as_asked(step: int) -> tuple[Array, NDArray[np.bool_]]:
         visited.append(simulator.state.machine.state)
         action = act(step)
         simulator.requested = requested[step]
         return action, alone
 
-    scores = score_rollouts(log_batch(simulator, n_steps, act_as_told))
+    scores = score_rollouts(log_batch(simulator, n_steps, act_as_asked))
     states = np.array(visited)
     upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
     running = switched.switch.gait_of(states)

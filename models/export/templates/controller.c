@@ -204,7 +204,9 @@ static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets
 
 void {{ name }}_init({{ name }}_controller *controller)
 {
-    const {{ name }}_controller standing = { {% block begin %}.state = {{ initial }}{% endblock %} };
+{% block standing %}
+    const {{ name }}_controller standing = { .state = {{ initial }} };
+{% endblock %}
 
     *controller = standing;
 }

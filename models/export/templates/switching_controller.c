@@ -25,11 +25,11 @@ enum { N_GAITS = {{ gaits | length }}, STAY = -1 };
 
 /* The states of each gait's machine. */
 {% for own in gaits %}
-enum { {{ own.constants | join(', ') }}, {{ own.own | upper }}N_STATES };
+enum { {{ (own.constants | join(', ') ~ ', ' ~ own.own | upper ~ 'N_STATES') | wordwrap(90, wrapstring='\n    ') }} };
 {% endfor %}
 
 static const int N_STATES[N_GAITS] = {
-    {{ n_states | join(', ') }}
+    {{ n_states | join(', ') | wordwrap(94, wrapstring='\n    ') }}
 };
 {% endblock %}
 {% block next_state %}
@@ -123,7 +123,7 @@ enum {
 enum { MOST_OBSERVATIONS = {{ most_observations }} };
 
 static const int N_OBSERVATIONS[N_GAITS] = {
-    {{ n_observations | join(', ') }}
+    {{ n_observations | join(', ') | wordwrap(94, wrapstring='\n    ') }}
 };
 
 {% endblock %}
@@ -209,7 +209,12 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
 }
 
 {% endblock %}
-{% block begin %}.gait = {{ prefix }}_GAIT_{{ gaits[0].constant }}, .state = {{ initial }}{% endblock %}
+{% block standing %}
+    const {{ name }}_controller standing = {
+        .gait = {{ prefix }}_GAIT_{{ gaits[0].constant }},
+        .state = {{ initial }},
+    };
+{% endblock %}
 {% block observation %}
     {{ real }} observation[MOST_OBSERVATIONS];
 {% endblock %}
