@@ -91,7 +91,7 @@ def written(gait, kind):
 
 
 def sound_and_bad(source, folder, request=""):
-    """Counts the steps, of some thousand with input of any kind, that were sound or had bad input."""
+    """Takes steps with input of any kind, and counts those that were sound or had bad input."""
     path = write_source(source, folder)
     driver, program = folder / "driver.c", folder / "driver"
     driver.write_text(DRIVER.format(name=source.name, request=request))
