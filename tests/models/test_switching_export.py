@@ -115,8 +115,7 @@ def test_kinds_of_policies_go_together(
         policy.gait = gait.name
     experts = [small_expert(gait, mirrored=gait.name == "network") for gait in gaits]
     walkers = [
-        AlternatingPolicy(expert, policy, 0)
-        for expert, policy in zip(experts, own, strict=False)
+        AlternatingPolicy(expert, policy, 0) for expert, policy in zip(experts, own, strict=False)
     ]
     policy = SwitchedPolicy(GaitSwitch(gaits), [*walkers, AlternatingPolicy(experts[-1])])
     sequences = random_switching_sequences(policy.switch, 600, 7)
