@@ -94,17 +94,8 @@ def test_robots_that_move_otherwise_are_seen_to(switched_pages, compiled_pages, 
 
 def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    arguments = [
-        "export",
-        "--gait",
-        "trot",
-        "--change-to",
-        "walk",
-        "--policy",
-        "page",
-        "--n-steps",
-        "120",
-    ]
+    asked = ["--gait", "trot", "--change-to", "walk", "--policy", "page"]
+    arguments = ["export", *asked, "--n-steps", "120"]
     main(arguments)
     folder = tmp_path / "runs" / "export" / "trot_walk" / "page"
     metrics = json.loads((folder / "metrics.json").read_text())
