@@ -7,19 +7,21 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.compiled_controller import CompiledController
 
 
 def MakeCompiledLocomotion(  # noqa: N802
-    gait: Gait, scenario: Scenario, controller: LoadedController
+    gait: Gait | GaitSwitch, scenario: Scenario, controller: LoadedController
 ) -> Diagram:
     """Builds what `MakeLocomotion` builds without a policy, and a compiled controller that acts.
 
     The controller has a reward machine and an estimator of its own. The diagram's machine, which
-    rewards, reads the true heights of the feet.
+    rewards, reads the true heights of the feet. Of several gaits one is requested of both by the
+    diagram's input `requested_gait`.
 
     Args:
-        gait: The gait.
+        gait: The gait, or those that the controller changes between.
         scenario: The world; without noise in its sensors.
         controller: Who acts.
 
@@ -36,6 +38,9 @@ def MakeCompiledLocomotion(  # noqa: N802
     acting = builder.AddNamedSystem("compiled_controller", CompiledController(controller))
     for name in ("state", "command", "commanded_dwell"):
         builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
+    if isinstance(gait, GaitSwitch):
+        name = builder.ExportInput(locomotion.GetInputPort("requested_gait"), "requested_gait")
+        builder.ConnectInput(name, acting.GetInputPort("requested_gait"))
     builder.Connect(acting.get_action_output_port(), locomotion.GetInputPort("actions"))
     builder.ExportOutput(acting.get_targets_output_port(), "targets")
     builder.ExportOutput(acting.get_status_output_port(), "status")

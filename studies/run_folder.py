@@ -79,6 +79,7 @@ def open_run(
     }
     # Refused before anything is written: what does not fit must not leave a trace.
     _check(folder, whole, resume, free)
+    absent = [own for own in (folder, *folder.parents) if not own.exists()]
     with _locked(folder):
         # Once more: until the lock was free the folder may have been another's.
         _check(folder, whole, resume, free)
@@ -95,9 +96,10 @@ def open_run(
             elif _visible(folder) == [CONFIG_NAME]:
                 path.unlink()
                 (folder / LOCK_NAME).unlink(missing_ok=True)
-                with suppress(OSError):
-                    # Only an empty folder can be removed: hidden files are a person's own.
-                    folder.rmdir()
+                for own in absent or (folder,):
+                    with suppress(OSError):
+                        # Only an empty folder can be removed: hidden files are a person's own.
+                        own.rmdir()
             raise
 
 

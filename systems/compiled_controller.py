@@ -13,7 +13,8 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.a1 import robot
-from glassgait.models.export.binding import ACTION, LoadedController, Step, sensed
+from glassgait.models.a1.robot import Array
+from glassgait.models.export.binding import ACTION, NO_GAIT, LoadedController, Step, sensed
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 
@@ -28,6 +29,7 @@ class CompiledController(LeafSystem):
         - state
         - command
         - commanded_dwell
+        - requested_gait
         output_ports:
         - action
         - targets
@@ -35,7 +37,8 @@ class CompiledController(LeafSystem):
 
     Inputs: state (37), the plant's, of which it reads the joints and which feet touch the ground.
     command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1, control
-    steps).
+    steps). requested_gait (1), of a controller of several gaits alone: the number of the gait that
+    is to run; may stay unconnected, and then the gait that runs goes on.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
     same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
     sum of flags that the C file tells of, such as 1 where a sensor was not finite.
@@ -52,6 +55,9 @@ class CompiledController(LeafSystem):
         )
         self._command_port = self.DeclareVectorInputPort("command", 2)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
+        self._requested_gait_port: InputPort | None = None
+        if controller.n_gaits > 1:
+            self._requested_gait_port = self.DeclareVectorInputPort("requested_gait", 1)
         # Three outputs and the update tell of one step; the controller takes it once.
         self._step = self.DeclareCacheEntry(
             description="controller step",
@@ -110,7 +116,15 @@ class CompiledController(LeafSystem):
         )
         memory = context.get_discrete_state(self._memory).value()
         sensors = sensed(self._state_port.Eval(context))
-        output.set_value(self._controller.step(memory, sensors, command))
+        requested = self._requested(context, memory)
+        output.set_value(self._controller.step(memory, sensors, command, requested))
+
+    def _requested(self, context: Context, memory: Array) -> int:
+        port = self._requested_gait_port
+        if port is None or not port.HasValue(context):
+            return self._controller.gait_of(memory)
+        number = np.rint(port.Eval(context)[0])
+        return int(number) if 0 <= number < self._controller.n_gaits else NO_GAIT
 
     def _eval_step(self, context: Context) -> Step:
         return self._step.Eval(context)

@@ -14,10 +14,14 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.export.switching_controller import write_switching_controller
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.ending import BAD_INPUT
@@ -140,6 +144,34 @@ def compiled_page(
     if not has_compiler():
         pytest.skip("needs a C compiler, cc")
     return load_controller(written_page, tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def switched_pages() -> SwitchedPolicy:
+    """The pages of formulas of three gaits as one policy."""
+    switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
+    walkers = [
+        AlternatingPolicy(load_expert(gait), load_student(gait.name, "page"), period=0)
+        for gait in switch.gaits
+    ]
+    return SwitchedPolicy(switch, walkers)
+
+
+@pytest.fixture(scope="session")
+def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
+    """Their C, in one file."""
+    names = {"name": "pages", "policy_name": "page", "version": "0"}
+    return write_switching_controller(switched_pages, **names)
+
+
+@pytest.fixture(scope="session")
+def compiled_pages(
+    written_pages: ControllerSource, tmp_path_factory: pytest.TempPathFactory
+) -> LoadedController:
+    """The same, compiled; skips where there is no C compiler."""
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    return load_controller(written_pages, tmp_path_factory.mktemp("pages"))
 
 
 @pytest.fixture

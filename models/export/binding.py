@@ -18,6 +18,9 @@ from glassgait.models.task.contact import touches_ground
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED = 0, 1, 2, 4
 """What a step returns: the sum of what happened."""
 
+NO_GAIT = -1
+"""A request for no gait, which every controller of several refuses as bad input."""
+
 N_MEMORY = robot.N_JOINTS + 2 * robot.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next."""
 
@@ -33,7 +36,8 @@ class Step(NamedTuple):
 
     Attributes:
         memory: What it remembers (23): the action (12), estimated foot heights (4; m), which feet
-            touch (4), and the machine's state, iterations and age.
+            touch (4), and the machine's state, iterations and age. States of several gaits are
+            counted as `GaitSwitch` counts them, those of the first gait first.
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET` and `COMMAND_LIMITED`.
     """
@@ -68,7 +72,12 @@ def sensed(state: Array) -> Sensors:
 
 
 class LoadedController:
-    """Calls a controller's C functions; it has no memory of its own."""
+    """Calls a controller's C functions; it has no memory of its own.
+
+    Attributes:
+        name: Its name.
+        n_gaits: Number of its gaits; of several, one is requested at each step.
+    """
 
     def __init__(self, path: Path, written: ControllerSource) -> None:
         """
@@ -83,16 +92,20 @@ class LoadedController:
         joints = real * robot.N_JOINTS
         feet, flags = real * robot.N_LEGS, ctypes.c_int * robot.N_LEGS
         number = ctypes.c_int
+        self.n_gaits = len(written.n_states)
+        self._first_states = np.cumsum([0, *written.n_states[:-1]])
+        several: dict[str, Any] = {"gait": number} if self.n_gaits > 1 else {}
         self._memory = _struct(
             action=joints,
             foot_height=feet,
             touched=flags,
+            **several,
             state=number,
             iterations=number,
             age=number,
         )
         self._sensors = _struct(joint_position=joints, joint_velocity=joints, foot_contact=flags)
-        self._command = _struct(speed=real, yaw_rate=real, dwell=real)
+        self._command = _struct(speed=real, yaw_rate=real, dwell=real, **several)
         self._targets = _struct(joint_position=joints)
         self.name = written.name
         try:
@@ -109,15 +122,21 @@ class LoadedController:
         """Returns what a controller remembers before its first step (23)."""
         memory = self._memory()
         self._init(ctypes.byref(memory))
-        return _packed(memory)
+        return self._packed(memory)
 
-    def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
+    def gait_of(self, memory: Array) -> int:
+        """Returns the number of the gait that runs, of what a controller remembers (23)."""
+        state = memory[MACHINE][0]
+        return int(np.searchsorted(self._first_states, state, side="right")) - 1
+
+    def step(self, memory: Array, sensors: Sensors, command: Command, requested: int = 0) -> Step:
         """Takes one step.
 
         Args:
             memory: What it remembers of the step before (23).
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+            requested: Number of the gait that is to run, of several.
         """
         own, targets = self._unpacked(memory), self._targets()
         sensed = self._sensors(
@@ -125,24 +144,31 @@ class LoadedController:
             tuple(sensors.joint_velocity),
             tuple(int(touches) for touches in sensors.touching),
         )
-        commanded = self._command(*command.velocity, float(command.dwell))
+        request = (requested,) if self.n_gaits > 1 else ()
+        commanded = self._command(*command.velocity, float(command.dwell), *request)
         status = self._step(*map(ctypes.byref, (own, sensed, commanded, targets)))
-        return Step(_packed(own), np.array(targets.joint_position, dtype=float), status)
+        return Step(self._packed(own), np.array(targets.joint_position, dtype=float), status)
 
     def _unpacked(self, memory: Array) -> ctypes.Structure:
+        state, iterations, age = memory[MACHINE].astype(int).tolist()
+        gait = self.gait_of(memory)
+        running = (gait,) if self.n_gaits > 1 else ()
         return self._memory(
             tuple(memory[ACTION]),
             tuple(memory[FOOT_HEIGHT]),
             tuple(memory[TOUCHED].astype(int).tolist()),
-            *memory[MACHINE].astype(int).tolist(),
+            *running,
+            state - int(self._first_states[gait]),
+            iterations,
+            age,
         )
+
+    def _packed(self, memory: Any) -> Array:
+        parts = (memory.action, memory.foot_height, memory.touched)
+        first = self._first_states[memory.gait] if self.n_gaits > 1 else 0
+        machine = (first + memory.state, memory.iterations, memory.age)
+        return np.array([*(value for part in parts for value in part), *machine], dtype=float)
 
 
 def _struct(**fields: Any) -> type[ctypes.Structure]:
     return type("Struct", (ctypes.Structure,), {"_fields_": list(fields.items())})
-
-
-def _packed(memory: Any) -> Array:
-    parts = (memory.action, memory.foot_height, memory.touched)
-    machine = (memory.state, memory.iterations, memory.age)
-    return np.array([*(value for part in parts for value in part), *machine], dtype=float)

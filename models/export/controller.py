@@ -1,26 +1,16 @@
 """A whole controller as one C99 file with its header: from sensors to joint targets."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
-from glassgait.models.export.additive import additive_code
-from glassgait.models.export.code import Code
-from glassgait.models.export.formulas import formula_code
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
-from glassgait.models.export.linear import linear_code, open_loop_code
 from glassgait.models.export.network import network_code
+from glassgait.models.export.policy_code import policy_code
 from glassgait.models.export.reward_machine import cases, state_constants
-from glassgait.models.export.trees import trees_code
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
@@ -48,6 +38,7 @@ class ControllerSource:
     Attributes:
         name: What the names of its files, functions and types begin with.
         real: The type that it computes in.
+        n_states: Number of states of each gait's machine.
         takes_state: Whether its policy's function takes the machine's state first.
         source: The C file.
         header: Its header.
@@ -55,6 +46,7 @@ class ControllerSource:
 
     name: str
     real: Real
+    n_states: tuple[int, ...]
     takes_state: bool
     source: str
     header: str
@@ -91,42 +83,57 @@ def write_controller(
         one.check(gait=gait.name, observation_names=layout.names)
     constants = state_constants(gait)
     estimator = network_code(expert.estimator, "estimator", "estimate", real)
-    acting = _policy_code(policy, constants, real)
+    acting = policy_code(policy, constants, real)
     values: dict[str, Any] = {
-        "name": name,
-        "prefix": name.upper(),
-        "gait": gait,
+        **common_values(gait, name, policy_name, version),
+        "title": f"the {commented(gait.name)}'s controller: {described(policy, policy_name)}",
         "gait_name": commented(gait.name),
-        "described": _described(policy, policy_name),
-        "policy_name": commented(policy_name),
-        "version": commented(version),
         "digests": {
             "gait": gait.digest(),
             "policy": policy.digest(),
             "estimator": expert.digest(),
         },
+        "named": "the estimator and the policy" if acting.arrays else "the estimator",
+        "constants": constants,
+        "state_names": named_states(gait),
+        "initial": constants[gait.states.index(gait.initial)],
+        "own": "",
+        "cases": cases(gait, real),
+        "observation": places(layout),
+        "n_observations": layout.size,
+        "estimator": estimator,
+        "policy": acting,
+        "arrays": [*acting.arrays, *estimator.arrays],
+    }
+    source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
+    return ControllerSource(name, real, (gait.n_states,), acting.takes_state, source, header)
+
+
+def common_values(gait: Gait, name: str, policy_name: str, version: str) -> dict[str, Any]:
+    """Returns what the templates of every controller ask for.
+
+    Args:
+        gait: The gait, or all of several as one.
+        name: What the names of its files, functions and types begin with.
+        policy_name: What its comments call the policy.
+        version: Version of this project.
+    """
+    return {
+        "name": name,
+        "prefix": name.upper(),
+        "gait": gait,
+        "policy_name": commented(policy_name),
+        "version": commented(version),
         "legs": list(robot.LEGS),
         "stance": robot.DEFAULT_STANCE.tolist(),
         "action_scale": robot.ACTION_SCALE,
         "stiffness": robot.STIFFNESS,
         "damping": robot.DAMPING,
         "constants_of_robot": _constants_of_robot(gait),
-        "named": "the estimator and the policy" if acting.arrays else "the estimator",
         "period": CONTROL_PERIOD,
         "rate": round(1.0 / CONTROL_PERIOD),
-        "constants": constants,
-        "state_names": commented(", ".join(f"{i} {own}" for i, own in enumerate(gait.states))),
-        "initial": constants[gait.states.index(gait.initial)],
-        "cases": cases(gait, real),
-        "observation": _places(layout),
-        "n_observations": layout.size,
         "overdue": OVERDUE,
-        "estimator": estimator,
-        "policy": acting,
-        "arrays": [*acting.arrays, *estimator.arrays],
     }
-    source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
-    return ControllerSource(name, real, acting.takes_state, source, header)
 
 
 def refuse_other_than_names(name: str) -> None:
@@ -156,31 +163,22 @@ def _constants_of_robot(gait: Gait) -> list[tuple[str, float, str]]:
     ]
 
 
-def _described(policy: Policy, policy_name: str) -> str:
+def described(policy: Policy, policy_name: str) -> str:
+    """Tells a policy's name, and its kind where that is another word."""
     kind = policy.kind.replace("_", " ")
     named = commented(policy_name)
     return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
 
 
-def _policy_code(policy: Policy, constants: tuple[str, ...], real: Real) -> Code:
-    writers: list[tuple[Any, Callable[[Any], Code]]] = [
-        (FormulaPolicy, lambda own: formula_code(own, constants, real)),
-        ((LinearPolicy, StatewiseLinearPolicy), lambda own: linear_code(own, real)),
-        (AdditivePolicy, lambda own: additive_code(own, real)),
-        (BoostedTreesPolicy, lambda own: trees_code(own, real)),
-        (NeuralPolicy, lambda own: network_code(own.actor, "actor", "act", real)),
-        (OpenLoopPolicy, lambda own: open_loop_code(own, real)),
-    ]
-    for kinds, write in writers:
-        if isinstance(policy, kinds):
-            return write(policy)
-    raise InputError(f"there is no C for policies of kind {policy.kind!r}; export another one")
+def named_states(gait: Gait) -> str:
+    """Lists the states of a gait's machine with their numbers."""
+    return commented(", ".join(f"{i} {own}" for i, own in enumerate(gait.states)))
 
 
-def _places(layout: ObservationLayout) -> list[tuple[str, int, str]]:
+def places(layout: ObservationLayout) -> list[tuple[str, int, str]]:
     """Lists where each part of the observation begins."""
-    places = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
+    found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
     groups = [entry.group for entry in layout.entries]
     for group, (title, note) in _GROUPS.items():
-        places.append((title, groups.index(group), note.format(n=layout.n_machine_states)))
-    return places
+        found.append((title, groups.index(group), note.format(n=layout.n_machine_states)))
+    return found

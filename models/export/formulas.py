@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from glassgait.models.a1 import robot
-from glassgait.models.export.code import Code
+from glassgait.models.export.code import Code, act_signature
 from glassgait.models.export.language import (
     LINE_LENGTH,
     Real,
@@ -47,19 +47,22 @@ class Group:
     lines: tuple[str, ...]
 
 
-def formula_code(policy: FormulaPolicy, constants: Sequence[str], real: Real) -> Code:
+def formula_code(
+    policy: FormulaPolicy, constants: Sequence[str], real: Real, own: str = ""
+) -> Code:
     """Writes formulas of each joint, the same always or others in each state.
 
     Args:
         policy: The formulas.
         constants: Name of the constant of each state.
         real: The type that is computed in.
+        own: What the names of its gait begin with, such as `trot_`; none where there is one gait.
     """
     statewise = isinstance(policy, StatewiseSymbolicPolicy)
     vocabulary, rows = policy.vocabulary, policy.formulas_by_state
     used = frozenset().union(*(formula.variables for row in rows for formula in row))
     n = len(vocabulary.names)
-    definitions = [own for i, own in enumerate(vocabulary.definitions, start=n) if i in used]
+    definitions = [one for i, one in enumerate(vocabulary.definitions, start=n) if i in used]
     symbols = _symbols(vocabulary)
     formulas = [
         [
@@ -68,8 +71,9 @@ def formula_code(policy: FormulaPolicy, constants: Sequence[str], real: Real) ->
         ]
         for row in rows
     ]
-    observed = used.union(*(own.formula.variables for own in definitions))
-    everything = [own.formula for own in definitions] + [one for row in rows for one in row]
+    observed = used.union(*(one.formula.variables for one in definitions))
+    quantities = _quantities(vocabulary.names, observed)
+    everything = [one.formula for one in definitions] + [one for row in rows for one in row]
     kind = "each state of the machine and joint" if statewise else "each joint"
     return Code(
         f"Formulas of the joints' targets, one for {kind}: {policy.n_terms()} terms"
@@ -77,16 +81,29 @@ def formula_code(policy: FormulaPolicy, constants: Sequence[str], real: Real) ->
         rendered(
             "formulas.c",
             real,
+            OWN=own.upper(),
+            own=own,
+            signature=act_signature(own, real, takes_state=statewise),
             statewise=statewise,
-            joints=robot.JOINTS,
             groups=_groups(definitions, vocabulary, symbols, real),
-            quantities=_quantities(vocabulary.names, observed),
+            quantities=quantities,
             states=list(zip(constants, formulas, strict=False)),
             mirror=[constants[image] for image in policy.mirror] if policy.mirror else None,
-            powers=[power for power in ("square", "cube") if _asks_for(everything, power)],
         ),
         takes_state=statewise,
+        helpers=_helpers(everything, quantities, real),
     )
+
+
+def _helpers(
+    formulas: Sequence[Expression], quantities: Sequence[str], real: Real
+) -> tuple[str, ...]:
+    """Writes the functions that formulas call besides those of math.h."""
+    powers = [power for power in ("square", "cube") if _asks_for(formulas, power)]
+    texts = [rendered("power.c", real, power=power) for power in powers]
+    if {"q", "dq", "a"} & set(quantities):
+        texts.append(rendered("joints.c", real, joints=robot.JOINTS))
+    return tuple(texts)
 
 
 def _symbols(vocabulary: Vocabulary) -> tuple[str, ...]:

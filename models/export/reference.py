@@ -1,5 +1,7 @@
 """The deployed loop in Python: what the C of a controller has to agree with."""
 
+from typing import Any
+
 import numpy as np
 
 from glassgait.models.a1 import robot
@@ -16,10 +18,11 @@ from glassgait.models.export.binding import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import proprioception
-from glassgait.models.task.reward_machine import MachineState, RewardMachine
+from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 
 class PythonController:
@@ -28,7 +31,7 @@ class PythonController:
     It calls the functions that the systems diagram and the batch simulator call.
     """
 
-    def __init__(self, gait: Gait, policy: Policy, expert: NeuralPolicy) -> None:
+    def __init__(self, gait: Gait, policy: Policy, expert: NeuralPolicy | SwitchedPolicy) -> None:
         """
         Args:
             gait: The gait, whose reward machine runs.
@@ -45,16 +48,18 @@ class PythonController:
         memory[MACHINE] = np.ravel(self._machine.initial())
         return memory
 
-    def step(self, memory: Array, sensors: Sensors, command: Command) -> Step:
+    def step(self, memory: Array, sensors: Sensors, command: Command, requested: int = 0) -> Step:
         """Takes one step.
 
         Args:
             memory: What it remembers of the step before (23), as `Step` lays it out.
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+            requested: Number of the gait that is to run, of several.
         """
-        machine = self._machine.step(
+        machine = self._step_machine(
             MachineState(*memory[MACHINE].astype(np.int64)),
+            requested,
             foot_contact=sensors.touching | (memory[TOUCHED] > 0.5),
             foot_height=memory[FOOT_HEIGHT],
             commanded_dwell=command.dwell,
@@ -74,3 +79,21 @@ class PythonController:
         after[ACTION], after[FOOT_HEIGHT] = action, body[-robot.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
         return Step(after, robot.joint_targets(action), OK)
+
+    def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
+        return self._machine.step(machine, **senses)
+
+
+class PythonSwitchingController(PythonController):
+    """The policies of several gaits, of which one is requested at each step."""
+
+    def __init__(self, switched: SwitchedPolicy) -> None:
+        """
+        Args:
+            switched: The gaits, and who acts and observes in each.
+        """
+        super().__init__(switched.switch.gait, switched, switched)
+        self._switch = switched.switch
+
+    def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
+        return self._switch.step(machine, requested=np.array(requested), **senses)

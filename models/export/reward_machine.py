@@ -24,17 +24,23 @@ class Case:
     exits: tuple[tuple[str, tuple[str, ...], str], ...]
 
 
-def state_constants(gait: Gait) -> tuple[str, ...]:
-    """Names the constant of each state, such as STATE_Q0."""
-    names = [f"STATE_{state.upper()}" for state in gait.states]
+def state_constants(gait: Gait, own: str = "") -> tuple[str, ...]:
+    """Names the constant of each state, such as STATE_Q0.
+
+    Args:
+        gait: The gait.
+        own: What its names begin with, such as `trot_`; none where there is one gait.
+    """
+    begin = f"{own.upper()}STATE_"
+    names = [f"{begin}{state.upper()}" for state in gait.states]
     if len(set(names)) < len(names) or not all(is_identifier(name) for name in names):
-        return tuple(f"STATE_{number}" for number in range(gait.n_states))
+        return tuple(f"{begin}{number}" for number in range(gait.n_states))
     return tuple(names)
 
 
-def cases(gait: Gait, real: Real) -> list[Case]:
-    """Writes the transitions of each state that has any."""
-    constants = dict(zip(gait.states, state_constants(gait), strict=True))
+def cases(gait: Gait, real: Real, own: str = "") -> list[Case]:
+    """Writes the transitions of each state that has any; see `state_constants`."""
+    constants = dict(zip(gait.states, state_constants(gait, own), strict=True))
     found = []
     for state in gait.states:
         leaving = [edge for edge in gait.transitions if edge.source == state]

@@ -36,6 +36,10 @@ class SwitchedPolicy(Policy):
     have files, and has none itself.
 
     Attributes:
+        switch: The gaits.
+        policies: Who acts in each.
+        experts: Whose estimators observe in each.
+        greatest_change: Greatest squared change of the action in a control step.
         estimator: Maps proprioception (..., 40 + n_states) to the body state (..., 7).
     """
 
@@ -64,25 +68,27 @@ class SwitchedPolicy(Policy):
                 f"switched policy: {len(walkers)} policies cannot act in {len(switch.gaits)} "
                 "gaits; give one for each"
             )
-        self._policies = [_acting(walker) for walker in walkers]
-        for gait, policy in zip(switch.gaits, self._policies, strict=True):
+        self.switch = switch
+        self.policies = [_acting(walker) for walker in walkers]
+        for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states).names
             policy.check(gait=gait.name, observation_names=names)
-        self._digests = [walker.expert.digest() for walker in walkers]
-        self._digests += [policy.digest() for policy in self._policies]
+        self.experts = [walker.expert for walker in walkers]
+        self._digests = [expert.digest() for expert in self.experts]
+        self._digests += [policy.digest() for policy in self.policies]
         self._estimates = [_estimator(walker) for walker in walkers]
-        self._greatest_change = greatest_change
+        self.greatest_change = greatest_change
         self._previous_action = list(indices_of("previous action", layout.names))
         self._states = machine_state_entries(layout.names)
         self._gait_of = switch.gait_of(np.arange(switch.n_states))
         self._columns = [_columns(layout, self._gait_of == i) for i in range(len(walkers))]
 
     def __call__(self, observation: Array) -> Array:
-        action = self._by_gait(observation, self._policies, self._columns, robot.N_JOINTS)
+        action = self._by_gait(observation, self.policies, self._columns, robot.N_JOINTS)
         previous = observation[..., self._previous_action]
         change = action - previous
         length = np.sqrt(np.sum(np.square(change), axis=-1, keepdims=True))
-        share = np.sqrt(self._greatest_change) / np.maximum(length, 1e-9)
+        share = np.sqrt(self.greatest_change) / np.maximum(length, 1e-9)
         return np.where(share < 1.0, previous + share * change, action)
 
     def estimator(self, proprioception: Array) -> Array:
@@ -130,7 +136,7 @@ class SwitchedPolicy(Policy):
 
     def digest(self) -> str:
         """Tells policies apart that would not act alike."""
-        own = [self.kind, self.gait, self._greatest_change, *self._digests]
+        own = [self.kind, self.gait, self.greatest_change, *self._digests]
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
 

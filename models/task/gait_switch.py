@@ -47,6 +47,11 @@ class GaitSwitch:
         gait: All of them as one gait, whose states are called `<gait> <state>`. Its commands are
             those that every gait is made for, and it begins as the first one does.
         machine: The reward machine of that gait, which stays in the gait that runs.
+        distance: Feet by which a stance differs from the nearest one that enters a state of each
+            gait (n_gaits, 16).
+        entered: That state (n_gaits, 16).
+        nearest: Least of these distances among the stances that end a state of the gait that runs,
+            by that gait and the new one (n_gaits, n_gaits).
     """
 
     def __init__(self, gaits: Sequence[Gait], patience: float = PATIENCE) -> None:
@@ -62,18 +67,15 @@ class GaitSwitch:
         counts = [gait.n_states for gait in self.gaits]
         self._gait_of = np.repeat(np.arange(len(counts)), counts)
         offsets = np.cumsum([0, *counts[:-1]])
-        # By the new gait and the stance: feet that differ from the nearest stance that enters one
-        # of its states, and that state.
-        self._distance = np.zeros((len(counts), N_STANCES), dtype=np.int64)
-        self._entered = np.zeros((len(counts), N_STANCES), dtype=np.int64)
+        self.distance = np.zeros((len(counts), N_STANCES), dtype=np.int64)
+        self.entered = np.zeros((len(counts), N_STANCES), dtype=np.int64)
         for i, gait in enumerate(self.gaits):
             distances = _entry_distances(gait)
-            self._distance[i] = distances.min(axis=0)
-            self._entered[i] = offsets[i] + distances.argmin(axis=0)
-        # By the gait that runs and the new one: the least that the stances of the first offer.
+            self.distance[i] = distances.min(axis=0)
+            self.entered[i] = offsets[i] + distances.argmin(axis=0)
         endings = [_ending(gait) for gait in self.gaits]
-        self._nearest = np.array(
-            [[own[stances].min(initial=_FAR) for own in self._distance] for stances in endings]
+        self.nearest = np.array(
+            [[own[stances].min(initial=_FAR) for own in self.distance] for stances in endings]
         )
 
     @property
@@ -133,12 +135,12 @@ class GaitSwitch:
             commanded_dwell=commanded_dwell,
         )
         code, running = stance_code(foot_contact), self._gait_of[machine.state]
-        near = self._distance[requested, code] <= self._nearest[running, requested]
+        near = self.distance[requested, code] <= self.nearest[running, requested]
         overlong = step.machine.iterations >= self.patience * np.asarray(commanded_dwell)
         asked = (requested != running) & (machine.age > 0)
         changes = asked & ((step.fired & near) | overlong)
         entered = MachineState(
-            state=np.where(changes, self._entered[requested, code], step.machine.state),
+            state=np.where(changes, self.entered[requested, code], step.machine.state),
             iterations=np.where(changes, 0, step.machine.iterations),
             age=np.where(changes, 0, step.machine.age),
         )

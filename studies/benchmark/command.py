@@ -13,7 +13,7 @@ from glassgait.models.policies.library import load_expert, load_policy, load_stu
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.benchmark.controllers import controller_times
+from glassgait.studies.benchmark.controllers import controller_times, switching_times
 from glassgait.studies.benchmark.distillation import (
     compiled_against_library,
     expert_samples,
@@ -35,10 +35,10 @@ from glassgait.studies.training.config import TrainingConfig
 Tables = dict[str, tuple[str, pd.DataFrame]]
 """What was measured: for each file of a table, its title and the table."""
 
-Part = Literal["throughput", "inference", "controllers", "trees", "students"]
+Part = Literal["throughput", "inference", "controllers", "gaits", "trees", "students"]
 """What can be measured."""
 
-PARTS: tuple[Part, ...] = ("throughput", "inference", "controllers", "trees", "students")
+PARTS: tuple[Part, ...] = ("throughput", "inference", "controllers", "gaits", "trees", "students")
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class Benchmark(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file.
         parts: What is measured: training, actions in Python, controllers in C beside Python and
-            ONNX Runtime, trees in C beside tl2cgen's, students beside their libraries; all by
-            default.
+            ONNX Runtime, controllers in C of walk, trot, pace and bound together, trees in C beside
+            tl2cgen's, students beside their libraries; all by default.
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
@@ -77,6 +77,7 @@ class Benchmark(Settings):
             "throughput": self._throughput,
             "inference": self._inference,
             "controllers": self._controllers,
+            "gaits": self._gaits,
             "trees": self._trees,
             "students": self._students,
         }
@@ -100,6 +101,13 @@ class Benchmark(Settings):
             "controllers": ("Controllers in C, one step", controller_times(self.gait)),
             "peers": ("The same policies elsewhere, one action", peer_times(self.gait)),
         }
+
+    def _gaits(self) -> Tables:
+        if not has_compiler():
+            say("there is no C compiler here, cc: controllers of several gaits are not timed")
+            return {}
+        say("timing controllers of several gaits in C")
+        return {"gaits": ("Controllers of several gaits in C, one step", switching_times())}
 
     def _trees(self) -> Tables:
         if not has_compiler():

@@ -10,11 +10,15 @@ from typing import Any
 import pandas as pd
 
 from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.benchmark.quietest import Times, quietest
 from glassgait.studies.export.command import EXPERT, controller_name
 from glassgait.studies.export.compiler import FLAGS, compile_c, write_source
@@ -23,6 +27,9 @@ from glassgait.studies.students.library import load_shipped_students
 
 COUNT = 20_000
 """Steps that are timed."""
+
+GAITS = ("walk", "trot", "pace", "bound")
+"""Gaits that a controller of several changes between."""
 
 
 def shipped_policies(expert: NeuralPolicy) -> dict[str, Policy]:
@@ -59,6 +66,41 @@ def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.DataFrame:
+    """Times controllers of several gaits, which change the gait every 100 steps.
+
+    Args:
+        names: Names of gaits that ship.
+        count: Steps that are timed, in each repetition.
+
+    Returns:
+        A row for each kind of policy that all these gaits have, as of `controller_times` without
+        the parts of a step.
+
+    Raises:
+        InputError: if there is no compiler.
+    """
+    switch = GaitSwitch([load_gait(name) for name in names])
+    experts = [load_expert(gait) for gait in switch.gaits]
+    policies = [shipped_policies(expert) for expert in experts]
+    rows = []
+    for kind in policies[0]:
+        if not all(kind in own for own in policies):
+            continue
+        walkers = [
+            AlternatingPolicy(expert) if kind == EXPERT else AlternatingPolicy(expert, own[kind], 0)
+            for expert, own in zip(experts, policies, strict=True)
+        ]
+        written = write_switching_controller(
+            SwitchedPolicy(switch, walkers),
+            name=controller_name("_".join(names), kind),
+            policy_name=kind,
+            version=version("glassgait"),
+        )
+        rows.append({"policy": kind, **_measured(switch.gait, written, count)})
+    return pd.DataFrame(rows)
+
+
 def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -71,16 +113,18 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
             "speed": 0.5 * gait.max_speed,
             "dwell": gait.dwell[0],
             "takes_state": written.takes_state,
+            "n_gaits": len(written.n_states),
         }
         program = compile_harness(folder, "controller_times.c", values)
-        (step, estimator, policy), load = quietest(lambda: run_harness(program))
+        times, load = quietest(lambda: run_harness(program))
+        told = {
+            part: {f"{part} (µs)": own.median, f"{part}, 99.9 % (µs)": own.late}
+            for part, own in zip(("step", "estimator", "policy"), times, strict=False)
+        }
         return {
-            "policy (µs)": policy.median,
-            "policy, 99.9 % (µs)": policy.late,
-            "estimator (µs)": estimator.median,
-            "estimator, 99.9 % (µs)": estimator.late,
-            "step (µs)": step.median,
-            "step, 99.9 % (µs)": step.late,
+            **told.get("policy", {}),
+            **told.get("estimator", {}),
+            **told["step"],
             "C file (kB)": round(source.stat().st_size / 1000),
             "object file (kB)": round((folder / "controller.o").stat().st_size / 1000),
             "load": load,

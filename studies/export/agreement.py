@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
@@ -25,7 +27,19 @@ COMMAND_STEPS = 50
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
 
-Moment = tuple[Sensors, Command]
+
+class Moment(NamedTuple):
+    """What a controller reads in a step.
+
+    Attributes:
+        sensors: What the robot senses.
+        command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+        requested: Number of the gait that is to run, of several.
+    """
+
+    sensors: Sensors
+    command: Command
+    requested: int = 0
 
 
 @dataclass(frozen=True)
@@ -37,30 +51,34 @@ class Agreement:
         target: Greatest difference of a joint target (rad).
         machine: Control steps at which the machine's state, iterations or age differ.
         changes: Changes of the machine's state.
+        gaits: Changes of the gait among them; None where there is only one.
     """
 
     steps: int
     target: float
     machine: int
     changes: int
+    gaits: int | None = None
 
 
 def compare_controllers(
     python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
 ) -> Agreement:
     """Lets both take the steps of each sequence, each with its own memory."""
-    greatest, apart, changes = 0.0, 0, 0
+    greatest, apart, changes, gaits = 0.0, 0, 0, 0
     for sequence in sequences:
         ours, theirs = python.initial(), compiled.initial()
-        for sensors, command in sequence:
-            state = ours[MACHINE][0]
-            one = python.step(ours, sensors, command)
-            other = compiled.step(theirs, sensors, command)
+        for moment in sequence:
+            state, gait = ours[MACHINE][0], compiled.gait_of(ours)
+            one = python.step(ours, *moment)
+            other = compiled.step(theirs, *moment)
             ours, theirs = one.memory, other.memory
             greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
             apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
             changes += bool(ours[MACHINE][0] != state)
-    return Agreement(sum(map(len, sequences)), greatest, apart, changes)
+            gaits += compiled.gait_of(ours) != gait
+    steps = sum(map(len, sequences))
+    return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
 
 
 def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
@@ -94,7 +112,7 @@ def _random_moments(
         position = generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS)
         limit = robot.VELOCITY_LIMIT
         velocity = generator.uniform(-limit, limit, size=robot.N_JOINTS)
-        yield Sensors(position, velocity, touching), command
+        yield Moment(Sensors(position, velocity, touching), command)
 
 
 def recorded_sequences(
@@ -131,14 +149,16 @@ def robots_at_home(gait: Gait, expert: NeuralPolicy, n_robots: int, seed: int) -
 
 
 def moments(simulator: BatchSimulator) -> Iterator[Moment]:
-    """Returns what each robot senses now, and what it is told to do."""
+    """Returns what each robot senses now, and what it is told to do; see `Moment`."""
     state = simulator.state
+    several = isinstance(simulator, SwitchingSimulator)
+    requested = simulator.requested if several else np.zeros(simulator.n_robots, dtype=np.int64)
     measured = joint_readings(state.plant, state.joint_noise)
-    for row, touching, velocity, dwell in zip(
-        measured, state.touching, *state.command, strict=True
+    for row, touching, velocity, dwell, gait in zip(
+        measured, state.touching, *state.command, requested, strict=True
     ):
         position, speed = np.split(row, 2)
-        yield Sensors(position, speed, touching), Command(velocity, dwell)
+        yield Moment(Sensors(position, speed, touching), Command(velocity, dwell), int(gait))
 
 
 def joint_readings(plant: Array, noise: Array) -> Array:

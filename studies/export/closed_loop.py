@@ -76,7 +76,7 @@ def walk_both(
             simulator.start_at(simulator.state.plant, command)
             log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
             scores.append(score_rollouts(log))
-        rows.append(_compared(engine, title, *scores))
+        rows.append(compared(engine, title, *scores))
     return pd.DataFrame(rows)
 
 
@@ -110,8 +110,8 @@ def by_controller(compiled: LoadedController) -> Maker:
         memories = [compiled.initial() for _ in range(simulator.n_robots)]
 
         def act(step: int) -> Array:
-            for i, (sensors, command) in enumerate(moments(simulator)):
-                memories[i] = compiled.step(memories[i], sensors, command).memory
+            for i, moment in enumerate(moments(simulator)):
+                memories[i] = compiled.step(memories[i], *moment).memory
             return np.array(memories)[:, ACTION]
 
         return act
@@ -119,9 +119,10 @@ def by_controller(compiled: LoadedController) -> Maker:
     return make
 
 
-def _compared(
+def compared(
     engine: str, title: str, python: pd.DataFrame, exported: pd.DataFrame
 ) -> dict[str, object]:
+    """Compares the scores of robots that Python and an export moved: a row of `walk_both`."""
     earned, other = python["reward"], exported["reward"]
     return {
         "engine": engine,

@@ -3,22 +3,43 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
 from glassgait.models.policies.library import load_expert
-from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console
 from glassgait.studies.export.c_file import CFile
 from glassgait.studies.export.exported import Acting, Effort, Exported
+from glassgait.studies.export.switching_file import SwitchingCFile
 from glassgait.studies.run_folder import open_run
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.students.library import default_student, find_student, find_walker
+from glassgait.studies.sweep import refuse_files_of_several
 from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
 
 EXPERT = "expert"
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is exported.
+
+    Attributes:
+        exported: The export.
+        name: What the names of its files begin with.
+        title: Its folder among others.
+        inputs: Digests of what it was made of.
+    """
+
+    exported: Exported
+    name: str
+    title: Path
+    inputs: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -27,28 +48,32 @@ class Export(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
+        change_to: Further gaits, which the controller changes to on request while the robot walks;
+            with --format c, and with the expert or a kind of students that every gait has.
         policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
             shortest by default.
         format: `c` is all from sensors to joint targets, `onnx` the estimator and the policy, which
             `pip install 'glassgait[onnx]'` is for.
         precision: Type that the C file computes in, or that the ONNX file reads and gives.
         name: What the names of its files, functions and types begin with; <gait>_<policy> by
-            default.
+            default, of several gaits <gait>_<gait>_<policy>.
         n_steps: Control steps through which Python and the export are compared, half of them of
             recorded and half of random sensors.
-        n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo; none
-            by default.
+        n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
+            several gaits with another one every 3 s; none by default.
         seed: Seed of all randomness.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
         expert: Policy file of the expert, whose estimator observes; the shipped one by default.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/export/<gait>/<policy> by default.
+        output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
+            runs/export/<gait>_<gait>/<policy>.
     """
 
     title: ClassVar[str] = "export"
 
     gait: str = "trot"
+    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
     policy: str | None = None
     format: Literal["c", "onnx"] = "c"
     precision: Real = "double"
@@ -61,8 +86,31 @@ class Export(Settings):
     resume: bool = False
     output: Path | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.change_to and self.format == "onnx":
+            raise InputError(
+                "export: an ONNX file holds the policy of one gait; leave --change-to out, or give "
+                "--format c"
+            )
+
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
+        job = self._several() if self.change_to else self._one()
+        folder = self.output or Path("runs/export") / job.title
+        run = {"study": "export", "settings": self, "inputs": job.inputs, "resume": self.resume}
+        with open_run(folder, **run):
+            tables = job.exported.check(Effort(self.n_steps, self.n_robots, self.seed))
+            first, *others = job.exported.write(folder)
+            for title, table in tables.items():
+                write_table(table, folder / title)
+                print_table(f"{job.name}: {title.replace('_', ' ')}", table)
+            records = {title: json_records(table) for title, table in tables.items()}
+            write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
+        console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
+
+    def _one(self) -> _Job:
+        """Makes the export of the only gait."""
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         asked = self.policy or default_student(gait.name, self.distillation)
@@ -70,17 +118,23 @@ class Export(Settings):
         stem = Path(asked).stem
         name = self.name or controller_name(gait.name, stem)
         exported = self._exported(Acting(gait, policy, expert, name, stem))
-        folder = self.output or Path("runs/export") / gait.name / stem
         inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
-        with open_run(folder, study="export", settings=self, inputs=inputs, resume=self.resume):
-            tables = exported.check(Effort(self.n_steps, self.n_robots, self.seed))
-            first, *others = exported.write(folder)
-            for title, table in tables.items():
-                write_table(table, folder / title)
-                print_table(f"{name}: {title.replace('_', ' ')}", table)
-            records = {title: json_records(table) for title, table in tables.items()}
-            write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
-        console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
+        return _Job(exported, name, Path(gait.name) / stem, inputs)
+
+    def _several(self) -> _Job:
+        """Makes the export of several gaits."""
+        names = (self.gait, *self.change_to)
+        own = Path(self.policy) if self.policy and Path(self.policy).suffix else None
+        refuse_files_of_several(names, self.expert, self.distillation, own)
+        switch = GaitSwitch([load_gait(name) for name in names])
+        asked = self.policy or default_student(switch.gaits[0].name)
+        walkers = [find_walker(asked, load_expert(gait)) for gait in switch.gaits]
+        switched = SwitchedPolicy(switch, walkers)
+        title = "_".join(gait.name for gait in switch.gaits)
+        name = self.name or controller_name(title, asked)
+        exported = SwitchingCFile(switched, name, asked, self.precision)
+        inputs = {"gait": switch.gait.digest(), "policy": switched.digest()}
+        return _Job(exported, name, Path(title) / asked, inputs)
 
     def _exported(self, acting: Acting) -> Exported:
         if self.format == "c":

@@ -54,13 +54,10 @@ class Effort:
 
 
 class Exported(ABC):
-    """A policy in another language."""
+    """A policy in another language, or several."""
 
     title: str
     """Name of the language."""
-
-    def __init__(self, acting: Acting) -> None:
-        self.acting = acting
 
     @abstractmethod
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
@@ -80,6 +77,13 @@ class Exported(ABC):
         Raises:
             InputError: if they cannot be written.
         """
+
+
+class ExportedPolicy(Exported):
+    """A policy of one gait in another language."""
+
+    def __init__(self, acting: Acting) -> None:
+        self.acting = acting
 
     def _walked(self, exported: Maker, effort: Effort) -> dict[str, pd.DataFrame]:
         """Lets robots walk, if any are to."""

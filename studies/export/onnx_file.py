@@ -12,7 +12,7 @@ from glassgait.models.export.language import Real
 from glassgait.models.files import write_atomically
 from glassgait.studies.console import say
 from glassgait.studies.export.closed_loop import by_graph
-from glassgait.studies.export.exported import Acting, Effort, Exported
+from glassgait.studies.export.exported import Acting, Effort, ExportedPolicy
 from glassgait.studies.export.graph_agreement import (
     check_graph,
     random_observations,
@@ -20,7 +20,7 @@ from glassgait.studies.export.graph_agreement import (
 )
 
 
-class OnnxFile(Exported):
+class OnnxFile(ExportedPolicy):
     """A policy as a graph, from what is measured and known to actions."""
 
     title = "ONNX"

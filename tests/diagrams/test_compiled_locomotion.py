@@ -36,3 +36,36 @@ def test_noise_that_it_has_no_port_for_is_refused(noise, compiled_page):
     scenario = Scenario(**({"sensor_noise": 0.0} | noise))
     with pytest.raises(InputError, match="sensors have noise"):
         MakeCompiledLocomotion(load_gait("trot"), scenario, compiled_page)
+
+
+def test_gaits_change_as_by_the_python_policy(switched_pages, compiled_pages):
+    scenario, switch = Scenario(sensor_noise=0.0), switched_pages.switch
+    diagrams = [
+        MakeLocomotion(switch, scenario, policy=AlternatingPolicy(switched_pages)),
+        MakeCompiledLocomotion(switch, scenario, compiled_pages),
+    ]
+    rolled = []
+    for diagram in diagrams:
+        simulator = make_simulator(diagram)
+        port = diagram.GetInputPort("requested_gait")
+        parts = []
+        for gait in ("walk", "bound", "trot"):
+            port.FixValue(simulator.get_mutable_context(), [switch.number_of(gait)])
+            parts.append(record(simulator, N_STEPS)["state"])
+        rolled.append(np.concatenate(parts))
+    python, compiled = rolled
+    np.testing.assert_allclose(compiled, python, rtol=0, atol=1e-9)
+
+
+def test_it_ran_all_gaits_that_were_requested(switched_pages, compiled_pages):
+    switch = switched_pages.switch
+    diagram = MakeCompiledLocomotion(switch, Scenario(sensor_noise=0.0), compiled_pages)
+    simulator, ran = make_simulator(diagram), []
+    acting = diagram.GetSubsystemByName("compiled_controller")
+    for gait in ("walk", "bound", "trot"):
+        context = simulator.get_mutable_context()
+        diagram.GetInputPort("requested_gait").FixValue(context, [switch.number_of(gait)])
+        simulator.AdvanceTo(context.get_time() + 1.0)
+        memory = acting.GetMyContextFromRoot(context).get_discrete_state(0).value()
+        ran.append(switch.gaits[compiled_pages.gait_of(memory)].name)
+    assert ran == ["walk", "bound", "trot"]

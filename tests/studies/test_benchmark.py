@@ -112,6 +112,16 @@ def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
     assert table["C file (kB)"]["page"] < table["C file (kB)"]["expert"]
 
 
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
+def test_controllers_of_several_gaits_are_timed_as_a_whole(monkeypatch):
+    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
+    (row,) = controllers.switching_times(("walk", "trot"), count=1000).to_dict("records")
+    assert row["policy"] == "expert"
+    assert 0 < row["step (µs)"] < row["step, 99.9 % (µs)"]
+    assert row["C file (kB)"] > row["object file (kB)"] > 100
+    assert "estimator (µs)" not in row
+
+
 def test_of_several_repetitions_the_quietest_is_told():
     drawn = iter([5.0, 2.0, 3.0, 4.0, 6.0])
     (times,), load = quietest(lambda: [Times(own := next(drawn), 10.0 * own)])

@@ -187,7 +187,7 @@ def test_names_are_made_of_the_gaits_and_the_policys():
 
 
 def test_the_pages_program_runs(compiled_page, written_page, tmp_path):
-    (program,) = re.findall(r"^```c\n(.*?)^```", PAGE.read_text(), flags=re.DOTALL | re.MULTILINE)
+    program, *_ = re.findall(r"^```c\n(.*?)^```", PAGE.read_text(), flags=re.DOTALL | re.MULTILINE)
     source = write_source(written_page, tmp_path)
     own = tmp_path / "program.c"
     own.write_text(program)

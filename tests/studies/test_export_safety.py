@@ -63,6 +63,7 @@ int main(void)
         command.speed = drawn();
         command.yaw_rate = drawn();
         command.dwell = 4.0 * drawn();
+        {request}
         const int status = {name}_step(&controller, &sensors, &command, &targets);
         if (status < 0 || status > 7)
             return 2;
@@ -89,14 +90,11 @@ def written(gait, kind):
     return write_controller(load_gait(gait), policy, expert, **names)
 
 
-@pytest.mark.parametrize(
-    ("gait", "kind"), [("trot", "page"), pytest.param("walk", "ebm", marks=pytest.mark.slow)]
-)
-def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
-    source = written(gait, kind)
-    path = write_source(source, tmp_path)
-    driver, program = tmp_path / "driver.c", tmp_path / "driver"
-    driver.write_text(DRIVER.format(name=source.name))
+def sound_and_bad(source, folder, request=""):
+    """Takes steps with input of any kind, and counts those that were sound or had bad input."""
+    path = write_source(source, folder)
+    driver, program = folder / "driver.c", folder / "driver"
+    driver.write_text(DRIVER.format(name=source.name, request=request))
     try:
         compile_c(driver, program, (*SANITIZED, SANITIZERS, str(path)))
     except InputError as error:
@@ -105,7 +103,21 @@ def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
         raise
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    sound, bad = map(int, done.stdout.split())
+    return map(int, done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("gait", "kind"), [("trot", "page"), pytest.param("walk", "ebm", marks=pytest.mark.slow)]
+)
+def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
+    sound, bad = sound_and_bad(written(gait, kind), tmp_path)
+    assert sound > 1000
+    assert bad > 500
+
+
+def test_no_requested_gait_leads_to_undefined_behaviour(written_pages, tmp_path):
+    odd = "rand() % 40 == 0 ? rand() - RAND_MAX / 2 : k / 30 % 3"
+    sound, bad = sound_and_bad(written_pages, tmp_path, f"command.gait = {odd};")
     assert sound > 1000
     assert bad > 500
 
@@ -121,12 +133,19 @@ def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
     ],
 )
 def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
+    refuse_other_symbols(written("trot", kind), tmp_path)
+
+
+def test_nor_does_a_file_of_several_gaits(written_pages, tmp_path):
+    refuse_other_symbols(written_pages, tmp_path)
+
+
+def refuse_other_symbols(source, folder):
     if shutil.which("nm") is None:
         pytest.skip("needs nm")
-    source = written("trot", kind)
-    path = write_source(source, tmp_path)
-    compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
-    told = subprocess.run(["nm", tmp_path / "own.o"], check=True, capture_output=True, text=True)
+    path = write_source(source, folder)
+    compile_c(path, folder / "own.o", ("-O2", "-std=c99", "-c"))
+    told = subprocess.run(["nm", folder / "own.o"], check=True, capture_output=True, text=True)
     symbols = [line.split()[-2:] for line in told.stdout.splitlines()]
     shared = {name for kind, name in symbols if kind == "T"}
     assert shared == {f"{source.name}_init", f"{source.name}_step"}
@@ -134,7 +153,7 @@ def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
     assert not needed & {"malloc", "calloc", "realloc", "free", "aligned_alloc", "alloca"}
     # gcc may call for what clears or copies memory, and for a stack that is overrun.
     own = {"memset", "memcpy", "__stack_chk_fail"}
-    assert needed - own <= {"expm1", "tanh", "sin", "cos", "sincos"}
+    assert needed - own <= {"expm1", "tanh", "sin", "cos", "sincos", "sqrt"}
     assert not {kind for kind, _ in symbols} & set("bBdDcC")
 
 
@@ -162,7 +181,7 @@ def moving(compiled_page, trot):
     *before, now = random_sequences(trot, 10, 4)[0]
     for moment in before:
         memory = compiled_page.step(memory, *moment).memory
-    return memory, *now
+    return memory, now.sensors, now.command
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.1e6])
@@ -198,7 +217,7 @@ def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
 def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):
     memory = compiled_page.initial()
     assert not memory.any()
-    sensors, command = random_sequences(trot, 1, 0)[0][0]
+    sensors, command, _ = random_sequences(trot, 1, 0)[0][0]
     broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
     step = compiled_page.step(memory, broken, command)
     np.testing.assert_array_equal(step.targets, robot.DEFAULT_STANCE)
@@ -213,7 +232,7 @@ def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
     names = {"name": "pole", "policy_name": "pole", "version": "0"}
     source = write_controller(trot, policy, load_expert("trot"), **names)
     compiled = load_controller(source, tmp_path)
-    sensors, _ = random_sequences(trot, 1, 0)[0][0]
+    sensors = random_sequences(trot, 1, 0)[0][0].sensors
     beside, pole = (Command(np.array([speed, 0.0]), np.array(8.0)) for speed in (0.6, 0.5))
     before = compiled.step(compiled.initial(), sensors, beside)
     step = compiled.step(before.memory, sensors, pole)

@@ -159,6 +159,23 @@ def test_what_is_refused_before_it_made_anything_leaves_nothing(tmp_path):
         pass
 
 
+def test_what_is_refused_leaves_no_empty_folder_above_it_but_those_that_were_there(tmp_path):
+    (tmp_path / "kept").mkdir()
+    with pytest.raises(InputError, match="no"), opened(tmp_path / "kept" / "gait" / "policy"):
+        raise InputError("no")
+    assert [path.name for path in tmp_path.rglob("*")] == ["kept"]
+
+
+def test_a_folder_above_it_that_another_run_is_in_stays(tmp_path):
+    folder, other = tmp_path / "gait" / "policy", tmp_path / "gait" / "other"
+    with pytest.raises(InputError, match="no"), opened(folder):
+        with opened(other):
+            pass
+        raise InputError("no")
+    assert (other / "config.yaml").exists()
+    assert not folder.exists()
+
+
 def test_hidden_files_of_a_persons_own_are_left(tmp_path):
     (tmp_path / ".git").mkdir()
     (tmp_path / ".git" / "HEAD").write_text("mine")

@@ -67,3 +67,43 @@ def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch
 
 def test_refuses_wrong_sizes(system, assert_sizes_are_checked):
     assert_sizes_are_checked(system)
+
+
+@pytest.fixture
+def changing(compiled_pages) -> CompiledController:
+    return CompiledController(compiled_pages)
+
+
+def test_of_several_gaits_one_is_requested_by_a_port(changing, port_sizes, feedthrough):
+    inputs = {"state": 37, "command": 2, "commanded_dwell": 1, "requested_gait": 1}
+    given = {"action": 12, "targets": 12, "status": 1}
+    assert port_sizes(changing) == (inputs, given)
+    assert feedthrough(changing) == {(source, target) for source in inputs for target in given}
+
+
+@pytest.mark.parametrize("requested", [None, 0, 1])
+def test_changes_the_gait_that_is_requested(
+    requested, changing, compiled_pages, fix_inputs, latch, standing
+):
+    context = fix_inputs(changing, state=standing, command=[0.3, 0.0], commanded_dwell=6)
+    if requested is not None:
+        fix_inputs(changing, context, requested_gait=requested)
+    # Standing on all feet ends no state: a gait that is not left by then has lost its rhythm.
+    for _ in range(13):
+        latch(changing, context)
+    memory = context.get_discrete_state(0).value()
+    assert compiled_pages.gait_of(memory) == (requested or 0)
+
+
+@pytest.mark.parametrize("number", [-1.0, 3.0, np.nan, np.inf, 1e300])
+def test_holds_the_target_where_no_such_gait_is_requested(
+    number, changing, fix_inputs, latch, standing
+):
+    inputs = {"state": standing, "command": [0.3, 0.0], "commanded_dwell": 8, "requested_gait": 0}
+    context = fix_inputs(changing, **inputs)
+    before, *_ = outputs(changing, context)
+    latch(changing, context)
+    fix_inputs(changing, context, requested_gait=number)
+    action, _, status = outputs(changing, context)
+    assert status[0] == BAD_INPUT
+    np.testing.assert_array_equal(action, before)

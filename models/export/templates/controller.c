@@ -1,20 +1,24 @@
-/* {{ name }}.c - the {{ gait_name }}'s controller: {{ described }}.
+/* {{ name }}.c - {{ title }}.
  *
  * From what a Unitree A1's joints and feet sense to the targets of its joints, {{ rate }} times a second.
  * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
  *
+{% block made_of %}
  *   gait       {{ '%-28s' % gait_name }} {{ digests.gait }}
  *   policy     {{ '%-28s' % policy_name }} {{ digests.policy }}
  *   estimator  {{ '%-28s' % 'of the expert' }} {{ digests.estimator }}
+{% endblock %}
  *   numbers    {{ real }}
  *
  * Made by glassgait {{ version }}. Edit the policy and export it anew rather than this file.
  *
  * One step:
  *
+{% block diagram %}
  *   feet ----> contact memory ----> reward machine <---- heights estimated at the step before
  *                                        |
  *   joints, command, last action ----> observation ----> estimator ----> policy ----> targets
+{% endblock %}
  *
  * Compile:  cc -O2 -std=c99 -ffp-contract=off -c {{ name }}.c     (link with -lm)
  * Call:
@@ -25,6 +29,8 @@
  *       status = {{ name }}_step(&controller, &sensors, &command, &targets);
  *       torque = {{ stiffness }} * (targets.joint_position - position) - {{ damping }} * velocity
  *
+{% block changes_of_gait %}
+{% endblock %}
  * -ffp-contract=off keeps a product and a sum two operations, as they are where the policy was
  * made; without it last digits differ on some machines. Targets may lie beyond the range of a
  * joint: that is how the policy asks for torque.
@@ -65,7 +71,9 @@ static const {{ real }} STANCE[12] = {
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
 #define LONGEST 1000000000 /* control steps that are counted */
 
+{% block states %}
 enum { {{ constants | join(', ') }}, N_STATES, STAY };
+{% endblock %}
 
 /* What a transition asks for. */
 typedef struct {
@@ -74,29 +82,15 @@ typedef struct {
     {{ '%-17s' % (real ~ ' ' ~ field) }} /* {{ note }} */
 {% endfor %}
     int spent;        /* control steps in the state, with this one */
-    int age;          /* control steps since the start */
+    int age;          /* control steps since the {% block begin_of_age %}start{% endblock %} */
 } Propositions;
 
-/* Returns the state that is entered, or STAY. */
-static int next_state(int state, const Propositions *now)
-{
-    switch (state) {
-{% for case in cases %}
-    case {{ case.state }}:
-{% for formula, condition, target in case.exits %}
-        /* {{ formula }} */
-        if ({{ condition | join('\n            ') }})
-            return {{ target }};
-{% endfor %}
-        break;
-{% endfor %}
-    default:
-        break;
-    }
-    return STAY;
-}
+{% block next_state %}
+{% include 'next_state.c' %}
 
-static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell)
+{% endblock %}
+static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell
+{%- block requested %}{% endblock %})
 {
     Propositions now;
     int entered;
@@ -111,15 +105,18 @@ static void step_machine({{ name }}_controller *controller, const int foot_conta
     now.spent = controller->iterations + 1;
     now.age = controller->age;
 
-    entered = next_state(controller->state, &now);
+    entered = next_state({% block where %}controller->state{% endblock %}, &now);
     if (entered != STAY)
         controller->state = entered;
     controller->iterations = entered != STAY ? 0 : now.spent < LONGEST ? now.spent : LONGEST;
     controller->age += controller->age < LONGEST;
+{% block change_gait %}
+{% endblock %}
 }
 
 /* ---- Observation: what the estimator and the policy see -------------------------------------- */
 
+{% block places %}
 enum {
 {% for title, start, note in observation %}
     {{ '%-28s' % (title ~ ' = ' ~ start ~ ',') }}/* {{ note }} */
@@ -127,12 +124,15 @@ enum {
     N_OBSERVATIONS = {{ n_observations }}
 };
 
+{% endblock %}
 #define OVERDUE {{ overdue | number }} /* control steps by which the observed time may pass the commanded one */
 
 /* Writes all but what is estimated. */
 static void observe(const {{ name }}_controller *controller, const {{ name }}_sensors *sensors,
-    const {{ name }}_command *command, {{ real }} observation[N_OBSERVATIONS])
+    const {{ name }}_command *command, {{ real }} observation[{% block room %}N_OBSERVATIONS{% endblock %}])
 {
+{% block n_states %}
+{% endblock %}
     const {{ real }} spent = ({{ real }})controller->iterations;
     const {{ real }} longest = command->dwell + OVERDUE;
 
@@ -143,12 +143,13 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
         observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
         observation[PREVIOUS_ACTION + joint] = controller->action[joint];
     }
-    for (int state = 0; state < N_STATES; state++)
+    for (int state = 0; state < {% block observed_states %}N_STATES{% endblock %}; state++)
         observation[RM_STATE + state] = state == controller->state ? {{ 1.0 | number }} : {{ 0.0 | number }};
-    observation[RM_ITERATIONS] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
-    observation[COMMAND_RM_ITERATIONS] = command->dwell * {{ 0.1 | number }};
+    observation[{% block iterations %}RM_ITERATIONS{% endblock %}] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
+    observation[{% block commanded_iterations %}COMMAND_RM_ITERATIONS{% endblock %}] = command->dwell * {{ 0.1 | number }};
 }
 
+{% block estimator_and_policy %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 
 {{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
@@ -165,7 +166,8 @@ static {{ real }} elu({{ real }} x)
 
 {{ policy.title | comment }}
 
-{{ policy.functions }}
+{{ policy.helpers | join }}{{ policy.functions }}
+{% endblock %}
 /* ---- Controller ------------------------------------------------------------------------------ */
 
 static int all_sound(const {{ real }} *values, int count)
@@ -181,7 +183,7 @@ static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_comma
     const {{ real }} commands[3] = {command->speed, command->yaw_rate, command->dwell};
 
     return all_sound(commands, 3) && all_sound(sensors->joint_position, 12)
-        && all_sound(sensors->joint_velocity, 12);
+        && all_sound(sensors->joint_velocity, 12){% block sound_request %}{% endblock %};
 }
 
 static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
@@ -192,6 +194,8 @@ static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greates
     return value < least ? least : greatest;
 }
 
+{% block limit_change %}
+{% endblock %}
 static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets)
 {
     for (int joint = 0; joint < 12; joint++)
@@ -200,7 +204,9 @@ static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets
 
 void {{ name }}_init({{ name }}_controller *controller)
 {
+{% block standing %}
     const {{ name }}_controller standing = { .state = {{ initial }} };
+{% endblock %}
 
     *controller = standing;
 }
@@ -210,7 +216,9 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
 {
     {{ name }}_controller next = *controller;
     {{ name }}_command within;
+{% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
+{% endblock %}
     int flags = {{ prefix }}_OK;
 
     /* Until all is known to be sound, the targets are those of the step before. */
@@ -222,6 +230,7 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
         command->yaw_rate, -{{ prefix }}_MAX_YAW_RATE, {{ prefix }}_MAX_YAW_RATE, &flags);
     within.dwell = limited(command->dwell, {{ prefix }}_MIN_DWELL, {{ prefix }}_MAX_DWELL, &flags);
 
+{% block take %}
     step_machine(&next, sensors->foot_contact, within.dwell);
     observe(&next, sensors, &within, observation);
     estimate(observation, &observation[BASE_VELOCITY]);
@@ -232,6 +241,7 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
         return flags | {{ prefix }}_BAD_TARGET;
     for (int foot = 0; foot < 4; foot++)
         next.foot_height[foot] = observation[FOOT_HEIGHT + foot];
+{% endblock %}
 
     *controller = next;
     set_targets(controller->action, targets);

@@ -1,4 +1,4 @@
-/* {{ name }}.h - the {{ gait_name }}'s controller: {{ described }}.
+/* {{ name }}.h - {{ title }}.
  *
  * Made by glassgait {{ version }}; {{ name }}.c tells what it is and how to call it.
  */
@@ -11,9 +11,11 @@ extern "C" {
 
 /* The version of glassgait that wrote it, and digests of what it was written from. */
 #define {{ prefix }}_VERSION "{{ version }}"
+{% block made_of %}
 #define {{ prefix }}_GAIT "{{ digests.gait }}"
 #define {{ prefix }}_POLICY "{{ digests.policy }}"
 #define {{ prefix }}_ESTIMATOR "{{ digests.estimator }}"
+{% endblock %}
 
 {% for constant, value, note in constants_of_robot %}
 #define {{ '%-*s' % (prefix | length + 24, prefix ~ '_' ~ constant ~ ' ' ~ (value | number)) }} /* {{ note }} */
@@ -27,11 +29,15 @@ enum {
 };
 enum { {% for leg in legs %}{{ prefix }}_{{ leg }}{{ ', ' if not loop.last }}{% endfor %} };
 
+{% block gaits %}
+{% endblock %}
 /* What {{ name }}_step returns: 0, or the sum of what happened. */
 enum {
     {{ prefix }}_OK = 0,
+{% block bad_input %}
     /* A sensor or a command is NaN, infinite or beyond 1e6: nothing changes, the targets are those
      * of the step before, at first the default stance. */
+{% endblock %}
     {{ prefix }}_BAD_INPUT = 1,
     /* The estimate or the action would be: the same. */
     {{ prefix }}_BAD_TARGET = 2,
@@ -49,6 +55,8 @@ typedef struct {
     {{ real }} speed;    /* forward, m/s */
     {{ real }} yaw_rate; /* to the left, rad/s */
     {{ real }} dwell;    /* control steps that a state of the gait should last */
+{% block request %}
+{% endblock %}
 } {{ name }}_command;
 
 typedef struct {
@@ -60,9 +68,11 @@ typedef struct {
     {{ real }} action[12]; /* of the step before: (target - default stance) / {{ action_scale }} rad */
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
     int touched[4]; /* which feet touched at the step before */
+{% block machine %}
     int state; /* of the reward machine: {{ state_names }} */
     int iterations; /* control steps in that state */
     int age; /* control steps since the start */
+{% endblock %}
 } {{ name }}_controller;
 
 void {{ name }}_init({{ name }}_controller *controller);

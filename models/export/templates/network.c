@@ -3,7 +3,7 @@
 {% macro written(loop, name, output) %}{{ output if loop.last else '%s_hidden[%d]' % (name, loop.index0 % 2) }}{% endmacro %}
 {% for layer in layers %}
 static void {{ name }}_layer_{{ loop.index }}(const {{ real }} *x, {{ real }} *y
-{%- if mirrored %}, const {{ real }} *x_image, {{ real }} *y_image{% endif %})
+{%- if mirrored %},{{ ' ' if name | length < 12 else '\n    ' }}const {{ real }} *x_image, {{ real }} *y_image{% endif %})
 {
     {{ real }} sum[{{ layer.n_out }}] = {0}{{ ', sum_image[%d] = {0}' % layer.n_out if mirrored }};
 

@@ -1,4 +1,4 @@
-/* Times a controller's step, and its two parts, on sensors drawn at random around the stance. */
+/* Times a controller's step{{ ', and its two parts,' if n_gaits == 1 }} on sensors drawn at random around the stance. */
 #define _POSIX_C_SOURCE 199309L
 #include "{{ name }}.c"
 
@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-enum { COUNT = {{ count }} };
+enum { COUNT = {{ count }}, PLACES = {{ 3 if n_gaits == 1 else 1 }} };
 
 static double now(clockid_t clock)
 {
@@ -34,12 +34,14 @@ static int ascending(const void *a, const void *b)
 
 int main(void)
 {
-    static double wall[3][COUNT], thread[3][COUNT];
+    static double wall[PLACES][COUNT], thread[PLACES][COUNT];
     {{ name }}_controller controller;
     {{ name }}_sensors sensors;
-    const {{ name }}_command command = {{ '{' }}{{ speed }}, 0, {{ dwell }}{{ '}' }};
+    {{ name }}_command command = {.speed = {{ speed }}, .dwell = {{ dwell }}};
     {{ name }}_targets targets;
+{% if n_gaits == 1 %}
     {{ real }} observation[N_OBSERVATIONS], action[12];
+{% endif %}
 
     {{ name }}_init(&controller);
     for (int k = 0; k < COUNT; k++) {
@@ -49,12 +51,17 @@ int main(void)
         }
         for (int foot = 0; foot < 4; foot++)
             sensors.foot_contact[foot] = rand() > RAND_MAX / 2;
+{% if n_gaits > 1 %}
+        command.gait = k / 100 % N_GAITS;
+{% endif %}
         TIMED(0, {{ name }}_step(&controller, &sensors, &command, &targets));
+{% if n_gaits == 1 %}
         observe(&controller, &sensors, &command, observation);
         TIMED(1, estimate(observation, &observation[BASE_VELOCITY]));
         TIMED(2, act({{ 'controller.state, ' if takes_state }}observation, action));
+{% endif %}
     }
-    for (int place = 0; place < 3; place++) {
+    for (int place = 0; place < PLACES; place++) {
         qsort(wall[place], COUNT, sizeof(double), ascending);
         qsort(thread[place], COUNT, sizeof(double), ascending);
         printf("%.6f %.6f\n", wall[place][COUNT / 2], thread[place][COUNT - 1 - COUNT / 1000]);

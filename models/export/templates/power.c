@@ -1,0 +1,5 @@
+static {{ real }} {{ power }}({{ real }} x)
+{
+    return {{ 'x * x' if power == 'square' else 'x * x * x' }};
+}
+
