@@ -82,6 +82,7 @@ def MakeLinkedRobot(  # noqa: N802
     guard = LinkWatchdog(watchdog, session=session, time_step=scenario.station.time_step)
     builder.AddNamedSystem(WATCHDOG, guard)
     builder.Connect(subscriber.get_output_port(), guard.get_message_input_port())
+    builder.Connect(state, guard.get_state_input_port())
     # The plant's joints stand in its own order, and are to come to rest at their targets.
     order = [robot.JOINTS.index(name) for name in actuated_joints(plant)]
     at_rest = np.concatenate([np.eye(robot.N_JOINTS)[order], np.zeros(2 * (robot.N_JOINTS,))])

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from glassgait.models.a1 import robot
+from glassgait.models.a1 import kinematics, robot
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.packing import unpack_answer
 from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_watch
@@ -28,12 +28,14 @@ class LinkWatchdog(LeafSystem):
         name: LinkWatchdog
         input_ports:
         - message
+        - state
         output_ports:
         - targets
         - phase
         - followed
 
-    Inputs: message (targets_t), the latest that came; one of another session is not heard.
+    Inputs: message (targets_t), the latest that came; one of another session is not heard. state
+    (37), the plant's, of which the trunk's attitude alone is read, as a robot's IMU would tell it.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf. phase (1), a number of `Phase`.
     followed (1, {0, 1}), whether the targets are the controller's.
     State: the watch (40 numbers), taken on at every step of the plant (unrestricted update), before
@@ -58,6 +60,9 @@ class LinkWatchdog(LeafSystem):
         self._message_port = self.DeclareAbstractInputPort(
             "message", AbstractValue.Make(targets_t())
         )
+        self._state_port = self.DeclareVectorInputPort(
+            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+        )
         of_state = {self.xd_ticket()}
         self._targets_port = self.DeclareVectorOutputPort(
             name="targets",
@@ -78,6 +83,10 @@ class LinkWatchdog(LeafSystem):
     def get_message_input_port(self) -> InputPort:
         """Takes the controller's latest message."""
         return self._message_port
+
+    def get_state_input_port(self) -> InputPort:
+        """Takes the plant's state."""
+        return self._state_port
 
     def get_targets_output_port(self) -> OutputPort:
         """Gives the joint targets."""
@@ -110,7 +119,10 @@ class LinkWatchdog(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         answer = unpack_answer(self._message_port.Eval(context))
         heard = answer if answer.session == self._session else None
-        watch = step_watch(self._stored(context), heard, context.get_time(), self._settings)
+        lean = kinematics.lean(self._state_port.Eval(context)[robot.QUATERNION])
+        watch = step_watch(
+            self._stored(context), heard, context.get_time(), self._settings, lean=float(lean)
+        )
         state.get_mutable_discrete_state(self._watch).SetFromVector(pack_watch(watch))
 
 

@@ -46,6 +46,16 @@ def gravity_direction(quaternion: Array) -> Array:
     return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
 
 
+def lean(quaternion: Array) -> Array:
+    """Returns the angle between the trunk's vertical axis and the world's (...; °).
+
+    Args:
+        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
+    """
+    upright = -gravity_direction(quaternion)[..., 2]
+    return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
+
+
 class LegPoints(NamedTuple):
     """Points of the four legs in the trunk's frame, each (..., 4, 3; m)."""
 

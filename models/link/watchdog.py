@@ -1,8 +1,13 @@
 """What a robot does while its controller answers in time, late, or not at all.
 
 Joints that follow targets do so as long as these are young. Then the last ones are held for a
-while, and then the robot is lowered to a crouch. It rises again when answers have come in time for
-long enough, and follows them once it stands.
+moment, and then the robot is lowered to a crouch. It rises again when answers have come in time for
+long enough and its trunk is level, and follows them once it stands.
+
+A robot whose controller vanishes in the middle of a stride stands on two legs, and tips over the
+line between their feet as long as the other two stay folded. So all four legs are first folded
+alike, and at once: none pushes the trunk aside any more, and it drops between its feet. Then they
+brace it, and only then is it lowered slowly.
 """
 
 from dataclasses import dataclass
@@ -19,9 +24,33 @@ from glassgait.models.task import CONTROL_PERIOD
 
 Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(60.0)]
 
-CROUCH: Array = np.tile([0.0, 1.3, -2.6], robot.N_LEGS)
-"""Joint targets of a robot that is lowered (12; rad): legs folded, each foot below its hip."""
-CROUCH.flags.writeable = False
+SPREAD = 0.3
+"""Angle by which the hips of a robot that is lowered stand outward (rad)."""
+
+
+def spread_pose(calf: float) -> Array:
+    """Returns joint targets (12; rad) of legs that are spread, and alike, each foot by its hip.
+
+    Args:
+        calf: Angle of the calves (rad).
+    """
+    outward = SPREAD * np.array([1.0, -1.0, 1.0, -1.0])
+    pose = np.stack([outward, np.full(4, -0.5 * calf), np.full(4, calf)], axis=1).ravel()
+    pose.flags.writeable = False
+    return pose
+
+
+FOLDED = spread_pose(-2.6)
+"""Joint targets of legs that let the trunk drop (12; rad)."""
+
+BRACED = spread_pose(-2.1)
+"""Joint targets of legs that stop it (12; rad)."""
+
+CROUCH = spread_pose(-2.4)
+"""Joint targets of a robot that is lowered (12; rad)."""
+
+FOLDING, BRACING = 0.05, 0.1
+"""Times in which the targets go to the former two (s)."""
 
 _ROUNDING = 1e-6
 """Times in messages are whole microseconds (s)."""
@@ -38,6 +67,8 @@ class Phase(IntEnum):
     """They follow the latest targets, which are late."""
     LOWERED = 3
     """They go to the crouch, and wait there until a controller answers steadily."""
+    TIPPED = 4
+    """They stay there although it does: the trunk leans too far to rise."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +78,19 @@ class Watchdog(Settings):
     Attributes:
         hold: Greatest age of targets that joints follow (s), from the sensors that they answer;
             past it the robot is lowered.
-        lowering: Time in which it is lowered (s).
+        lowering: Time in which it is lowered (s), once its legs have caught it.
         recovery: Time for which answers must come in time before a lowered robot rises (s).
         rising: Time in which it rises (s).
+        lean: Greatest lean of the trunk at which it rises (°).
     """
 
     title: ClassVar[str] = "watchdog"
 
-    hold: Seconds = 0.2
-    lowering: Seconds = 1.5
+    hold: Seconds = 0.1
+    lowering: Seconds = 1.0
     recovery: Seconds = 0.5
     rising: Seconds = 1.5
+    lean: Annotated[float, Ge(1.0), Le(90.0)] = 20.0
 
 
 class Answer(NamedTuple):
@@ -107,7 +140,9 @@ def initial_watch() -> Watch:
     return Watch(Phase.STANDING, -np.inf, -np.inf, -np.inf, stance, stance, stance)
 
 
-def step_watch(watch: Watch, answer: Answer | None, now: float, settings: Watchdog) -> Watch:
+def step_watch(
+    watch: Watch, answer: Answer | None, now: float, settings: Watchdog, *, lean: float = 0.0
+) -> Watch:
     """Decides what the joints are to do.
 
     Args:
@@ -116,6 +151,7 @@ def step_watch(watch: Watch, answer: Answer | None, now: float, settings: Watchd
             before; None before the first.
         now: Time by the robot's clock (s).
         settings: How long to wait.
+        lean: Angle between the trunk's vertical axis and the world's (°).
 
     Returns:
         The watch now. An answer that is not newer, of the future, or not finite changes nothing.
@@ -126,7 +162,8 @@ def step_watch(watch: Watch, answer: Answer | None, now: float, settings: Watchd
     in_time = age <= CONTROL_PERIOD + _ROUNDING
     if not in_time:
         watch = watch._replace(unsteady=now)
-    phase = _next_phase(watch, age, in_time, now, settings)
+    level = lean <= settings.lean
+    phase = _next_phase(watch, age, in_time, now, settings, level=level)
     if phase != watch.phase:
         watch = watch._replace(phase=phase, since=now, begin=watch.targets)
     elapsed = now - watch.since
@@ -134,7 +171,9 @@ def step_watch(watch: Watch, answer: Answer | None, now: float, settings: Watchd
         case Phase.STANDING:
             targets = _between(watch.begin, robot.DEFAULT_STANCE, elapsed / settings.rising)
         case Phase.LOWERED:
-            targets = _between(watch.begin, CROUCH, elapsed / settings.lowering)
+            targets = lowering_targets(watch.begin, elapsed, settings)
+        case Phase.TIPPED:
+            targets = CROUCH
         case _:
             targets = watch.newest
     return watch._replace(targets=targets)
@@ -146,18 +185,42 @@ def _is_news(watch: Watch, answer: Answer, now: float) -> bool:
     return of_the_past and bool(np.all(np.isfinite(answer.targets)))
 
 
-def _next_phase(watch: Watch, age: float, in_time: bool, now: float, settings: Watchdog) -> Phase:
+def lowering_targets(begin: Array, elapsed: float, settings: Watchdog) -> Array:
+    """Returns the joint targets of a robot that is lowered.
+
+    Args:
+        begin: Joint targets when that began (12; rad).
+        elapsed: Time since then (s).
+        settings: How long it takes.
+
+    Returns:
+        Targets (12; rad), at rest at `begin`, `FOLDED`, `BRACED` and, for good, `CROUCH`.
+    """
+    pose = begin
+    for end, seconds in ((FOLDED, FOLDING), (BRACED, BRACING), (CROUCH, settings.lowering)):
+        pose = _between(pose, end, elapsed / seconds)
+        elapsed -= seconds
+    return pose
+
+
+def _next_phase(
+    watch: Watch, age: float, in_time: bool, now: float, settings: Watchdog, *, level: bool
+) -> Phase:
     phase, elapsed = Phase(watch.phase), now - watch.since
     if watch.followed:
         if age > settings.hold + _ROUNDING:
             return Phase.LOWERED
         return Phase.FOLLOWING if in_time else Phase.HOLDING
-    if phase is Phase.LOWERED:
-        steady = now - watch.unsteady >= settings.recovery - _ROUNDING
-        lowered = elapsed >= settings.lowering - _ROUNDING
-        return Phase.STANDING if steady and lowered else phase
-    risen = elapsed >= settings.rising - _ROUNDING
-    return Phase.FOLLOWING if risen and in_time else phase
+    if phase is Phase.STANDING:
+        if not level:
+            return Phase.LOWERED
+        risen = elapsed >= settings.rising - _ROUNDING
+        return Phase.FOLLOWING if risen and in_time else phase
+    steady = now - watch.unsteady >= settings.recovery - _ROUNDING
+    lowered = elapsed >= FOLDING + BRACING + settings.lowering - _ROUNDING
+    if not steady or not (lowered or phase is Phase.TIPPED):
+        return phase
+    return Phase.STANDING if level else Phase.TIPPED
 
 
 def _between(begin: Array, end: Array, share: float) -> Array:

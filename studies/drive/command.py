@@ -25,6 +25,7 @@ from glassgait.studies.console import console, progress_bar, say
 from glassgait.studies.drive.connection import open_lcm
 from glassgait.studies.drive.controller import control
 from glassgait.studies.drive.losses import COLUMNS, TRIALS, Walkers
+from glassgait.studies.drive.silence_command import DriveSilence
 from glassgait.studies.drive.simulator import Record, RobotProcess
 from glassgait.studies.rollout.command import OwnCommand
 from glassgait.studies.rollout.live import first_interrupt
@@ -217,6 +218,7 @@ Part = (
     Annotated[DriveController, tyro.conf.subcommand("controller")]
     | Annotated[DriveSimulator, tyro.conf.subcommand("simulator")]
     | Annotated[DriveLosses, tyro.conf.subcommand("losses")]
+    | Annotated[DriveSilence, tyro.conf.subcommand("silence")]
 )
 
 
@@ -225,7 +227,7 @@ class Drive(Settings):
     """Run a robot and its controller as two processes over LCM, and count what is late or lost.
 
     Attributes:
-        part: Which of the two, or the losses on purpose.
+        part: Which of the two, or losses or silence on purpose.
     """
 
     title: ClassVar[str] = "drive"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from pydrake.lcm import DrakeLcm
 
-from glassgait.diagrams.link import ControllerEnd, RobotEnd
+from glassgait.diagrams.link import FOLLOWED, ControllerEnd, RobotEnd
 from glassgait.diagrams.scenario import Scenario
+from glassgait.models.a1 import kinematics
 from glassgait.models.a1 import robot as a1
-from glassgait.models.a1.robot import Array
 from glassgait.models.link.loss import BoolArray, Loss
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Phase, Watchdog
@@ -20,7 +20,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 
 OVERTURNED = 60.0
-"""Lean of the trunk beyond which a lowered robot lies on its side or back (°)."""
+"""Lean of the trunk beyond which a robot lies on its side or back (°)."""
 
 TO_CONTROLLER, TO_ROBOT = 0, 1
 
@@ -31,6 +31,7 @@ COLUMNS = (
     "times lowered",
     "overturned",
     "risen",
+    "kept down",
     "control steps",
     "answers",
     "late",
@@ -177,6 +178,7 @@ class Walkers:
             changes.count(Phase.LOWERED),
             sum(one.overturned for one in outcomes),
             changes.count(Phase.STANDING),
+            changes.count(Phase.TIPPED),
             steps,
             tally.heard,
             tally.late,
@@ -195,9 +197,10 @@ class Walkers:
             self._take_step(lost[step], silent=first <= step < last)
             outcome.phases.append(robot.phase)
             outcome.fell = robot.fallen
-            if robot.phase is Phase.LOWERED:
-                outcome.overturned |= lean(robot.output("state")) > OVERTURNED
-            if outcome.fell or outcome.overturned:
+            if robot.phase not in FOLLOWED:
+                lean = kinematics.lean(robot.output("state")[a1.QUATERNION])
+                outcome.overturned |= bool(lean > OVERTURNED)
+            if outcome.fell:
                 break
         return outcome
 
@@ -222,19 +225,12 @@ class Outcome:
     Attributes:
         phases: What its joints did after each control step.
         fell: Whether it fell while it followed its controller.
-        overturned: Whether it fell over while it was lowered.
+        overturned: Whether it fell over while it did not.
     """
 
     phases: list[Phase] = field(default_factory=list)
     fell: bool = False
     overturned: bool = False
-
-
-def lean(state: Array) -> float:
-    """Returns the angle between the trunk's vertical axis and the world's (°), in a state (37)."""
-    _, x, y, _ = state[a1.QUATERNION]
-    upright = 1.0 - 2.0 * (x * x + y * y)
-    return float(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
 
 
 def _longest(phases: Sequence[Phase], sought: Phase) -> int:

@@ -21,6 +21,9 @@ TOLD = {
     (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
     (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
     (Phase.LOWERED, Phase.STANDING): "answers come again: the robot rises",
+    (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
+    (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
+    (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
 }
 """Changes of phase that are told."""
 
@@ -122,14 +125,17 @@ class RobotProcess:
 
     def _record(self, wall: float) -> Record:
         tally, pace, n_steps = self._robot.tally, self._pace, self._robot.step
-        lowered = sum(n for (_, after), n in self._changes.items() if after is Phase.LOWERED)
+        began = Counter[Phase]()
+        for (_, after), count in self._changes.items():
+            began[after] += count
         return {
             "simulated (s)": self._now,
             "on the wall (s)": wall,
             "sensors sent": n_steps,
             **{f"answers {name}": count for name, count in tally.rows().items()},
             "share of steps held": self._steps[Phase.HOLDING] / max(n_steps, 1),
-            "times lowered": lowered,
+            "times lowered": began[Phase.LOWERED],
+            "times kept down": began[Phase.TIPPED],
             "falls": self._falls,
             **pace.jitter(),
             "slips": pace.slips,

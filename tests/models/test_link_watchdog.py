@@ -8,16 +8,21 @@ from hypothesis import strategies as st
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.link.watchdog import (
+    BRACED,
+    BRACING,
     CROUCH,
+    FOLDED,
+    FOLDING,
     Answer,
     Phase,
     Watchdog,
     initial_watch,
+    lowering_targets,
     step_watch,
 )
 from glassgait.models.task import CONTROL_PERIOD
 
-SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8)
+SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8, lean=30.0)
 STEP = 0.01
 
 
@@ -29,7 +34,7 @@ class Robot:
     """Steps a watch every 10 ms; answers are those of a time, or none."""
 
     def __init__(self):
-        self.watch, self.now, self.answer = initial_watch(), 0.0, None
+        self.watch, self.now, self.answer, self.lean = initial_watch(), 0.0, None, 0.0
 
     def run(self, seconds, *, answered=True, late=0.0):
         """Goes on; each answer is to the sensors of the control instant before, `late` ago."""
@@ -38,7 +43,7 @@ class Robot:
             instant = CONTROL_PERIOD * ((self.now - late + 1e-9) // CONTROL_PERIOD)
             if answered and instant >= 0.0:
                 self.answer = Answer(1, instant, targets(instant))
-            self.watch = step_watch(self.watch, self.answer, self.now, SETTINGS)
+            self.watch = step_watch(self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
             phases.append(Phase(self.watch.phase))
             self.now += STEP
         return phases
@@ -119,6 +124,59 @@ def test_a_robot_that_rises_without_a_controller_stands():
     np.testing.assert_allclose(one.watch.targets, robot.DEFAULT_STANCE)
 
 
+def test_a_robot_that_leans_too_far_stays_down_until_it_is_level():
+    one = Robot()
+    one.run(1.0)
+    one.run(3.0, answered=False)
+    one.lean = 31.0
+    phases = one.run(3.0)
+    assert phases.index(Phase.TIPPED) * STEP == pytest.approx(SETTINGS.recovery, abs=2 * STEP)
+    assert phases[-1] is Phase.TIPPED
+    np.testing.assert_array_equal(one.watch.targets, CROUCH)
+    assert not one.watch.followed
+    # Setting it upright is no reason to rise unless a controller answers.
+    one.run(0.1, answered=False)
+    one.lean = 29.0
+    assert set(one.run(0.3)) == {Phase.TIPPED}
+    assert one.run(2.0)[-1] is Phase.FOLLOWING
+
+
+def test_a_robot_that_tips_over_while_it_rises_or_waits_is_lowered():
+    one = Robot()
+    one.run(1.0, answered=False)
+    one.lean = 90.0
+    assert set(one.run(1.0)) == {Phase.LOWERED}
+    assert one.run(2.0)[-1] is Phase.TIPPED
+
+
+@pytest.mark.parametrize("lean", [np.nan, np.inf])
+def test_a_robot_whose_lean_is_not_known_does_not_rise(lean):
+    one = Robot()
+    one.run(1.0)
+    one.run(3.0, answered=False)
+    one.lean = lean
+    assert one.run(3.0)[-1] is Phase.TIPPED
+
+
+JOINTS = st.lists(st.floats(-2.7, 4.2), min_size=12, max_size=12).map(np.array)
+
+
+@given(JOINTS)
+def test_all_legs_are_alike_once_they_are_folded(begin):
+    for time, expected in (
+        (0.0, begin),
+        (FOLDING, FOLDED),
+        (FOLDING + BRACING, BRACED),
+        (FOLDING + BRACING + SETTINGS.lowering, CROUCH),
+        (100.0, CROUCH),
+    ):
+        np.testing.assert_allclose(lowering_targets(begin, time, SETTINGS), expected, atol=1e-9)
+    for time in np.arange(FOLDING, 2.0, 0.01):
+        legs = lowering_targets(begin, time, SETTINGS).reshape(4, 3)
+        legs[1::2, 0] *= -1.0
+        np.testing.assert_allclose(legs, np.tile(legs[0], (4, 1)), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "answer",
     [
@@ -146,16 +204,23 @@ def test_targets_never_jump_but_to_what_a_controller_answers(ages):
         assert np.all(np.isfinite(after.targets))
         if not after.followed:
             # Smooth steps are fastest in their middle: 1.5 times as fast as straight ones.
-            greatest = np.abs(CROUCH - robot.DEFAULT_STANCE).max() + 3.0
+            seconds = FOLDING if after.phase == Phase.LOWERED else SETTINGS.rising
+            greatest = np.abs(FOLDED - robot.DEFAULT_STANCE).max() + 3.0
             moved = np.abs(after.targets - watch.targets).max()
-            assert moved <= 1.5 * STEP / SETTINGS.rising * greatest
+            assert moved <= 1.5 * STEP / seconds * greatest
         watch, now = after, now + STEP
 
 
-def test_the_crouch_is_within_the_joints_ranges_and_keeps_the_trunk_off_the_ground():
-    assert np.all((robot.LOWER_LIMITS < CROUCH) & (CROUCH < robot.UPPER_LIMITS))
-    height = kinematics.standing_state(CROUCH)[robot.POSITION][2]
-    assert robot.TRUNK_BOX[2] / 2 < height < 0.15
+@pytest.mark.parametrize("pose", [FOLDED, BRACED, CROUCH], ids=["folded", "braced", "crouch"])
+def test_poses_are_within_the_joints_ranges_and_keep_the_trunk_off_the_ground(pose):
+    assert np.all((pose > robot.LOWER_LIMITS) & (pose < robot.UPPER_LIMITS))
+    state = kinematics.standing_state(pose)
+    assert kinematics.body_clearance(state)[0] > 0.03
+    # Every foot stands outside its hip, and level with it to 1 mm.
+    points = kinematics.leg_points(pose)
+    outward = (points.foot - points.thigh)[:, 1] * [1, -1, 1, -1]
+    assert np.all(outward > 0.02)
+    np.testing.assert_allclose(points.foot[:, 0], points.thigh[:, 0], atol=1e-3)
 
 
 def test_settings_are_checked():

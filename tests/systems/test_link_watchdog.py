@@ -5,7 +5,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 
-from glassgait.models.a1 import robot
+from glassgait.models.a1 import kinematics, robot
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.watchdog import (
     CROUCH,
@@ -18,6 +18,9 @@ from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_wat
 
 SESSION, STEP = 9, 0.01
 TARGETS = np.linspace(-1.0, 1.0, 12)
+LEVEL = kinematics.standing_state(robot.DEFAULT_STANCE)
+ON_ITS_SIDE = LEVEL.copy()
+ON_ITS_SIDE[robot.QUATERNION] = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0
 
 
 def answer(time, session=SESSION, targets=TARGETS):
@@ -38,8 +41,9 @@ def advance(system):
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
 
-    def run(until, message):
+    def run(until, message, state=LEVEL):
         system.get_message_input_port().FixValue(context, message)
+        system.get_state_input_port().FixValue(context, state)
         simulator.AdvanceTo(until)
         return context
 
@@ -48,7 +52,8 @@ def advance(system):
 
 def test_ports_without_feedthrough(system, port_sizes):
     # A port of messages has no size.
-    _, outputs = port_sizes(system)
+    inputs, outputs = port_sizes(system)
+    assert inputs["state"] == 37
     assert outputs == {"targets": 12, "phase": 1, "followed": 1}
     assert not system.HasAnyDirectFeedthrough()
 
@@ -74,6 +79,16 @@ def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
     assert told(context)[1:] == [[Phase.LOWERED], [0]]
     np.testing.assert_allclose(told(context)[0], CROUCH)
     np.testing.assert_array_equal(told(clone)[0], TARGETS)
+
+
+def test_a_robot_on_its_side_is_not_told_to_rise(system, advance):
+    advance(0.005, answer(0.0))
+    advance(3.005, answer(0.0))
+    for state, expected in ((ON_ITS_SIDE, Phase.TIPPED), (LEVEL, Phase.STANDING)):
+        for step in range(50):
+            instant = 3.01 + STEP * step + (0.0 if state is ON_ITS_SIDE else 0.5)
+            context = advance(instant + 0.5 * STEP, answer(round(instant, 6)), state)
+        assert system.get_phase_output_port().Eval(context) == [expected]
 
 
 def test_answers_of_another_session_are_not_heard(system, advance):

@@ -1,0 +1,76 @@
+"""Robots whose controller falls silent for good: at many moments none overturns."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.cli import main
+from glassgait.studies.drive import silence
+from glassgait.studies.drive.silence import Left, lower, pushed, silence_table, walk_until_silent
+
+
+@pytest.mark.parametrize("name", ["trot", "bound"])
+def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
+    monkeypatch.setattr(silence, "SETTLED", 60)
+    gait = load_gait(name)
+    page = AlternatingPolicy(load_expert(gait), load_student(name, "page"), period=0)
+    left = walk_until_silent(gait, page, Scenario(), n_moments=8, seed=0)
+    assert left.walked.all()
+    # They were caught in the middle of their strides: some on two feet, and moving.
+    feet = kinematics.foot_heights(left.states)
+    assert np.any(np.sum(feet < 0.0, axis=1) <= 2)
+    lowered = lower(left, StationConfig(), Watchdog(), seconds=1.4)
+    assert lowered.greatest.max() < 45.0
+    assert lowered.final.max() < 10.0
+
+
+def standing(n):
+    states = np.tile(kinematics.standing_state(robot.DEFAULT_STANCE), (n, 1))
+    targets = np.tile(robot.DEFAULT_STANCE, (n, 1))
+    return Left(np.array([0.5, 0.5, 1.0])[:n], states, targets, np.array([True, True, False])[:n])
+
+
+def test_a_robot_on_its_back_is_counted():
+    left = standing(3)
+    left.states[0, robot.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+    left.states[0, robot.POSITION] = 0.0, 0.0, 0.3
+    table = silence_table(left, lower(left, StationConfig(), Watchdog(), seconds=0.1))
+    assert table["robots"].tolist() == [2, 0]
+    assert table["overturned"].tolist() == [1, 0]
+    assert table["greatest lean (°)"][0] == pytest.approx(180.0, abs=1.0)
+
+
+def test_pushes_are_horizontal_and_of_the_speed_that_was_asked_for():
+    left = standing(3)
+    velocity = pushed(left, 1.5, seed=3).states[:, robot.LINEAR_VELOCITY]
+    np.testing.assert_allclose(np.linalg.norm(velocity[:, :2], axis=1), 1.5)
+    np.testing.assert_array_equal(velocity[:, 2], 0.0)
+    assert len(np.unique(velocity[:, 0])) == 3
+    np.testing.assert_array_equal(left.states[:, robot.LINEAR_VELOCITY], 0.0)
+
+
+def test_a_standing_robot_is_lowered_to_the_crouch():
+    left = standing(1)
+    settings = replace(Watchdog(), lowering=0.1)
+    lowered = lower(left, StationConfig(), settings, seconds=0.6)
+    assert lowered.greatest[0] < 10.0
+    assert 0.1 < lowered.descent[0] < 2.0
+
+
+def test_the_command_counts_and_writes_its_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(silence, "SETTLED", 5)
+    run = ["drive", "silence", "--policy", "page", "--n-moments", "1", "--seconds", "0.2"]
+    main([*run, "--output", str(tmp_path / "run")])
+    rows = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert [row["speed (m/s)"] for row in rows] == [0.25, 0.5, 0.75]
+    assert all(row["robots"] == 1 for row in rows)
+    assert (tmp_path / "run" / "silence.md").exists()
