@@ -34,7 +34,7 @@ LONGEST_README = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
-WITH_PARTS = {"drive": ("controller", "simulator", "losses")}
+WITH_PARTS = {"drive": ("controller", "simulator", "losses", "silence")}
 """Commands that are given with one of their parts."""
 
 NEEDS_A_DISTILLATION = ("pareto",)
