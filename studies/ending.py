@@ -9,6 +9,7 @@ import errno
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -50,8 +51,10 @@ def told_plainly() -> Iterator[None]:
         sys.stdout.flush()
     except KeyboardInterrupt as interrupt:
         _replace_handlers(_end_at_once, _end_quietly)
-        # What is unwound late, such as joblib's loops, would warn of the work that it drops.
+        # What is unwound late, such as joblib's loops and threads, would tell of the work that it
+        # drops.
         warnings.simplefilter("ignore")
+        threading.excepthook = lambda _: None
         terminated = signal.SIGTERM in (*interrupt.args, *_taken)
         number = signal.SIGTERM if terminated else signal.SIGINT
         print(file=sys.stderr)

@@ -6,6 +6,7 @@ import shlex
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
+from typing import get_args
 
 import interpret
 import pytest
@@ -15,6 +16,7 @@ from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
 from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.drive.command import Part
 from glassgait.studies.students import registry
 from glassgait.studies.students.library import default_student, find_student
 
@@ -34,7 +36,7 @@ LONGEST_README = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
-WITH_PARTS = {"drive": ("controller", "simulator", "losses", "silence")}
+WITH_PARTS = {"drive": [part.__metadata__[0].name for part in get_args(Part)]}
 """Commands that are given with one of their parts."""
 
 NEEDS_A_DISTILLATION = ("pareto",)

@@ -12,6 +12,7 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from glassgait.models.settings import Settings
 from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.drive.command import Part
 from glassgait.studies.ending import BAD_INPUT
 
 NUMBERS = ["0", "-1", "1", "2", "-0.0", "0.5", "1.5", "nan", "inf", "-inf", "1e400", "1e-400"]
@@ -162,11 +163,17 @@ def test_many_odd_invocations_are_refused_or_sound(seed, places, accepted, capsy
         check(odd_invocation(generator), capsys, accepted)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_as_it_is_has_sound_settings(command, accepted, capsys):
-    main([command])
+@pytest.mark.parametrize(
+    "words",
+    [
+        *((command,) for command in COMMANDS if command != "drive"),
+        *(("drive", part.__metadata__[0].name) for part in get_args(Part)),
+    ],
+)
+def test_a_command_as_it_is_has_sound_settings(words, accepted, capsys):
+    main(list(words))
     check_settings(accepted.pop())
-    assert flags_of(class_of(command))
+    assert flags_of(class_of(words[0]))
 
 
 @pytest.mark.parametrize("value", [*TEXTS, *PATHS])
