@@ -216,22 +216,26 @@ def operating_box(gait: Gait, path: Path | None = None) -> ObservationBox:
     return load_box(path, ObservationLayout(gait.n_states).names)
 
 
-def physical_box(gait: Gait) -> ObservationBox:
+def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     """Returns the box of what the robot can be and its sensors can tell.
 
     Joint angles reach as far as a robot that is not failed, and the noise of encoders, let them;
-    targets of the step before reach the joints' limits. Commands are the gait's.
+    targets of the step before reach the joints' limits. Where the operating box goes further, as
+    policies do that ask for more than a joint can reach, so does this one. Commands are the gait's.
     """
-    names = ObservationLayout(gait.n_states).names
-    ranges = {entry.symbol: _physical_range(entry, gait) for entry in entries_of(names)}
-    return ObservationBox.of_quantities(names, ranges)
+    return _limits(gait).hull(operating)
 
 
 def commanded(box: ObservationBox, gait: Gait) -> ObservationBox:
     """Returns a box with commands, counts and machine state at their true ranges."""
-    true = physical_box(gait)
     groups = ("commanded velocity", "machine state", *COUNTED)
-    return box.taking([e.name for e in entries_of(box.names) if e.group in groups], true)
+    return box.taking([e.name for e in entries_of(box.names) if e.group in groups], _limits(gait))
+
+
+def _limits(gait: Gait) -> ObservationBox:
+    names = ObservationLayout(gait.n_states).names
+    ranges = {entry.symbol: _physical_range(entry, gait) for entry in entries_of(names)}
+    return ObservationBox.of_quantities(names, ranges)
 
 
 def _physical_range(entry: ObservationEntry, gait: Gait) -> tuple[float, float]:

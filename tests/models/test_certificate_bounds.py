@@ -7,7 +7,11 @@ import pytest
 
 from glassgait.models.a1 import robot
 from glassgait.models.certificates.elimination import greatest_sum
-from glassgait.models.certificates.observation_box import operating_box, physical_box
+from glassgait.models.certificates.observation_box import (
+    ObservationBox,
+    operating_box,
+    physical_box,
+)
 from glassgait.models.certificates.question import ALLOWANCE, Question, region_of
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
@@ -15,9 +19,13 @@ from glassgait.models.policies.formula_reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
 
 WIDTHS = robot.UPPER_LIMITS - robot.LOWER_LIMITS
+
+
+def whole_box(gait: Gait) -> ObservationBox:
+    return physical_box(gait, operating_box(gait))
 
 
 def formulas(text: str) -> FormulaPolicy:
@@ -28,7 +36,7 @@ def formulas(text: str) -> FormulaPolicy:
 
 
 def greatest(text: str) -> tuple[float, float]:
-    region = region_of(physical_box(load_gait("trot")), 0)
+    region = region_of(whole_box(load_gait("trot")), 0)
     found = targets_of(formulas(text)).answer(Question("target", 0, 0, 1), region, gap=1e-6)
     return found.bound, found.reached
 
@@ -37,7 +45,7 @@ def greatest(text: str) -> tuple[float, float]:
     ("gait", "kind"),
     [("trot", "page"), ("pace", "page"), ("trot", "statewise_linear"), ("trot", "ebm")],
 )
-@pytest.mark.parametrize("box", [operating_box, physical_box])
+@pytest.mark.parametrize("box", [operating_box, whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     machine, policy = load_gait(gait), load_student(gait, kind)
     whole, targets = box(machine), targets_of(policy)
@@ -118,7 +126,7 @@ def test_a_formula_that_may_divide_by_nothing_has_no_bound():
 
 def test_slopes_and_effects_of_a_gate():
     gait, policy = load_gait("trot"), formulas("tanh(100*h.FL - 2)*cmd.v + 0.2*cmd.yaw")
-    targets, region = targets_of(policy), region_of(physical_box(gait), 0)
+    targets, region = targets_of(policy), region_of(whole_box(gait), 0)
     slope = targets.answer(Question("slope", 0, 0, 1, 1), region, gap=1e-6)
     assert slope.bound == pytest.approx(0.2)
     effect = targets.answer(Question("effect", 0, 0, 1, 0), region, gap=1e-6)

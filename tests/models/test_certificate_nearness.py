@@ -17,7 +17,10 @@ from glassgait.models.task.observation import ObservationLayout, entries_of
 GAIT = load_gait("trot")
 NAMES = ObservationLayout(2).names
 SYMBOLS = [entry.symbol for entry in entries_of(NAMES)]
-BOXES = {"operating": operating_box(GAIT), "physical": physical_box(GAIT)}
+BOXES = {
+    "operating": operating_box(GAIT),
+    "physical": physical_box(GAIT, operating_box(GAIT)),
+}
 SEEN = ("v.x", "h.FL")
 
 

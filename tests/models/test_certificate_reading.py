@@ -36,7 +36,9 @@ def test_says_what_the_file_says():
         assert (verdict.worst, verdict.claimed) == (claim["worst"], claim["claimed"])
         assert list(verdict.witnesses) == claim["witnesses"]
     assert sum(found.counts().values()) == len(told["claims"])
-    for name, box in (("operating", operating_box(gait)), ("physical", physical_box(gait))):
+    operating = operating_box(gait)
+    boxes = {"operating": operating, "physical": physical_box(gait, operating)}
+    for name, box in boxes.items():
         assert found.boxes[name].lines() == box.lines()
 
 

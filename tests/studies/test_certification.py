@@ -125,7 +125,7 @@ def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
     # All robots stand still at first, in the default stance.
     hip = names.index("DoF Pos FL Hip")
     assert low[hip] < 0.1 < high[hip]
-    whole = physical_box(gait).quantities
+    whole = physical_box(gait, operating_box(gait)).quantities
     for name in ("Command X", "RM Iters", "Command RM Iters", "RM State 0"):
         place = names.index(name)
         assert (low[place], high[place]) == (whole[0][place], whole[1][place])
