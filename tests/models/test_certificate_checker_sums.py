@@ -1,4 +1,4 @@
-"""The checker of tables and trees: what is proved of small policies holds, and what is false not."""
+"""The checker of tables and trees: what was proved holds, and what is false does not."""
 
 import json
 

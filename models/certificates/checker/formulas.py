@@ -152,7 +152,6 @@ class Formulas:
         return self.targets[state, joint] == own
 
     def used(self, state: int, joint: str) -> set[str]:
-        """Returns the quantities that a target depends on."""
         return self.names_in(self.targets[state, joint])
 
     def names_in(self, formula: fmpq_mpoly) -> set[str]:
@@ -203,7 +202,8 @@ class Formulas:
             case "effect":
                 other = {str(asked.name): self.variables["other"]}
                 formula = formula - self.put(formula, other)
-        return self.greatest(self.terms(formula * asked.sign), box, splits or [], counted)
+        plan = self.planned(self.terms(formula * asked.sign))
+        return self.greatest(plan, box, splits or [], counted)
 
     def terms(self, formula: fmpq_mpoly) -> list:
         """Lists coefficients with the variables, and their powers, that each is of."""
@@ -212,25 +212,12 @@ class Formulas:
             for powers, number in formula.to_dict().items()
         ]
 
-    def greatest(self, terms: list, box: Box, splits: list, counted: set[str]) -> arb:
-        if not splits:
-            return self.cell_bound(terms, box)
-        name, cut, below, above = splits
-        low, high = box[name]
-        refuse_unless(low <= cut <= high, f"a split of {name} is outside of its cell")
-        ends = (math.floor(cut), math.floor(cut) + 1) if name in counted else (cut, cut)
-        first = self.greatest(terms, {**box, name: (low, ends[0])}, below, counted)
-        return first.max(self.greatest(terms, {**box, name: (ends[1], high)}, above, counted))
-
-    def cell_bound(self, terms: list, box: Box) -> arb:
-        """Bounds a sum over a cell, its factors taken for independent: affine in each."""
-        factors = sorted({factor for _, term in terms for factor in term})
-        ranges = {(name, power): powered(self.ranged(name, box), power) for name, power in factors}
-        corners: list = []
+    def planned(self, terms: list) -> tuple[list, list]:
+        """Chooses the factors whose ends are tried, and groups what is affine in the others."""
+        factors, corners = sorted({factor for _, term in terms for factor in term}), []
         while len(corners) < MOST_CORNERS:
             meeting = [[own for own in term if own not in corners] for _, term in terms]
-            meeting = [own for own in meeting if len(own) > 1]
-            if not meeting:
+            if not (meeting := [own for own in meeting if len(own) > 1]):
                 break
             corners.append(max(factors, key=lambda own: (sum(own in m for m in meeting), own)))
         groups: dict = {}
@@ -238,9 +225,24 @@ class Formulas:
             rest = tuple(own for own in term if own not in corners)
             held = [corners.index(own) for own in term if own in corners]
             groups.setdefault(rest, []).append((number, held))
-        spans = [(own, spanned([ranges[f] for f in rest])) for rest, own in groups.items()]
+        return corners, list(groups.items())
+
+    def greatest(self, plan: tuple[list, list], box: Box, splits: list, counted: set[str]) -> arb:
+        if not splits:
+            return self.cell_bound(plan, box)
+        name, cut, below, above = splits
+        low, high = box[name]
+        refuse_unless(low <= cut <= high, f"a split of {name} is outside of its cell")
+        ends = (math.floor(cut), math.floor(cut) + 1) if name in counted else (cut, cut)
+        first = self.greatest(plan, {**box, name: (low, ends[0])}, below, counted)
+        return first.max(self.greatest(plan, {**box, name: (ends[1], high)}, above, counted))
+
+    def cell_bound(self, plan: tuple[list, list], box: Box) -> arb:
+        """Bounds a sum over a cell, its factors taken for independent: affine in each."""
+        corners, groups = plan
+        spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in groups]
         greatest = arb("-inf")
-        for ends in ways(*(ranges[own] for own in corners)):
+        for ends in ways(*(self.power(own, box) for own in corners)):
             whole = arb(0)
             for own, (low, high) in spans:
                 sums = (math.prod([ends[i] for i in held], start=number) for number, held in own)
@@ -249,13 +251,19 @@ class Formulas:
             greatest = greatest.max(whole)
         return greatest
 
+    def power(self, factor: tuple[str, int], box: Box) -> Span:
+        span, power = self.ranged(factor[0], box), factor[1]
+        ends = [end**power for end in span]
+        holds_zero = not (span[0] > 0 or span[1] < 0)
+        return hull([*ends, arb(0)] if power % 2 == 0 and holds_zero else ends)
+
     def ranged(self, name: str, box: Box) -> Span:
         """Bounds a variable over a cell."""
         if name not in self.inner:
             return arb(box[name][0]), arb(box[name][1])
         function, inner = self.inner[name]
         parts = [
-            spanned([(number, number), *(powered(self.ranged(own, box), n) for own, n in term)])
+            spanned([(number, number), *(self.power(own, box) for own in term)])
             for number, term in self.terms(inner)
         ]
         low, high = (sum((part[end] for part in parts), arb(0)) for end in (0, 1))
@@ -290,9 +298,3 @@ def spanned(spans: list[Span]) -> Span:
     for span in spans:
         whole = hull([a * b for a in whole for b in span])
     return whole
-
-
-def powered(span: Span, power: int) -> Span:
-    ends = [end**power for end in span]
-    holds_zero = not (span[0] > 0 or span[1] < 0)
-    return hull([*ends, arb(0)] if power % 2 == 0 and holds_zero else ends)
