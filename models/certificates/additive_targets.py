@@ -65,10 +65,10 @@ class AdditiveTargets:
     ) -> Maximum:
         cells = [self._cells(i, question.joint, region) for i in range(len(region.lower))]
         if question.of in ("slope", "effect"):
-            return self._change(question, cells)
-        return self._sum(question, cells)
+            return self._change(question, cells, region)
+        return self._sum(question, cells, region)
 
-    def _sum(self, question: Question, cells: Sequence[_Cells]) -> Maximum:
+    def _sum(self, question: Question, cells: Sequence[_Cells], region: Region) -> Maximum:
         joint, sign = question.joint, float(question.sign)
         unary, chosen, lost = [], [], 0.0
         for index, own in enumerate(cells):
@@ -92,25 +92,26 @@ class AdditiveTargets:
             robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * self._policy.intercepts[joint]
         )
         found = float(constant + robot.ACTION_SCALE * value)
-        return Maximum(found, found - lost, self._units.quantities(observation))
+        return Maximum(found, found - lost, self._witness(observation, region))
 
     def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
         cells = [self._cells(i, joint, region) for i in range(len(region.lower))]
         apart = most * self._units.scale[index]
         found = [
-            self._change(Question("effect", state, joint, sign, index), cells, apart).bound
+            self._change(Question("effect", state, joint, sign, index), cells, region, apart).bound
             for sign in (1, -1)
         ]
         return max(found)
 
     def _change(
-        self, question: Question, cells: Sequence[_Cells], apart: float = np.inf
+        self, question: Question, cells: Sequence[_Cells], region: Region, apart: float = np.inf
     ) -> Maximum:
         """Bounds the step from a bin to the next, or the change between two bins.
 
         Args:
             question: What is asked.
             cells: Bins of each observation.
+            region: The box.
             apart: Distance of two bins beyond which a change does not count.
         """
         index = question.observation
@@ -147,9 +148,17 @@ class AdditiveTargets:
             theirs = cells[partner]
             observation[partner] = theirs.middle[np.flatnonzero(theirs.coarse == label)[0]]
         found = float(robot.ACTION_SCALE * whole[before, after])
+        witness = self._witness(observation, region)
+        observation[index] = own.middle[before]
+        other = self._witness(observation, region)[index]
+        return Maximum(found, found, np.append(witness, other))
+
+    def _witness(self, observation: Array, region: Region) -> Array:
+        """Returns the quantities, in the box and with whole counts in spite of rounding."""
         quantities = self._units.quantities(observation)
-        other = self._angle(index, own.middle[before])
-        return Maximum(found, found, np.append(quantities, other))
+        counted = list(region.counted)
+        quantities[counted] = np.round(quantities[counted])
+        return np.clip(quantities, region.lower, region.upper)
 
     def _pairs_of(self, joint: int) -> list[tuple[int, int, Array]]:
         policy = self._policy

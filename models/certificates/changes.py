@@ -52,6 +52,8 @@ def widest_change(
         The squared change of the action, and both observations in the robot's units (n, n).
     """
     generator, units = np.random.default_rng(0), RobotUnits.of(box.names)
+    counted = np.isin(np.arange(len(changes)), list(region.counted))
+    changes = np.where(counted, np.floor(changes), changes)
     first = units.quantities(box.random(PAIRS, generator))
     first = np.clip(first, region.lower, region.upper)
     signs = generator.choice([-1.0, 1.0], first.shape)

@@ -16,7 +16,7 @@ from glassgait.models.certificates.observation_box import (
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import Of, Question, region_of
+from glassgait.models.certificates.question import Of, Question, counted_of, region_of
 from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
 from glassgait.models.certificates.statement import Place, Statement
 from glassgait.models.certificates.targets import targets_of
@@ -142,7 +142,10 @@ class Prover:
         return region_of(box.taking(taken, physical), state)
 
     def observed(self, quantities: Array) -> Observed:
-        """Names the quantities of an observation (n)."""
+        """Names the quantities of an observation (n), counts whole in spite of rounding."""
+        counted = sorted(counted_of(self.policy.observation_names))
+        quantities = quantities.copy()
+        quantities[counted] = np.round(quantities[counted])
         return dict(zip(self.symbols, quantities.tolist(), strict=False))
 
     def _asked(

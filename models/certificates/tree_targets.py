@@ -64,8 +64,7 @@ class TreeTargets:
             policy.thresholds[joint]
         )
         bound = robot.ACTION_SCALE * float(spans[asks.any(axis=-1)].sum())
-        middle = 0.5 * (region.lower + region.upper)
-        return Maximum(bound, 0.0, np.append(middle, middle[question.observation]))
+        return Maximum(bound, 0.0, np.append(region.lower, region.lower[question.observation]))
 
     def _ends_of_trees(self, joint: int, region: Region) -> tuple[Array, Array]:
         """Returns the least and the greatest leaf that each tree can reach (n_trees, n_trees)."""
@@ -87,8 +86,7 @@ class TreeTargets:
     def _witness(self, question: Question, region: Region) -> tuple[Array, float]:
         generator = np.random.default_rng(question.joint)
         shape = (SAMPLES, len(region.lower))
-        ends = generator.integers(0, 2, shape).astype(float)
-        points = region.lower + ends * (region.upper - region.lower)
+        points = np.where(generator.integers(0, 2, shape) == 1, region.upper, region.lower)
         values = self._values(question, points)
         point, value = points[np.argmax(values)], float(values.max())
         for _ in range(SWEEPS):

@@ -16,16 +16,14 @@ from glassgait.models.certificates.certificate import (
     shipped_certificates,
 )
 from glassgait.models.certificates.checker import RefusedError, check
-from glassgait.models.certificates.checker import certificate as checked
-from glassgait.models.certificates.checker import policies as read
+from glassgait.models.certificates.checker import robot as restated
+from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
 POLICY = STUDENT_DIRECTORY / "trot" / "page.formulas"
-ONE_PAGE = 60
-"""Lines of a page."""
-
 PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
 CONTENT = json.loads(PATH.read_text())
 
@@ -57,13 +55,8 @@ def test_shipped_certificates_hold(path):
     assert len(outcomes) - outcomes.count("undecided") >= 10
 
 
-def test_every_gait_on_one_page_has_a_certificate():
-    # Of two pages certificates have megabytes, and are made when they are asked for.
-    pages = {
-        f"{path.parent.name}_page"
-        for path in STUDENT_DIRECTORY.glob("*/page.formulas")
-        if len(path.read_text().splitlines()) <= ONE_PAGE
-    }
+def test_every_page_of_formulas_has_a_certificate():
+    pages = {f"{path.parent.name}_page" for path in STUDENT_DIRECTORY.glob("*/page.formulas")}
     assert pages <= {path.stem for path in shipped_certificates()}
 
 
@@ -187,20 +180,24 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
     path = tmp_path / "page.formulas"
     path.write_text(text)
     content = deepcopy(CONTENT)
-    content["policy"]["sha256"] = checked.hashlib.sha256(path.read_bytes()).hexdigest()
+    content["policy"]["sha256"] = digest(path)
     with pytest.raises(RefusedError, match="is no formula"):
         check(written(content, tmp_path), path)
 
 
 def test_restates_the_robot_as_it_is():
-    assert tuple(read.JOINTS) == robot.JOINTS
-    assert robot.DEFAULT_STANCE.tolist() == read.STANCE
-    assert read.ACTION_SCALE == robot.ACTION_SCALE
-    assert checked.LIMITS == robot.POSITION_LIMITS
-    assert (checked.STIFFNESS, checked.EFFORT) == (robot.STIFFNESS, robot.EFFORT_LIMIT)
-    assert TerminationLimits().action_change == checked.ABRUPT
-    entries = ObservationLayout(4).entries
-    assert read.symbols(4) == [entry.symbol for entry in entries]
+    assert tuple(restated.JOINTS) == robot.JOINTS
+    assert robot.DEFAULT_STANCE.tolist() == restated.STANCE
+    assert restated.ACTION_SCALE == robot.ACTION_SCALE
+    assert restated.LIMITS == robot.POSITION_LIMITS
+    assert (restated.STIFFNESS, restated.EFFORT) == (robot.STIFFNESS, robot.EFFORT_LIMIT)
+    assert TerminationLimits().action_change == restated.ABRUPT
+    names, symbols = ObservationLayout(4).names, restated.symbols(4)
+    assert symbols == [entry.symbol for entry in ObservationLayout(4).entries]
+    units = RobotUnits.of(names)
+    assert [restated.units(name) for name in symbols] == list(
+        zip(units.scale.tolist(), units.offset.tolist(), strict=True)
+    )
 
 
 def test_imports_nothing_of_the_project_but_itself():

@@ -15,6 +15,6 @@ except ImportError as missing:
     ) from missing
 
 from .certificate import check
-from .polynomials import RefusedError
+from .robot import RefusedError
 
 __all__ = ["RefusedError", "check"]

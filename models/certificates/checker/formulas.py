@@ -1,0 +1,300 @@
+"""Formulas and linear laws: exact polynomials, bounded in balls that hold all rounding."""
+
+import ast
+import math
+import operator
+import re
+from itertools import product as ways
+from typing import Any
+
+from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+
+from .robot import (
+    ACTION_SCALE,
+    COUNTED,
+    JOINTS,
+    STANCE,
+    Box,
+    Question,
+    RefusedError,
+    image_of,
+    refuse_unless,
+    symbols,
+    units,
+)
+
+ctx.prec = 96
+
+FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
+MOST_FUNCTIONS, MOST_TERMS, MOST_CORNERS = 100, 20_000, 10
+OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
+
+Span = tuple[arb, arb]
+"""Least and greatest, each a ball about one number."""
+
+
+def exact(number: float) -> fmpq:
+    """Returns the fraction that a double is."""
+    refuse_unless(math.isfinite(number), f"{number} is no number")
+    return fmpq(*float(number).as_integer_ratio())
+
+
+class Formulas:
+    """Targets as polynomials of quantities and of functions, each a variable of its own.
+
+    Attributes:
+        inner: What each function is of, by the name of its variable.
+        targets: A polynomial a state and joint.
+    """
+
+    def __init__(self, n_states: int) -> None:
+        self.names = [*symbols(n_states), "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
+        self.ring = fmpq_mpoly_ctx.get(self.names)
+        self.variables = dict(zip(self.names, self.ring.gens(), strict=True))
+        self.inner: dict[str, tuple[str, fmpq_mpoly]] = {}
+        self.targets: dict[tuple[int, str], fmpq_mpoly] = {}
+
+    @classmethod
+    def read(cls, text: str, n_states: int, gait: str) -> "Formulas":
+        """Reads a formula file, statement by statement."""
+        joined = re.sub(r"\n[ \t]+", " ", re.sub(r"#[^\n]*", "", text))
+        own, header, section = cls(n_states), {}, ""
+        known = {name: own.variables[name] for name in symbols(n_states)}
+        for line in filter(None, map(str.strip, joined.split("\n"))):
+            if line in ("definitions", "every state") or re.fullmatch(r"state \d+", line):
+                section = line
+            elif not section:
+                key, _, value = line.partition(":")
+                header[key] = value.strip()
+            else:
+                name, _, formula = line.partition("=")
+                read = own.parsed(ast.parse(formula.strip(), mode="eval").body, known)
+                if section == "definitions":
+                    known = {**known, name.strip(): read}
+                else:
+                    states = range(n_states) if section == "every state" else [int(section[6:])]
+                    own.targets |= {(state, name.strip()): read for state in states}
+        refuse_unless(header.get("gait") == gait, "the policy is of another gait")
+        refuse_unless(header.get("states") == str(n_states), "the policy has other states")
+        if "mirror" in header:
+            image = [int(state) for state in header["mirror"].split()]
+            for (state, joint), formula in list(own.targets.items()):
+                place = image[state], image_of(joint, image)[0]
+                own.targets.setdefault(place, own.mirrored(formula, joint, image))
+        return own
+
+    @classmethod
+    def linear(cls, arrays: dict[str, Any], n_states: int) -> "Formulas":
+        """Takes weights of the observations and intercepts."""
+        own, names = cls(n_states), symbols(n_states)
+        for state, (number, joint) in ways(range(n_states), enumerate(JOINTS)):
+            place = (state if arrays["weights"].ndim == 3 else ..., number)
+            action = own.ring.constant(exact(arrays["intercepts"][place]))
+            for name, weight in zip(names, arrays["weights"][place].tolist(), strict=True):
+                scale, offset = units(name)
+                action += (own.variables[name] - exact(offset)) * (exact(weight) * exact(scale))
+            own.targets[state, joint] = action * exact(ACTION_SCALE) + exact(STANCE[number])
+        return own
+
+    def parsed(self, node: ast.expr, known: dict[str, fmpq_mpoly]) -> fmpq_mpoly:
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                return self.ring.constant(exact(value))
+            case ast.Name() | ast.Attribute():
+                return known[ast.unparse(node)]
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
+                read = self.parsed(inner, known)
+                return -read if isinstance(sign, ast.USub) else read
+            case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as power)):
+                base = self.parsed(left, known)
+                few = power in (2, 3) and len(base) ** power <= MOST_TERMS
+                refuse_unless(few, f"{ast.unparse(node)!r} is no formula, or a long one")
+                return base**power
+            case ast.BinOp(left=left, op=sign, right=right):
+                a, b = self.parsed(left, known), self.parsed(right, known)
+                refuse_unless(len(a) * len(b) <= MOST_TERMS, "a formula has too many terms")
+                if isinstance(sign, ast.Div):
+                    return a * self.applied("inverse", b)
+                if type(sign) in OPERATORS:
+                    return OPERATORS[type(sign)](a, b)
+            case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]) if name in FUNCTIONS:
+                return self.applied(name, self.parsed(inner, known))
+        raise RefusedError(f"{ast.unparse(node)!r} is no formula")
+
+    def applied(self, function: str, inner: fmpq_mpoly) -> fmpq_mpoly:
+        """Returns the variable that a function of a polynomial is."""
+        for name, own in self.inner.items():
+            if own == (function, inner):
+                return self.variables[name]
+        name = f"f{len(self.inner)}"
+        refuse_unless(name in self.variables, "a policy has too many functions to check")
+        self.inner[name] = (function, inner)
+        return self.variables[name]
+
+    def put(self, formula: fmpq_mpoly, images: dict[str, fmpq_mpoly]) -> fmpq_mpoly:
+        """Puts polynomials in the place of quantities."""
+        used = set(self.names) - set(formula.unused_gens())
+        places = self.variables | images
+        for name in used & self.inner.keys():
+            function, inner = self.inner[name]
+            places[name] = self.applied(function, self.put(inner, images))
+        return formula.compose(*places.values(), ctx=self.ring)
+
+    def mirrored(self, formula: fmpq_mpoly, joint: str, image: list[int]) -> fmpq_mpoly:
+        """Returns what the formula of a joint is for the joint's image."""
+        images = {name: image_of(name, image) for name in symbols(len(image))}
+        put = {name: self.variables[new] * sign for name, (new, sign) in images.items()}
+        return self.put(formula, put) * image_of(joint, image)[1]
+
+    def is_mirrored(self, state: int, joint: str, image: list[int]) -> bool:
+        theirs = image_of(joint, image)[0]
+        own = self.mirrored(self.targets[image[state], theirs], theirs, image)
+        return self.targets[state, joint] == own
+
+    def used(self, state: int, joint: str) -> set[str]:
+        return self.names_in(self.targets[state, joint])
+
+    def names_in(self, formula: fmpq_mpoly) -> set[str]:
+        used = set(self.names) - set(formula.unused_gens())
+        inner = [self.names_in(self.inner[name][1]) for name in used & self.inner.keys()]
+        return (used - self.inner.keys()).union(*inner)
+
+    def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
+        """Differentiates by a quantity."""
+        whole = formula.derivative(name)
+        for own in (set(self.names) - set(formula.unused_gens())) & self.inner.keys():
+            along = self.slope(self.inner[own][1], name)
+            if along:
+                whole += formula.derivative(own) * self.outer(own) * along
+        return whole
+
+    def outer(self, name: str) -> fmpq_mpoly:
+        """Differentiates a function by what it is of."""
+        (function, inner), whole = self.inner[name], self.variables[name]
+        slopes = {
+            "tanh": lambda: 1 - whole**2,
+            "sin": lambda: self.applied("cos", inner),
+            "cos": lambda: -self.applied("sin", inner),
+            "exp": lambda: whole,
+            "inverse": lambda: -(whole**2),
+            "log": lambda: self.applied("inverse", inner),
+            "sqrt": lambda: self.applied("inverse", whole) * fmpq(1, 2),
+        }
+        refuse_unless(function in slopes, f"slopes of {function} are not checked")
+        return slopes[function]()
+
+    def moved(self, state: int, joint: str, name: str, most: float, box: Box) -> Any:
+        """Bounds the change of a target where a quantity changes by `most` at most."""
+        slopes = [self.bound(Question("slope", state, joint, sign, name), box) for sign in (1, -1)]
+        return arb(most) * slopes[0].max(slopes[1])
+
+    def bound(self, asked: Question, box: Box, splits: list | None = None) -> Any:
+        """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
+        formula, counted = self.targets[asked.state, asked.joint], set[str](COUNTED)
+        if asked.name is not None:
+            box = {**box, "other": box[asked.name]}
+            counted |= {"other"} if asked.name in COUNTED else set()
+        match asked.of:
+            case "offset":
+                formula = formula - self.variables[f"q.{asked.joint}"]
+            case "slope":
+                formula = self.slope(formula, str(asked.name))
+            case "effect":
+                other = {str(asked.name): self.variables["other"]}
+                formula = formula - self.put(formula, other)
+        plan = self.planned(self.terms(formula * asked.sign))
+        return self.greatest(plan, box, splits or [], counted)
+
+    def terms(self, formula: fmpq_mpoly) -> list:
+        """Lists coefficients with the variables, and their powers, that each is of."""
+        return [
+            (arb(number), [(self.names[i], power) for i, power in enumerate(powers) if power])
+            for powers, number in formula.to_dict().items()
+        ]
+
+    def planned(self, terms: list) -> tuple[list, list]:
+        """Chooses the factors whose ends are tried, and groups what is affine in the others."""
+        factors, corners = sorted({factor for _, term in terms for factor in term}), []
+        while len(corners) < MOST_CORNERS:
+            meeting = [[own for own in term if own not in corners] for _, term in terms]
+            if not (meeting := [own for own in meeting if len(own) > 1]):
+                break
+            corners.append(max(factors, key=lambda own: (sum(own in m for m in meeting), own)))
+        groups: dict = {}
+        for number, term in terms:
+            rest = tuple(own for own in term if own not in corners)
+            held = [corners.index(own) for own in term if own in corners]
+            groups.setdefault(rest, []).append((number, held))
+        return corners, list(groups.items())
+
+    def greatest(self, plan: tuple[list, list], box: Box, splits: list, counted: set[str]) -> arb:
+        if not splits:
+            return self.cell_bound(plan, box)
+        name, cut, below, above = splits
+        low, high = box[name]
+        refuse_unless(low <= cut <= high, f"a split of {name} is outside of its cell")
+        ends = (math.floor(cut), math.floor(cut) + 1) if name in counted else (cut, cut)
+        first = self.greatest(plan, {**box, name: (low, ends[0])}, below, counted)
+        return first.max(self.greatest(plan, {**box, name: (ends[1], high)}, above, counted))
+
+    def cell_bound(self, plan: tuple[list, list], box: Box) -> arb:
+        """Bounds a sum over a cell, its factors taken for independent: affine in each."""
+        corners, groups = plan
+        spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in groups]
+        greatest = arb("-inf")
+        for ends in ways(*(self.power(own, box) for own in corners)):
+            whole = arb(0)
+            for own, (low, high) in spans:
+                sums = (math.prod([ends[i] for i in held], start=number) for number, held in own)
+                coefficient = sum(sums, arb(0))
+                whole += (coefficient * low).max(coefficient * high)
+            greatest = greatest.max(whole)
+        return greatest
+
+    def power(self, factor: tuple[str, int], box: Box) -> Span:
+        span, power = self.ranged(factor[0], box), factor[1]
+        ends = [end**power for end in span]
+        holds_zero = not (span[0] > 0 or span[1] < 0)
+        return hull([*ends, arb(0)] if power % 2 == 0 and holds_zero else ends)
+
+    def ranged(self, name: str, box: Box) -> Span:
+        """Bounds a variable over a cell."""
+        if name not in self.inner:
+            return arb(box[name][0]), arb(box[name][1])
+        function, inner = self.inner[name]
+        parts = [
+            spanned([(number, number), *(self.power(own, box) for own in term)])
+            for number, term in self.terms(inner)
+        ]
+        low, high = (sum((part[end] for part in parts), arb(0)) for end in (0, 1))
+        holds_zero = not (low > 0 or high < 0)
+        if function == "inverse":
+            refuse_unless(not holds_zero, "a formula divides by what may be 0")
+            return 1 / high, 1 / low
+        refuse_unless(function not in ("log", "sqrt") or low > 0, f"{function} of what may be 0")
+        ends = [abs(end) if function == "abs" else getattr(end, function)() for end in (low, high)]
+        ends += [arb(0)] if function == "abs" and holds_zero else []
+        if function in ("sin", "cos"):
+            # Crests and troughs are where this is whole, and turn about.
+            half = fmpq(function == "sin", 2)
+            first, last = ((end / arb.pi() - half).floor().unique_fmpz() for end in (low, high))
+            if first is None or last is None:
+                raise RefusedError("it is not sure where a wave turns")
+            turns = range(int(first) + 1, int(last) + 1)[:2]
+            ends += [arb((-1) ** (turn % 2)) for turn in turns]
+        return hull(ends)
+
+
+def hull(values: list[arb]) -> Span:
+    least = greatest = values[0]
+    for value in values[1:]:
+        least, greatest = least.min(value), greatest.max(value)
+    return least, greatest
+
+
+def spanned(spans: list[Span]) -> Span:
+    """Multiplies intervals."""
+    whole = (arb(1), arb(1))
+    for span in spans:
+        whole = hull([a * b for a in whole for b in span])
+    return whole

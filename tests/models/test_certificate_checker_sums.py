@@ -1,0 +1,188 @@
+"""The checker of tables and trees: what was proved holds, and what is false does not."""
+
+import json
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.certificates.certificate import (
+    certificate,
+    certificate_text,
+    content_digest,
+)
+from glassgait.models.certificates.checker import RefusedError, check
+from glassgait.models.certificates.checker.robot import JOINTS, Question
+from glassgait.models.certificates.checker.tables import Tables, Trees, greatest_sum, read_arrays
+from glassgait.models.certificates.claims import Claim
+from glassgait.models.certificates.observation_box import operating_box
+from glassgait.models.certificates.prover import Prover
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+
+GAIT = load_gait("trot")
+NAMES = ObservationLayout(2).names
+CLAIMS = (
+    Claim("hips", "limits", joints=("FL_hip", "FR_hip")),
+    Claim("far", "limits", least=-50.0, most=50.0, box="physical"),
+    Claim("torque", "torque", joints=("FL_calf",)),
+    Claim("damped", "never", observations=("dq.own",), never="rises"),
+    Claim("stuck", "effect", observations=("h.FL",), most=0.05, stuck=("h.FL",)),
+    Claim("count", "effect", observations=("t",), most=20.0),
+    Claim("blind", "independent", observations=("cmd.yaw",)),
+    Claim("alike", "mirror"),
+    Claim("noise", "change", changes={"q": 0.02, "dq": 3.0}),
+    Claim("step", "change", changes={"q": 0.02, "dq": 3.0}, most=1e6),
+)
+
+
+def tables(generator: np.random.Generator) -> AdditivePolicy:
+    """Random tables of all observations, and three pairs a joint."""
+    n, pairs = len(NAMES), 3 * robot.N_JOINTS
+    cuts = np.sort(generator.uniform(-1.0, 1.0, (n, 6)), axis=1)
+    paired = np.array([generator.choice(n, 2, replace=False) for _ in range(pairs)])
+    sizes = (robot.N_JOINTS, n, 7), (pairs, 4, 4)
+    return AdditivePolicy(
+        "trot",
+        NAMES,
+        cuts=cuts,
+        pair_cuts=np.sort(generator.uniform(-1.0, 1.0, (n, 3)), axis=1),
+        tables=generator.normal(0.0, 0.2, sizes[0]),
+        pairs=paired,
+        pair_joints=np.repeat(np.arange(robot.N_JOINTS), 3),
+        pair_tables=generator.normal(0.0, 0.2, sizes[1]),
+        deviations=np.zeros(sizes[0]),
+        pair_deviations=np.zeros(sizes[1]),
+        intercepts=generator.normal(0.0, 0.1, robot.N_JOINTS),
+    )
+
+
+def trees(generator: np.random.Generator) -> BoostedTreesPolicy:
+    """Twenty random trees a joint, three questions deep; some of their branches end early."""
+    shape = (robot.N_JOINTS, 20, 7)
+    thresholds = generator.uniform(-1.0, 1.0, shape).astype(np.float32).astype(float)
+    thresholds[..., 5][generator.random(shape[:2]) < 0.3] = np.inf
+    return BoostedTreesPolicy(
+        "trot",
+        NAMES,
+        features=generator.integers(0, len(NAMES), shape),
+        thresholds=thresholds,
+        leaves=generator.normal(0.0, 0.2, (*shape[:2], 8)),
+        intercepts=generator.normal(0.0, 0.1, robot.N_JOINTS),
+        importances=np.full((robot.N_JOINTS, len(NAMES)), 1.0 / len(NAMES)),
+    )
+
+
+@pytest.fixture(scope="module", params=[tables, trees], ids=["tables", "trees"])
+def certified(request, tmp_path_factory):
+    """A policy, its file, and what a certificate of it says."""
+    policy = request.param(np.random.default_rng(3))
+    path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
+    policy.save(path)
+    prover = Prover(policy, GAIT)
+    for joint in (0, 8):
+        for box in ("operating", "physical"):
+            prover.range_of(1, joint, box)
+    decided = [prover.decide(claim) for claim in CLAIMS]
+    return policy, path, certificate(prover, [one for one in decided if one], path)
+
+
+def checked(content, policy, folder) -> str:
+    path = folder / "certificate.json"
+    path.write_text(certificate_text({**content, "sha256": content_digest(content)}))
+    return check(path, policy)
+
+
+def test_what_was_proved_holds(certified, tmp_path):
+    _, path, content = certified
+    told = checked(content, path, tmp_path)
+    outcomes = [claim["outcome"] for claim in content["claims"]]
+    assert told.startswith(f"{len(content['statements'])} bounds hold")
+    for outcome in ("proved", "refuted"):
+        assert outcomes.count(outcome) > 1
+        assert f"{outcomes.count(outcome)} {outcome}" in told
+
+
+def test_a_bound_that_is_too_low_does_not_hold(certified, tmp_path):
+    _, path, content = certified
+    for number in np.random.default_rng(5).choice(len(content["statements"]), 8, replace=False):
+        false = json.loads(json.dumps(content))
+        false["statements"][number]["bound"] -= 1e-8
+        with pytest.raises(RefusedError, match="is not proved"):
+            checked(false, path, tmp_path)
+
+
+def test_a_witness_that_reaches_less_does_not_hold(certified, tmp_path):
+    _, path, content = certified
+    false = json.loads(json.dumps(content))
+    false["statements"][0]["reached"] += 1e-6
+    with pytest.raises(RefusedError, match="the witness is too low"):
+        checked(false, path, tmp_path)
+
+
+@pytest.mark.parametrize("number", range(len(CLAIMS)))
+def test_a_claim_that_is_turned_about_does_not_hold(certified, tmp_path, number):
+    _, path, content = certified
+    false = json.loads(json.dumps(content))
+    claim = false["claims"][number]
+    claim["outcome"] = "proved" if claim["outcome"] != "proved" else "refuted"
+    with pytest.raises(RefusedError):
+        checked(false, path, tmp_path)
+
+
+def test_a_fraction_of_a_count_is_no_witness(certified, tmp_path):
+    _, path, content = certified
+    false = json.loads(json.dumps(content))
+    own = next(own for own in false["statements"] if "t" in own["witness"])
+    own["witness"]["t"] = 1.5
+    with pytest.raises(RefusedError, match="is not in the box"):
+        checked(false, path, tmp_path)
+
+
+def test_a_policy_with_another_number_is_refused(certified, tmp_path):
+    policy, path, content = certified
+    other = tmp_path / path.name
+    intercepts = policy.intercepts.copy()
+    intercepts[3] = np.nextafter(intercepts[3], 1.0)
+    arrays = {name: getattr(policy, name) for name in policy.array_specs}
+    type(policy)("trot", NAMES, **{**arrays, "intercepts": intercepts}).save(other)
+    with pytest.raises(RefusedError, match="is not the one that was certified"):
+        checked(content, other, tmp_path)
+
+
+def test_no_observation_reaches_more_than_the_checker_says(certified):
+    policy, path, content = certified
+    _, arrays = read_arrays(path.read_bytes())
+    own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(arrays, 2)
+    box = operating_box(GAIT).in_state(1)
+    told = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
+    told |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
+    observations = box.random(10_000, np.random.default_rng(1))
+    reached = robot.joint_targets(policy(observations))
+    quantities = RobotUnits.of(NAMES).quantities(observations)
+    for joint, name in enumerate(JOINTS):
+        offsets = reached[:, joint] - quantities[:, own.names.index(f"q.{name}")]
+        for of, values in (("target", reached[:, joint]), ("offset", offsets)):
+            for sign in (1, -1):
+                most = own.bound(Question(of, 1, name, sign), told)
+                assert (sign * values).max() <= most
+
+
+def test_the_greatest_sum_is_the_greatest_of_all(generator):
+    sizes = [3, 4, 2, 3]
+    unary = [((i,), generator.normal(size=size)) for i, size in enumerate(sizes)]
+    pairs = [((0, 1), (3, 4)), ((2, 1), (2, 4)), ((3, 0), (3, 3)), ((2, 3), (2, 3))]
+    tables = [*unary, *((axes, generator.normal(size=shape)) for axes, shape in pairs)]
+    best = max(
+        sum(values[tuple(labels[axis] for axis in axes)] for axes, values in tables)
+        for labels in np.ndindex(*sizes)
+    )
+    assert greatest_sum(tables, sizes) == pytest.approx(best, abs=1e-12)
+
+
+def test_a_sum_that_is_too_large_is_tried_label_by_label(generator, monkeypatch):
+    monkeypatch.setattr("glassgait.models.certificates.checker.tables.LARGEST", 8)
+    test_the_greatest_sum_is_the_greatest_of_all(generator)
