@@ -133,6 +133,23 @@ def test_a_claim_that_is_turned_about_does_not_hold(certified, tmp_path, number)
         checked(false, path, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("number", "key", "value"),
+    [
+        (3, "observations", ["dq.tail"]),
+        (6, "observations", ["cmd.roll"]),
+        (9, "changes", {"q": -0.02, "dq": 3.0}),
+        (9, "changes", {"qq": 0.02}),
+    ],
+)
+def test_a_claim_of_what_nobody_senses_is_none(certified, tmp_path, number, key, value):
+    _, path, content = certified
+    false = json.loads(json.dumps(content))
+    false["claims"][number] |= {key: value, "outcome": "proved", "witnesses": []}
+    with pytest.raises(RefusedError, match=r"unknown observations|not of observations"):
+        checked(false, path, tmp_path)
+
+
 def test_a_fraction_of_a_count_is_no_witness(certified, tmp_path):
     _, path, content = certified
     false = json.loads(json.dumps(content))

@@ -152,7 +152,9 @@ class Check:
         return outcome
 
     def observations(self, claim: dict[str, Any], joint: str) -> list[str]:
-        return [re.sub(r"\.own$", f".{joint}", name) for name in claim["observations"]]
+        names = [re.sub(r"\.own$", f".{joint}", name) for name in claim["observations"]]
+        refuse_unless({*names} <= {*self.names}, f"{claim['name']}: names unknown observations")
+        return names
 
     def limits(self, claim: dict[str, Any], state: int, joint: str) -> list[tuple[Question, float]]:
         """Lists questions, and the limit that each exceeds nowhere."""
@@ -219,6 +221,11 @@ class Check:
 
     def abrupt(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         changes, where = claim["changes"], claim.get("box", "operating")
+        kinds = {name.partition(".")[0] for name in self.names}
+        sound = all(most >= 0.0 for most in changes.values()) and {*changes} <= kinds | {
+            *self.names
+        }
+        refuse_unless(sound, f"{claim['name']}: its changes are not of observations, or negative")
         by = {}
         for name in self.names:
             kind = name.partition(".")[0]
