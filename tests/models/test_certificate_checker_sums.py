@@ -188,6 +188,22 @@ def test_no_observation_reaches_more_than_the_checker_says(certified):
                 assert (sign * values).max() <= most
 
 
+def test_the_slope_of_a_table_is_its_greatest_step(tmp_path):
+    policy = tables(np.random.default_rng(3))
+    index = NAMES.index("Base Lin Vel X")
+    falling = policy.tables.copy()
+    falling[0, index] = -np.arange(7.0)
+    arrays = {name: getattr(policy, name) for name in policy.array_specs} | {"tables": falling}
+    arrays["pair_tables"] = np.zeros_like(policy.pair_tables)
+    arrays["pair_cuts"] = np.full_like(policy.pair_cuts, np.inf)
+    path = tmp_path / "policy.safetensors"
+    AdditivePolicy("trot", NAMES, **arrays).save(path)
+    own = Tables(read_arrays(path.read_bytes())[1], 2)
+    wide = dict.fromkeys(own.names, (-20.0, 20.0))
+    found = [own.bound(Question("slope", 0, "FL_hip", sign, "v.x"), wide) for sign in (1, -1)]
+    assert found == pytest.approx([-0.25, 0.25], abs=1e-9)
+
+
 def test_the_greatest_sum_is_the_greatest_of_all(generator):
     sizes = [3, 4, 2, 3]
     unary = [((i,), generator.normal(size=size)) for i, size in enumerate(sizes)]

@@ -59,10 +59,8 @@ class Tables:
         fine, coarse = (self.arrays[own][index] for own in ("cuts", "pair_cuts"))
         low, high = box[name]
         if name in COUNTED:
-            counts = np.arange(math.ceil(low), math.floor(high) + 1.0)
-            first, last = counts * scale - NEAR, counts * scale + NEAR
-            first = np.unique(np.concatenate([first, last]))
-            last = first
+            # Policies observe a count as this very product.
+            first = last = np.arange(math.ceil(low), math.floor(high) + 1.0) * scale
         else:
             low, high = (low - offset) * scale - NEAR, (high - offset) * scale + NEAR
             cuts = np.concatenate([fine, coarse])
@@ -103,8 +101,8 @@ class Tables:
                 mine = (table if pair[0] == index else table.T)[labels][:, there]
                 whole = whole + (asked.sign * (mine[None] - mine[:, None])).max(axis=-1)
         if asked.of == "slope":
-            # A sum of steps that never rise never rises.
-            whole = np.append(np.diagonal(whole, 1), 0.0)
+            # Within one bin nothing changes.
+            whole = np.diagonal(whole, 1) if len(first) > 1 else np.zeros(1)
         else:
             apart = np.maximum(first[None, :] - last[:, None], first[:, None] - last[None, :])
             whole = whole[apart <= most * units(str(asked.name))[0] + 1e-9]
