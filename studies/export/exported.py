@@ -89,7 +89,7 @@ class ExportedPolicy(Exported):
         """Lets robots walk, if any are to."""
         if not effort.n_robots:
             return {}
-        say(f"{effort.n_robots} robots walk, moved by Python and by {self.title}")
+        say(f"robots that walk, moved by Python and by {self.title}: {effort.n_robots}")
         table = walk_both(
             self.acting.gait,
             self.acting.policy,
