@@ -91,6 +91,7 @@ def take_signals() -> None:
         # A shell has its background commands ignore Ctrl-C: they still do.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
+    sys.unraisablehook = _end_where_lost
     # What is registered first runs last: only Python's own ending follows, which would drop the
     # handlers and have a signal end the process with its own code.
     atexit.register(_ignore_signals)
@@ -122,6 +123,13 @@ def _interrupt(number: int, _: object) -> NoReturn:
     # A thread of `threading` would need locks that the interrupted code may hold.
     _thread.start_new_thread(_end_late, (number,))
     raise KeyboardInterrupt(number)
+
+
+def _end_where_lost(unraisable: "sys.UnraisableHookArgs") -> None:
+    """Ends the process where compiled code drops the interrupt that should unwind it."""
+    if _taken and isinstance(unraisable.exc_value, KeyboardInterrupt):
+        _end_at_once(_taken[-1])
+    sys.__unraisablehook__(unraisable)
 
 
 def _end_late(number: int) -> None:

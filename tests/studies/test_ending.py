@@ -211,6 +211,31 @@ def test_a_command_that_hangs_on_its_way_out_ends_all_the_same(again):
     assert (process.returncode, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
 
 
+# An exception in a finalizer goes nowhere, like one in a compiled callback.
+LOST = """
+import os, time
+from glassgait.studies import ending
+
+class Finalizer:
+    def __del__(self, write=os.write, sleep=time.sleep):
+        write(1, b".")
+        sleep(60)
+
+ending.take_signals()
+with ending.told_plainly():
+    Finalizer()
+    time.sleep(60)
+"""
+
+
+def test_an_interrupt_that_is_lost_ends_the_command_at_once():
+    process = start(LOST)
+    assert process.stdout.read(1) == "."
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=30)
+    assert (process.returncode, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+
+
 AT_EXIT = """
 import atexit, os, sys, time
 
