@@ -199,6 +199,28 @@ class AdditivePolicy(Policy):
         singles = np.moveaxis(self.tables[:, self._feature, single], 0, 1)
         return singles, self.pair_tables[self._pair, first, second]
 
+    def disagreement(self, observations: Array) -> Array:
+        """Tells how far the bagged models disagree about what to do.
+
+        Of each joint's functions the standard deviations between the models count as if they were
+        independent: the root of the sum of their squares.
+
+        Args:
+            observations: Observations (..., n).
+
+        Returns:
+            The greatest over the joints (...), in actions; 0 of a single model.
+        """
+        rows = observations.reshape(-1, observations.shape[-1])
+        single = _digitize(rows, self.cuts)
+        variance = np.square(self.deviations[:, self._feature, single]).sum(axis=-1).T
+        if len(self.pairs):
+            coarse = _digitize(rows, self.pair_cuts)
+            first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
+            paired = self.pair_deviations[self._pair, first, second]
+            variance = variance + np.square(paired) @ self._of_joint
+        return np.sqrt(variance.max(axis=-1)).reshape(observations.shape[:-1])
+
     def _explain(self, observation: Array, joint: int) -> Contributions:
         rows = observation.reshape(-1, observation.shape[-1])
         single, paired = self.term_values(rows)

@@ -71,10 +71,12 @@ class AssuredPolicy:
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         corners = np.ascontiguousarray([self.region.lower, self.region.upper])
-        return {
+        told = {
             "hysteresis": asdict(self.hysteresis),
             "region": hashlib.sha256(corners.tobytes()).hexdigest()[:16],
         }
+        doubt = self.region.doubt
+        return told | {"usual_doubt": doubt.usual.tolist()} if doubt else told
 
     @property
     def acting_expert(self) -> Policy:

@@ -4,6 +4,7 @@ This is the Simplex architecture: a monitor of known form hands over to a truste
 as the other one leaves its region, and back once the robot has been inside again for a while.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -19,6 +20,19 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """How far the parts of a student disagree about what to do.
+
+    Attributes:
+        disagreement: Maps observations (..., n) to the disagreement (...), 0 or more.
+        usual: The greatest usual one in each state of the gait's machine (n_states).
+    """
+
+    disagreement: Callable[[Array], Array]
+    usual: Array
+
+
+@dataclass(frozen=True)
 class Region:
     """Boxes of observations, one for each state of the gait's machine.
 
@@ -26,17 +40,19 @@ class Region:
         names: Names of the observations (n), in order.
         lower: Least values in each state (n_states, n), in the observation's own scaled units.
         upper: Greatest ones (n_states, n).
+        doubt: What else must be as usual inside of the region, if anything.
     """
 
     names: tuple[str, ...]
     lower: Array
     upper: Array
+    doubt: Doubt | None = None
 
     def __post_init__(self) -> None:
         """
         Raises:
-            InputError: if the corners do not have a row a state and a column an observation, or a
-                range is empty or not finite.
+            InputError: if the corners do not have a row a state and a column an observation, a
+                range is empty or not finite, or doubt is not told for every state.
         """
         one_hot = machine_state_entries(self.names)
         shape = (one_hot.stop - one_hot.start, len(self.names))
@@ -53,6 +69,13 @@ class Region:
                 f"{self.lower[state, index]:g} to {self.upper[state, index]:g}; give the least, "
                 "then the greatest"
             )
+        if self.doubt and not (
+            self.doubt.usual.shape == shape[:1] and np.isfinite(self.doubt.usual).all()
+        ):
+            raise InputError(
+                f"region: the usual doubt is {self.doubt.usual.tolist()}; give {shape[0]} numbers, "
+                "one a state"
+            )
 
     def overruns(self, observation: Array) -> Array:
         """Tells how far each observation is outside of the box of the machine's state.
@@ -62,13 +85,19 @@ class Region:
 
         Returns:
             Overruns (..., n) in widths of the ranges: 0 inside; infinite beyond a range without
-            width, and where an observation is not finite.
+            width, and where an observation is not finite. With doubt (..., n + 1): the last tells
+            how far it exceeds the usual one, in multiples of that.
         """
         state = np.argmax(observation[..., machine_state_entries(self.names)], axis=-1)
         lower, upper = self.lower[state], self.upper[state]
         excess = np.maximum(lower - observation, observation - upper)
         with np.errstate(divide="ignore", invalid="ignore"):
             widths = excess / (upper - lower)
+            if self.doubt:
+                usual = self.doubt.usual[state][..., None]
+                doubtful = self.doubt.disagreement(observation)[..., None] - usual
+                excess = np.concatenate([excess, doubtful], axis=-1)
+                widths = np.concatenate([widths, doubtful / usual], axis=-1)
         return np.where(np.isfinite(excess), np.where(excess <= 0.0, 0.0, widths), np.inf)
 
     def overrun(self, observation: Array) -> Array:

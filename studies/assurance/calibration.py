@@ -1,5 +1,6 @@
 """Choosing the region and the limits from what robots observe at home."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -12,18 +13,26 @@ from glassgait.models.certificates.observation_box import (
     commanded,
     operating_box,
 )
-from glassgait.models.task.assurance import Hysteresis, Region, initial_guard, step_guard
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_guard, step_guard
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.assurance.visits import Visits
 
-RegionKind = Literal["states", "whole", "operating"]
+BoxKind = Literal["states", "whole", "operating"]
+RegionKind = Literal[BoxKind, "bags", "states_and_bags"]
 
 REGION_TITLES: dict[RegionKind, str] = {
     "states": "a box a machine state",
     "whole": "one box",
     "operating": "the operating box",
+    "bags": "usual disagreement of the bags",
+    "states_and_bags": "a box a machine state, and the bags",
 }
+
+ANYWHERE = 1e6
+"""Ends of ranges that no observation leaves, where the bags alone are watched."""
 
 RETURN_SHARE = 0.5
 """Share of the limit that counts as inside again."""
@@ -32,13 +41,53 @@ HALVINGS = 30
 """Of the interval that a limit is sought in."""
 
 
-def region_kinds(gait: Gait) -> tuple[RegionKind, ...]:
-    """Lists the regions that can be made; an operating box does not ship with every gait."""
+def has_bags(student: Policy) -> bool:
+    """Tells whether a student is made of several models, which may disagree."""
+    return isinstance(student, AdditivePolicy) and bool(student.deviations.any())
+
+
+def make_regions(
+    gait: Gait, student: Policy, visits: Visits, quantile: float
+) -> dict[RegionKind, Region]:
+    """Makes all regions there are; an operating box does not ship with every gait.
+
+    Args:
+        gait: The gait.
+        student: Whose bags are asked, if it has any.
+        visits: Where robots were at home.
+        quantile: Share of observations that each end of a range leaves out.
+    """
     ships = (BOX_DIRECTORY / f"{gait.name}.yaml").exists()
-    return ("states", "whole", "operating") if ships else ("states", "whole")
+    kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
+    regions: dict[RegionKind, Region] = {
+        kind: make_region(gait, visits, quantile, kind) for kind in kinds
+    }
+    if isinstance(student, AdditivePolicy) and has_bags(student):
+        states = regions["states"]
+        corner = np.full_like(states.lower, ANYWHERE)
+        doubt = _usual_doubt(student, states.names, visits, quantile)
+        regions["bags"] = Region(states.names, -corner, corner, doubt)
+        regions["states_and_bags"] = replace(states, doubt=doubt)
+    return regions
 
 
-def make_region(gait: Gait, visits: Visits, quantile: float, kind: RegionKind = "states") -> Region:
+def _usual_doubt(
+    student: AdditivePolicy, names: tuple[str, ...], visits: Visits, quantile: float
+) -> Doubt:
+    seen = visits.observation[visits.alive]
+    one_hot = seen[:, machine_state_entries(names)]
+    state_of = np.argmax(one_hot, axis=-1)
+    disagreement = student.disagreement(seen)
+    usual = [
+        np.quantile(disagreement[state_of == state], 1 - quantile)
+        if (state_of == state).any()
+        else 0.0
+        for state in range(one_hot.shape[-1])
+    ]
+    return Doubt(student.disagreement, np.array(usual))
+
+
+def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:
     """Bounds what robots observed, but for commands and counts, which keep their true ranges.
 
     Args:

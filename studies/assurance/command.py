@@ -14,6 +14,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_policy, load_student, policy_path
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.assurance.calibration import has_bags
 from glassgait.studies.assurance.figures import draw_calls, draw_pushed
 from glassgait.studies.assurance.pushed_robot import push_one
 from glassgait.studies.assurance.study import (
@@ -54,6 +55,7 @@ class Assurance(Settings):
             schedule with as many calls.
         quantile: Share of the observations at home that each end of a range leaves out.
         return_steps: Control steps inside after which the student acts again.
+        bags: Watch, beside the region, how far the bags of an additive student disagree.
         home_robots: Robots at home that the student leads, and as many that the expert leads, for
             the region and the limits.
         pushed_robots: Robots that the student leads under pushes, to see what foretells falls.
@@ -76,6 +78,7 @@ class Assurance(Settings):
     calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
     quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
     return_steps: Count = 25
+    bags: bool = False
     home_robots: Count = 26
     pushed_robots: Count = 130
     calibration_seed: Seed = 500
@@ -142,6 +145,11 @@ class Assurance(Settings):
         else:
             student = load_student(gait.name, kind)
         student.check(gait=gait.name, observation_names=expert.observation_names)
+        if self.bags and not has_bags(student):
+            raise InputError(
+                f"assurance: bags is set, and the {kind} of the {gait.name} has none that could "
+                "disagree; name --student ebm, or leave it out"
+            )
         return Pair(gait, expert, student, kind)
 
     def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
@@ -161,6 +169,7 @@ class Assurance(Settings):
             calls=self.calls,
             quantile=self.quantile,
             return_steps=self.return_steps,
+            bags=self.bags,
         )
         for stem, table in {
             "foretelling": calibration.foretelling,

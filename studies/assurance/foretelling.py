@@ -33,7 +33,7 @@ def warnings_of(visits: Visits, region: Region, hysteresis: Hysteresis) -> pd.Da
     """
     overruns = region.overruns(visits.observation)
     called = guarded(overruns.max(axis=-1), hysteresis)
-    groups = [entry.group for entry in entries_of(region.names)]
+    groups = [*(entry.group for entry in entries_of(region.names)), "bags"]
     rows = []
     for robot in visits.fallen:
         step = visits.fell[robot]

@@ -11,18 +11,18 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import record_or_made
+from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.assurance import Hysteresis, Region
+from glassgait.models.task.assurance import Doubt, Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.studies.assurance.calibration import (
     REGION_TITLES,
     RegionKind,
     choose_hysteresis,
-    make_region,
-    region_kinds,
+    make_regions,
 )
 from glassgait.studies.assurance.foretelling import foretelling_row, rescues, warnings_of
 from glassgait.studies.assurance.visits import Visits, joined, visit
@@ -77,6 +77,7 @@ class Calibration:
         tables = (self.foretelling, self.warnings, self.rescues)
         return {
             "corners": [self.region.lower.tolist(), self.region.upper.tolist()],
+            "usual_doubt": self.region.doubt.usual.tolist() if self.region.doubt else None,
             "hysteresis": [
                 [calls, own.limit, own.return_limit, own.return_steps]
                 for calls, own in self.hysteresis.items()
@@ -85,12 +86,16 @@ class Calibration:
         }
 
     @staticmethod
-    def from_plain(values: dict[str, Any], names: tuple[str, ...]) -> "Calibration":
-        """Rebuilds what `to_plain` took apart."""
+    def from_plain(values: dict[str, Any], student: Policy) -> "Calibration":
+        """Rebuilds what `to_plain` took apart, of the student that it was made with."""
         lower, upper = np.array(values["corners"])
+        doubt = None
+        if isinstance(student, AdditivePolicy) and values["usual_doubt"] is not None:
+            doubt = Doubt(student.disagreement, np.array(values["usual_doubt"]))
+        region = Region(student.observation_names, lower, upper, doubt)
         limits = {calls: Hysteresis(*own) for calls, *own in values["hysteresis"]}
         tables = [pd.DataFrame(table) for table in values["tables"]]
-        return Calibration(Region(names, lower, upper), limits, *tables)
+        return Calibration(region, limits, *tables)
 
 
 def calibrate(
@@ -102,6 +107,7 @@ def calibrate(
     calls: tuple[float, ...],
     quantile: float,
     return_steps: int,
+    bags: bool,
     seed: int,
 ) -> Calibration:
     """Chooses region and limits by what is visited at home, and tries what they foretell.
@@ -114,11 +120,11 @@ def calibrate(
         calls: Shares of steps at home in which the expert may be called.
         quantile: Share of observations that each end of a range leaves out.
         return_steps: Control steps inside after which the student acts again.
+        bags: Whether the bags of the student must agree as they do at home, too.
         seed: Seed of the noise in rescues.
     """
-    regions: dict[RegionKind, Region] = {
-        kind: make_region(pair.gait, home, quantile, kind) for kind in region_kinds(pair.gait)
-    }
+    regions = make_regions(pair.gait, pair.student, home, quantile)
+    watched: RegionKind = "states_and_bags" if bags else "states"
     chosen: dict[float, Hysteresis] = {}
     rows = []
     for kind, own in regions.items():
@@ -127,9 +133,9 @@ def calibrate(
             hysteresis = choose_hysteresis(overrun, home.alive, share, return_steps)
             row = {"region": REGION_TITLES[kind], "calls": share}
             rows.append(row | foretelling_row(home, pushed, own, hysteresis))
-            if kind == "states":
+            if kind == watched:
                 chosen[share] = hysteresis
-    region = regions["states"]
+    region = regions[watched]
     averted, alone = (
         rescues(pair.gait, policy, world, pushed, seed) for policy in pair.alone.values()
     )
@@ -148,6 +154,7 @@ def calibrate_once(
     calls: tuple[float, ...],
     quantile: float,
     return_steps: int,
+    bags: bool,
 ) -> Calibration:
     """Calibrates with robots at home and under pushes, unless the file holds the outcome.
 
@@ -160,6 +167,7 @@ def calibrate_once(
         calls: See `calibrate`.
         quantile: See `calibrate`.
         return_steps: See `calibrate`.
+        bags: See `calibrate`.
     """
 
     def made() -> dict[str, Any]:
@@ -177,11 +185,12 @@ def calibrate_once(
             calls=calls,
             quantile=quantile,
             return_steps=return_steps,
+            bags=bags,
             seed=configs[1].seed,
         ).to_plain()
 
     kept = record_or_made(path, made, of=of)
-    return Calibration.from_plain(kept, pair.student.observation_names)
+    return Calibration.from_plain(kept, pair.student)
 
 
 def assured_name(calls: float) -> str:
