@@ -70,11 +70,12 @@ class Region:
                 "then the greatest"
             )
         if self.doubt and not (
-            self.doubt.usual.shape == shape[:1] and np.isfinite(self.doubt.usual).all()
+            self.doubt.usual.shape == shape[:1]
+            and (np.isfinite(self.doubt.usual) & (self.doubt.usual >= 0.0)).all()
         ):
             raise InputError(
-                f"region: the usual doubt is {self.doubt.usual.tolist()}; give {shape[0]} numbers, "
-                "one a state"
+                f"region: the usual doubt is {self.doubt.usual.tolist()}; give {shape[0]} numbers "
+                "of 0 or more, one a state"
             )
 
     def overruns(self, observation: Array) -> Array:

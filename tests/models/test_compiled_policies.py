@@ -59,3 +59,28 @@ def test_additive_equals_interpret_also_outside_the_training_range(additive_mode
     np.testing.assert_allclose(policy(observations), expected, rtol=0, atol=1e-12)
     single = np.array([policy(row) for row in observations[:50]])
     np.testing.assert_allclose(single, expected[:50], rtol=0, atol=1e-12)
+
+
+def test_bags_disagree_as_far_as_the_functions_that_apply_to_an_observation(random_additive):
+    generator = np.random.default_rng(7)
+    policy = random_additive(generator, n_pairs=9)
+    policy.deviations[:] = generator.exponential(size=policy.deviations.shape)
+    policy.pair_deviations[:] = generator.exponential(size=policy.pair_deviations.shape)
+    observations = generator.normal(size=(4, 5, len(NAMES)))
+    for row, told in zip(
+        observations.reshape(20, -1), policy.disagreement(observations).ravel(), strict=True
+    ):
+        of_joints = np.zeros(robot.N_JOINTS)
+        for entry, value in enumerate(row):
+            bin_ = np.searchsorted(policy.cuts[entry], value, side="right")
+            of_joints += policy.deviations[:, entry, bin_] ** 2
+        for index, pair in enumerate(policy.pairs):
+            bins = [np.searchsorted(policy.pair_cuts[n], row[n], side="right") for n in pair]
+            of_joints[policy.pair_joints[index]] += policy.pair_deviations[index][tuple(bins)] ** 2
+        assert told == pytest.approx(np.sqrt(of_joints.max()))
+
+
+def test_one_model_agrees_with_itself(random_additive):
+    generator = np.random.default_rng(7)
+    policy = random_additive(generator, n_pairs=0)
+    assert not policy.disagreement(generator.normal(size=(6, len(NAMES)))).any()
