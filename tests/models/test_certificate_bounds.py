@@ -4,6 +4,8 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from glassgait.models.a1 import robot
 from glassgait.models.certificates.elimination import greatest_sum
@@ -149,6 +151,23 @@ def test_elimination_finds_the_greatest_sum():
 
     assert value == pytest.approx(max(summed(each) for each in product(range(3), repeat=6)))
     assert summed(labels) == pytest.approx(value)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_values_that_others_beat_or_equal_change_nothing(seed):
+    generator = np.random.default_rng(seed)
+    # Whole numbers are often equal, and great ones of one label alone beat much.
+    unary = [generator.integers(-9, 9, size=4).astype(float) for _ in range(4)]
+    unary[1][generator.integers(4)] = -np.inf
+    links = [(0, 1), (1, 2), (2, 0), (2, 3)]
+    pairs = [(a, b, generator.integers(-2, 3, size=(4, 4)).astype(float)) for a, b in links]
+    value, labels = greatest_sum(unary, pairs)
+
+    def summed(chosen):
+        single = sum(own[label] for own, label in zip(unary, chosen, strict=True))
+        return single + sum(table[chosen[a], chosen[b]] for a, b, table in pairs)
+
+    assert value == summed(labels) == max(summed(each) for each in product(range(4), repeat=4))
 
 
 def test_labels_that_meet_too_many_are_tried_one_by_one(monkeypatch):
