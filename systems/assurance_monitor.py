@@ -35,8 +35,7 @@ class AssuranceMonitor(LeafSystem):
     Inputs: observation (47 + n_states), in the order of the region's names.
     Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's, and
     expert_acts (1, {0, 1}), after this instant's observation. overrun (1), widths of the range that
-    the observation is farthest outside of; if the region has doubt, at least how far that exceeds
-    the usual one, in multiples of it.
+    the observation is farthest outside of; doubt is such a range, where the region has it.
     State: who acts and control steps inside, after the previous control step, latched every 20 ms
     (unrestricted update). Feedthrough: observation to all outputs.
     """

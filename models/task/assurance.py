@@ -25,7 +25,7 @@ class Doubt:
 
     Attributes:
         disagreement: Maps observations (..., n) to the disagreement (...), 0 or more.
-        usual: The greatest usual one in each state of the gait's machine (n_states).
+        usual: The least and the greatest that are usual in each state of the machine (2, n_states).
     """
 
     disagreement: Callable[[Array], Array]
@@ -70,12 +70,13 @@ class Region:
                 "then the greatest"
             )
         if self.doubt and not (
-            self.doubt.usual.shape == shape[:1]
-            and (np.isfinite(self.doubt.usual) & (self.doubt.usual >= 0.0)).all()
+            self.doubt.usual.shape == (2, shape[0])
+            and np.isfinite(self.doubt.usual).all()
+            and (self.doubt.usual[0] <= self.doubt.usual[1]).all()
         ):
             raise InputError(
-                f"region: the usual doubt is {self.doubt.usual.tolist()}; give {shape[0]} numbers "
-                "of 0 or more, one a state"
+                f"region: usual doubt is {self.doubt.usual.tolist()}; give the least of "
+                f"{shape[0]} states, then the greatest"
             )
 
     def overruns(self, observation: Array) -> Array:
@@ -87,7 +88,7 @@ class Region:
         Returns:
             Overruns (..., n) in widths of the ranges: 0 inside; infinite beyond a range without
             width, and where an observation is not finite. With doubt (..., n + 1): the last tells
-            how far it exceeds the usual one, in multiples of that.
+            how far it exceeds what is usual, in widths of that range, too.
         """
         state = np.argmax(observation[..., machine_state_entries(self.names)], axis=-1)
         lower, upper = self.lower[state], self.upper[state]
@@ -95,10 +96,10 @@ class Region:
         with np.errstate(divide="ignore", invalid="ignore"):
             widths = excess / (upper - lower)
             if self.doubt:
-                usual = self.doubt.usual[state][..., None]
-                doubtful = self.doubt.disagreement(observation)[..., None] - usual
-                excess = np.concatenate([excess, doubtful], axis=-1)
-                widths = np.concatenate([widths, doubtful / usual], axis=-1)
+                least, greatest = self.doubt.usual[:, state]
+                doubtful = self.doubt.disagreement(observation) - greatest
+                excess = np.append(excess, doubtful[..., None], axis=-1)
+                widths = np.append(widths, (doubtful / (greatest - least))[..., None], axis=-1)
         return np.where(np.isfinite(excess), np.where(excess <= 0.0, 0.0, widths), np.inf)
 
     def overrun(self, observation: Array) -> Array:

@@ -78,13 +78,11 @@ def _usual_doubt(
     one_hot = seen[:, machine_state_entries(names)]
     state_of = np.argmax(one_hot, axis=-1)
     disagreement = student.disagreement(seen)
-    usual = [
-        np.quantile(disagreement[state_of == state], 1 - quantile)
-        if (state_of == state).any()
-        else 0.0
-        for state in range(one_hot.shape[-1])
-    ]
-    return Doubt(student.disagreement, np.array(usual))
+    usual = np.zeros((2, one_hot.shape[-1]))
+    for state in np.unique(state_of):
+        own = disagreement[state_of == state]
+        usual[:, state] = np.quantile(own, [quantile, 1 - quantile])
+    return Doubt(student.disagreement, usual)
 
 
 def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:

@@ -48,26 +48,34 @@ def test_overruns_are_in_widths_of_the_box_of_the_machines_state():
     assert region.overrun(observing(np.nan)) == np.inf
 
 
-def doubtful(usual=(0.5, 0.0)):
+def doubtful(usual=((0.1, 0.0), (0.5, 0.0))):
     """The region of two, and the student doubts by as much as the hip differs from 0."""
     return replace(region_of_two(), doubt=Doubt(lambda seen: abs(seen[..., HIP]), np.array(usual)))
 
 
-def test_doubt_counts_in_multiples_of_the_usual_one_in_the_machines_state():
+def test_doubt_counts_in_widths_of_what_is_usual_in_the_machines_state():
     region, observation = doubtful(), np.array([[observing(0.4)], [observing(0.9)]])
     overruns = region.overruns(observation)
     assert overruns.shape == (2, 1, 50)
-    np.testing.assert_allclose(overruns[..., -1], [[0.0], [0.8]])
+    np.testing.assert_allclose(overruns[..., -1], [[0.0], [1.0]])
     np.testing.assert_array_equal(overruns[..., :-1], region_of_two().overruns(observation))
-    np.testing.assert_allclose(region.overrun(observation), [[0.0], [0.8]])
+    np.testing.assert_allclose(region.overrun(observation), [[0.0], [1.0]])
     # In a state where the bags always agreed any doubt is too much.
     assert region.overrun(observing(3.0, 1)) == np.inf
-    assert doubtful((0.5, 3.0)).overrun(observing(3.0, 1)) == 0.0
+    assert doubtful(((0.1, 0.0), (0.5, 3.0))).overrun(observing(3.0, 1)) == 0.0
 
 
-@pytest.mark.parametrize("usual", [(0.5,), (0.5, np.inf), (0.5, np.nan), (0.5, -0.1)])
+@pytest.mark.parametrize(
+    "usual",
+    [
+        ((0.5,),) * 2,
+        ((0.5, 0.5), (0.5, np.inf)),
+        ((0.5, 0.5), (0.5, np.nan)),
+        ((0.5, 0.5), (0.5, 0.4)),
+    ],
+)
 def test_doubt_that_cannot_be_is_refused(usual):
-    with pytest.raises(InputError, match="give 2 numbers of 0 or more, one a state"):
+    with pytest.raises(InputError, match="give the least of 2 states, then the greatest"):
         doubtful(usual)
 
 
@@ -161,7 +169,7 @@ def test_settings_tell_regions_and_limits_apart(assured):
     assert told[0] != told[1] != told[2] != told[0]
     doubts = [
         AssuredPolicy(assured.expert, assured.student, doubtful(usual), Hysteresis(0.2, 0.1))
-        for usual in ((0.5, 0.0), (0.6, 0.0))
+        for usual in (((0.1, 0.0), (0.5, 0.0)), ((0.1, 0.0), (0.6, 0.0)))
     ]
     assert told[0] != doubts[0].settings() != doubts[1].settings()
 

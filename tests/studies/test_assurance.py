@@ -36,7 +36,9 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
     visits = Visits(observation, [], np.array([8, 10, 5]))
     found = warnings_of(visits, region, Hysteresis(0.5, 0.2, return_steps=2))
     assert found.to_numpy().tolist() == [[0, 8, 3, "base velocity"], [2, 5, 0, "none"]]
-    doubting = replace(region, doubt=Doubt(lambda seen: abs(seen[..., HIP]), np.full(2, 0.1)))
+    doubting = replace(
+        region, doubt=Doubt(lambda seen: abs(seen[..., HIP]), np.array([[0.0] * 2, [0.1] * 2]))
+    )
     observation[4, 2, HIP] = 0.5
     found = warnings_of(visits, doubting, Hysteresis(0.5, 0.2, return_steps=2))
     assert found.to_numpy()[1].tolist() == [2, 5, 2, "bags"]
