@@ -96,6 +96,12 @@ class Claim(Settings):
             if getattr(self, key) not in ((), None, {}) and key not in _ALLOWED[self.kind]:
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
 
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise InputError(
+                f"least is {self.least:g} and most is {self.most:g}; give the least, then the "
+                "greatest"
+            )
+
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"
 
@@ -169,6 +175,9 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     listed = found.get("claims") if isinstance(found, dict) else None
     if not isinstance(listed, list) or not listed or len(found) > 1:
         raise InputError(f"{path}: must hold the key 'claims' with a list of claims, and no other")
+    for index, one in enumerate(listed):
+        if isinstance(one, dict) and "name" not in one:
+            raise InputError(f"{path}: claim {index + 1}: needs the key 'name'; add it")
     claims = tuple(Claim.from_plain(one, _where(path, i, one)) for i, one in enumerate(listed))
     names = [claim.name for claim in claims]
     for name in names:

@@ -158,31 +158,38 @@ class ObservationBox:
             for entry, low, high in ends
         ]
 
-    def save(self, path: Path, measured: str) -> None:
+    def save(self, path: Path, gait: Gait, measured: str) -> None:
         """Writes the box to a YAML file in the robot's units, atomically.
 
         Args:
             path: The file.
+            gait: Whose robots it is of.
             measured: How the box came about, in words.
         """
         ends = zip(entries_of(self.names), *self.quantities, strict=True)
         ranges = {entry.symbol: [float(low), float(high)] for entry, low, high in ends}
-        whole = {"measured": measured, "ranges": ranges}
+        whole = {"gait": gait.name, "measured": measured, "ranges": ranges}
         text = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
         write_atomically(path, text)
 
 
-def load_box(path: Path, names: tuple[str, ...]) -> ObservationBox:
-    """Loads a box of the named observations from its file.
+def load_box(path: Path, gait: Gait) -> ObservationBox:
+    """Loads a box of what a gait's robots observe from its file.
 
     Raises:
-        InputError: if the file cannot be read, or lacks a range or holds another thing in its
-            place; the message names file and key.
+        InputError: if the file cannot be read, is of another gait, or lacks a range or holds
+            another thing in its place; the message names file and key.
     """
     found = read_yaml(path)
     ranges = found.get("ranges") if isinstance(found, dict) else None
     if not isinstance(ranges, dict):
         raise InputError(f"{path}: lacks the key 'ranges'; measure the box anew")
+    if (theirs := found.get("gait")) != gait.name:
+        raise InputError(
+            f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or measure one "
+            f"with 'glassgait certify --gait {gait.name} --measure'"
+        )
+    names = ObservationLayout(gait.n_states).names
     for symbol, ends in ranges.items():
         if not _is_range(ends):
             raise InputError(
@@ -213,7 +220,7 @@ def operating_box(gait: Gait, path: Path | None = None) -> ObservationBox:
             f"{path}: there is no operating box of the {gait.name}; measure one with "
             f"'glassgait certify --gait {gait.name} --measure'"
         )
-    return load_box(path, ObservationLayout(gait.n_states).names)
+    return load_box(path, gait)
 
 
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:

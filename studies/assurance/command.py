@@ -183,7 +183,7 @@ class Assurance(Settings):
             told = (
                 f"{home.n_robots} robots each of expert and {pair.name} at home, seed {home.seed}"
             )
-            box.save(folder / f"region_{name}.yaml", f"{told}, machine state {name}")
+            box.save(folder / f"region_{name}.yaml", pair.gait, f"{told}, machine state {name}")
         return calibration
 
 

@@ -10,6 +10,7 @@ from glassgait.models.certificates.certificate import shipped_certificates
 from glassgait.models.errors import InputError
 from glassgait.models.settings import FEW, Settings
 from glassgait.studies.console import console
+from glassgait.studies.students.certificates import CERTIFICATE_NAME
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Check(Settings):
     """Check a certificate by arithmetic of its own, without the program that proved it.
 
     Attributes:
-        certificates: Files of certificates; those that ship by default.
+        certificates: Files of certificates, or folders that hold one; those that ship by default.
         policy: The policy's file, of a certificate of one that does not ship.
     """
 
@@ -38,7 +39,10 @@ class Check(Settings):
             raise InputError(str(error)) from error
         if self.policy and len(self.certificates) != 1:
             raise InputError("--policy: is of one certificate; name one")
-        for path in self.certificates or shipped_certificates():
+        for named in self.certificates or shipped_certificates():
+            path = named / CERTIFICATE_NAME if named.is_dir() else named
+            if not path.is_file():
+                raise InputError(f"{path}: no such file; 'glassgait certify' writes one")
             try:
                 console.print(f"{path}: {check(path, self.policy)}")
             except RefusedError as error:

@@ -101,17 +101,25 @@ class Certify(Settings):
         console.print(f"written to {folder}")
 
     def _claims(self, gait: Gait) -> tuple[Claim, ...]:
+        shipped = load_claims(DEFAULT_CLAIMS)
         own = load_claims(self.claims) if self.claims else ()
-        taken = {claim.name for claim in own}
-        claims = (*(c for c in load_claims(DEFAULT_CLAIMS) if c.name not in taken), *own)
-        for claim in claims:
-            claim.refuse_unknown(gait)
-        return claims
+        taken = {claim.name for claim in shipped}
+        for claim in own:
+            if claim.name in taken:
+                raise InputError(
+                    f"{self.claims}: {claim.refused_as()}: a claim that ships is called so; rename "
+                    "it"
+                )
+            try:
+                claim.refuse_unknown(gait)
+            except InputError as error:
+                raise InputError(f"{self.claims}: {error}") from error
+        return *shipped, *own
 
     def _box(self, gait: Gait, expert: NeuralPolicy, folder: Path) -> ObservationBox:
         measured = folder / BOX_NAME
         if self.box:
-            return load_box(self.box, expert.observation_names)
+            return load_box(self.box, gait)
         if not self.measure:
             return operating_box(gait)
         if not (self.resume and measured.exists()):
@@ -123,8 +131,8 @@ class Certify(Settings):
                 self.rollouts,
                 processes=self.workers.processes,
             )
-            found.box.save(measured, found.measured)
-        return load_box(measured, expert.observation_names)
+            found.box.save(measured, gait, found.measured)
+        return load_box(measured, gait)
 
 
 def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:

@@ -32,6 +32,8 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
         ("claims: [{name: a, kind: change, changes: {q: -1.0}}]", "changes"),
         ("claims: [{name: a, kind: mirror}, {name: a, kind: mirror}]", "two claims are called"),
         ("claims: [{name: a, kind: limits, most: .inf}]", "a finite number"),
+        ("claims: [{name: a, kind: limits, least: 1, most: -1}]", "least is 1 and most is -1"),
+        ("claims: [{kind: mirror}]", "claim 1: needs the key 'name'; add it"),
     ],
 )
 def test_refuses_what_is_no_claim(tmp_path, text, told):

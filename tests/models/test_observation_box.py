@@ -74,8 +74,8 @@ def test_draws_whole_counts_and_one_state():
 
 def test_a_file_keeps_a_box(tmp_path):
     measured = rounded_outward(operating_box(TROT).widened(0.0123))
-    measured.save(tmp_path / "box.yaml", "by a test")
-    again = load_box(tmp_path / "box.yaml", NAMES)
+    measured.save(tmp_path / "box.yaml", TROT, "by a test")
+    again = load_box(tmp_path / "box.yaml", TROT)
     assert np.array_equal(again.lower, measured.lower)
     assert np.array_equal(again.upper, measured.upper)
     assert measured.lines()[2].startswith("q.FL_hip: ")
@@ -116,17 +116,19 @@ def test_every_gait_with_students_ships_its_operating_box(gait):
     ("text", "told"),
     [
         ("ranges: 3", "lacks the key 'ranges'"),
-        ("ranges: {q.FL_hip: 3}", "must be \\[least, greatest\\]"),
-        ("ranges: {q.FL_hip: [0, yes]}", "must be \\[least, greatest\\]"),
-        ("ranges: {q.FL_knee: [0, 1]}", "no quantity is called 'q.FL_knee'"),
-        ("ranges: {q.FL_hip: [0, 1]}", "lacks 'cmd.v'"),
+        ("ranges: {}", "key 'gait' is None; give a box of the trot"),
+        ("gait: pace\nranges: {}", "key 'gait' is 'pace'; give a box of the trot"),
+        ("gait: trot\nranges: {q.FL_hip: 3}", "must be \\[least, greatest\\]"),
+        ("gait: trot\nranges: {q.FL_hip: [0, yes]}", "must be \\[least, greatest\\]"),
+        ("gait: trot\nranges: {q.FL_knee: [0, 1]}", "no quantity is called 'q.FL_knee'"),
+        ("gait: trot\nranges: {q.FL_hip: [0, 1]}", "lacks 'cmd.v'"),
     ],
 )
 def test_refuses_a_file_that_is_no_box(tmp_path, text, told):
     path = tmp_path / "box.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=told) as refused:
-        load_box(path, NAMES)
+        load_box(path, TROT)
     assert str(path) in str(refused.value)
 
 

@@ -84,8 +84,9 @@ def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
     outcomes = [claim["outcome"] for claim in content["claims"]]
     assert metrics["proved"] == outcomes.count("proved")
     capsys.readouterr()
-    main(["check", "out/certificate.json", "--policy", "mine.formulas"])
-    assert "bounds hold" in capsys.readouterr().out
+    for named in ("out/certificate.json", "out"):
+        main(["check", named, "--policy", "mine.formulas"])
+        assert "bounds hold" in capsys.readouterr().out
 
 
 def test_refuses_to_check_against_another_policy(policy):
@@ -103,9 +104,16 @@ def test_refuses_to_check_against_another_policy(policy):
         (["--policy", "mine.formulas", "--claims", "none.yaml"], "no such file"),
         (["--policy", "mine.formulas", "--box", "mine.yaml"], "lacks the key 'ranges'"),
         (["--policy", "mine.formulas", "--box", "mine.yaml", "--measure"], "leave out one"),
+        (["--policy", "mine.formulas", "--claims", "taken.yaml"], "taken.yaml: claim 'Left and r"),
+        (["--policy", "mine.formulas", "--claims", "q7.yaml"], "q7.yaml: claim 'a': the trot has"),
     ],
 )
 def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, told):
+    for stem, claim in {
+        "taken": "{name: Left and right are treated alike, kind: mirror}",
+        "q7": "{name: a, kind: mirror, states: [q7]}",
+    }.items():
+        (policy.parent / f"{stem}.yaml").write_text(f"claims: [{claim}]")
     with pytest.raises(SystemExit) as ended:
         main(["certify", *arguments, "--output", "out"])
     assert ended.value.code == 2
@@ -146,10 +154,10 @@ def np_less(low, high) -> bool:
 def test_a_box_of_ones_own_is_used(policy, tmp_path):
     gait = load_gait("trot")
     names = load_expert(gait).observation_names
-    operating_box(gait).widened(0.5).save(tmp_path / "wide.yaml", "by a test")
+    operating_box(gait).widened(0.5).save(tmp_path / "wide.yaml", gait, "by a test")
     main(["certify", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
     content = json.loads((tmp_path / "out" / "certificate.json").read_text())
-    wide = load_box(tmp_path / "wide.yaml", names).quantities
+    wide = load_box(tmp_path / "wide.yaml", gait).quantities
     assert content["boxes"]["operating"]["v.x"][1] == pytest.approx(
         wide[1][names.index("Base Lin Vel X")]
     )
