@@ -77,6 +77,8 @@ class Certify(Settings):
         """Measures where it is asked for, proves, and writes the certificate."""
         if self.box and self.measure:
             raise InputError("--box: is not read where the box is measured; leave out one of both")
+        if self.policy == "expert":
+            raise InputError("--policy expert: nothing is proved of a network; name a student")
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
