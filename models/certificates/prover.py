@@ -167,7 +167,8 @@ class Prover:
                         statement = self.statement(question, place, limit)
                     found.append((statement, limit))
         if not found:
-            return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
+            allowed = claim.most or 0.0 if claim.kind == "effect" else 0.0
+            return Verdict(claim, "proved", 0.0, allowed, UNASKED)
         unit = robot.STIFFNESS if claim.kind == "torque" else 1.0
         reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
         if reached.found.reached > allowed:

@@ -52,6 +52,11 @@ CLAIMS = """claims:
     joints: [FL_thigh]
     states: [q0]
     most: 0.85
+  - name: The commanded yaw rate alone moves no calf by more than 0.05 rad
+    kind: effect
+    joints: [FL_calf, FR_calf]
+    observations: [cmd.yaw]
+    most: 0.05
 """
 
 
@@ -75,6 +80,9 @@ def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
     assert refuted["worst"] == pytest.approx(0.9)
     assert refuted["witnesses"][0]["cmd.v"] == 1.0
     assert by_name["Left and right are treated alike"]["outcome"] == "proved"
+    claims = pd.read_csv(folder / "claims.csv", index_col="claim")
+    unseen = claims.loc["The commanded yaw rate alone moves no calf by more than 0.05 rad"]
+    assert (unseen["outcome"], unseen["worst"], unseen["claimed"]) == ("proved", 0.0, 0.05)
     bounds = pd.read_csv(folder / "bounds.csv")
     row = bounds.query("box == 'operating' and state == 'q0' and joint == 'FL_thigh'").iloc[0]
     assert row["greatest (rad)"] == pytest.approx(0.9, abs=1e-8)
