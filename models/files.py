@@ -101,18 +101,19 @@ def digest(path: Path) -> str:
         raise _unreadable(path, error) from error
 
 
-def read_text(path: Path, limit: int = TEXT_BYTES) -> str:
+def read_text(path: Path, limit: int = TEXT_BYTES, encoding: str = "utf-8-sig") -> str:
     """Reads a text file that a person wrote.
 
     Args:
         path: The file.
         limit: Greatest size (bytes).
+        encoding: "utf-8" where a byte order mark counts as a character, too.
 
     Raises:
         InputError: if it cannot be read, is larger, is not UTF-8 or holds control characters.
     """
     try:
-        text = _read_bytes(path, limit).decode("utf-8-sig")
+        text = _read_bytes(path, limit).decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: is not UTF-8 text (byte {error.start}); save it as UTF-8"

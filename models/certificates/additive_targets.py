@@ -16,6 +16,7 @@ from glassgait.models.a1.robot import Array
 from glassgait.models.certificates.elimination import greatest_sum
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.question import Question
+from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.task.observation import indices_of
@@ -59,6 +60,17 @@ class AdditiveTargets:
         single = np.flatnonzero(np.ptp(policy.tables[joint], axis=-1) > 0.0)
         mine = policy.pair_joints == joint
         return frozenset(single.tolist()) | frozenset(policy.pairs[mine].ravel().tolist())
+
+    def rounding(self, state: int, joint: int, region: Region) -> float:
+        # As much again, twice, for the sums of bounds: here, and in a checker.
+        return 3.0 * sum_error(self._sizes(joint), joint)
+
+    def _sizes(self, joint: int) -> list[float]:
+        """Returns the greatest size of each summand, in actions."""
+        policy = self._policy
+        single = np.abs(policy.tables[joint]).max(axis=-1).tolist()
+        paired = [float(np.abs(table).max()) for _, _, table in self._pairs_of(joint)]
+        return [float(policy.intercepts[joint]), *single, *paired]
 
     def answer(
         self, question: Question, region: Region, *, gap: float, threshold: float | None = None

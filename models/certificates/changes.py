@@ -35,6 +35,7 @@ def largest_change(
     for joint in joints.tolist():
         used = sorted(targets.used(state, joint) & set(np.flatnonzero(changes).tolist()))
         most = sum(targets.change(state, joint, i, float(changes[i]), region) for i in used)
+        most += 2.0 * targets.rounding(state, joint, region)
         whole += (most / robot.ACTION_SCALE) ** 2
     return whole
 

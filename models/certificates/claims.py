@@ -33,7 +33,7 @@ _NEEDED: dict[str, tuple[str, ...]] = {
 _ALLOWED: dict[str, tuple[str, ...]] = {
     "limits": ("least", "most", "stuck"),
     "torque": ("most", "stuck"),
-    "never": ("observations", "never", "stuck"),
+    "never": ("observations", "never", "most", "stuck"),
     "effect": ("observations", "most", "stuck"),
     "independent": ("observations",),
     "mirror": (),
@@ -50,7 +50,8 @@ class Claim(Settings):
         name: What it says, in words.
         kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
             `torque`: the torque at rest that targets ask for stays within `most` N·m, by default
-            the motors' limit. `never`: a target never rises (or falls) as an observation rises.
+            the motors' limit. `never`: a target never rises (or falls) as an observation rises, or by
+            `most` rad for each of its units at most.
             `effect`: an observation alone moves a target by `most` rad at most. `independent`:
             targets do not depend on observations. `mirror`: left and right are treated alike.
             `change`: where observations change by `changes`, the squared change of the action stays
@@ -62,7 +63,8 @@ class Claim(Settings):
         observations: The observations by symbol; `q.own`, `dq.own` and `a.own` are the joint's.
         never: What a target never does as an observation rises.
         least: Least target (rad).
-        most: Greatest target (rad), torque (N·m), effect (rad) or squared change of the action.
+        most: Greatest target (rad), torque (N·m), slope (rad per unit), effect (rad) or squared
+            change of the action.
         changes: How much each observation, or each of a kind such as `dq`, may change at most, in
             the robot's units.
     """
@@ -152,7 +154,14 @@ class Claim(Settings):
             InputError: if a state or an observation is unknown.
         """
         self.state_indices(gait)
-        symbols = [entry.symbol for entry in ObservationLayout(gait.n_states).entries]
+        entries = ObservationLayout(gait.n_states).entries
+        states = [entry.symbol for entry in entries if entry.group == "machine state"]
+        if claimed := sorted({*self.observations, *self.stuck, *self.changes} & {*states}):
+            raise InputError(
+                f"{self.refused_as()}: {claimed[0]} is a state of the machine, and each state is "
+                "decided by itself; name other observations"
+            )
+        symbols = [entry.symbol for entry in entries if entry.symbol not in states]
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}
         named = {_of_joint(name, 0) for name in self.observations}
         unknown = sorted((named | set(self.stuck)) - set(symbols))

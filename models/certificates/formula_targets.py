@@ -16,6 +16,7 @@ from glassgait.models.certificates.polynomial import (
 )
 from glassgait.models.certificates.question import Question, with_copy
 from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.rounding import formula_error, sum_error
 from glassgait.models.policies.expression import Expression, constant, variable
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.quantities import RobotUnits
@@ -28,12 +29,21 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
 class FormulaTargets:
     """Targets that are formulas of observed quantities."""
 
-    def __init__(self, formulas: Sequence[Sequence[Expression]], names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        formulas: Sequence[Sequence[Expression]],
+        names: tuple[str, ...],
+        weights: tuple[Array, Array] | None = None,
+    ) -> None:
         """
         Args:
             formulas: Formulas of the observed quantities, of each state (n_states, 12).
             names: Names of the observations (n).
+            weights: Of linear policies the weights (n_states, 12, n) and intercepts
+                (n_states, 12) that robots add up.
         """
+        self._weights = weights
+        self._units = RobotUnits.of(names)
         self._formulas = formulas
         self._n = len(names)
         self._positions = indices_of("joint position", names)
@@ -68,12 +78,20 @@ class FormulaTargets:
             ]
             for state in range(n_states)
         ]
-        return cls(rows, policy.observation_names)
+        return cls(rows, policy.observation_names, (weights, intercepts))
 
     def used(self, state: int, joint: int) -> frozenset[int]:
-        polynomial = self._polynomial(Question("target", state, joint, 1))
-        factors = {factor for monomial in polynomial for factor, _ in monomial}
-        return frozenset().union(*(self._ring.variables(factor) for factor in factors))
+        """Returns the quantities that a target is written with, also those that cancel out."""
+        return self._formulas[state][joint].variables
+
+    def rounding(self, state: int, joint: int, region: Region) -> float:
+        if self._weights is None:
+            formula = self._formulas[state][joint]
+            return formula_error(formula, joint, region, self._units)
+        weights, intercept = self._weights[0][state, joint], self._weights[1][state, joint]
+        ends = (np.stack([region.lower, region.upper]) - self._units.offset) * self._units.scale
+        sizes = np.abs(weights) * np.abs(ends).max(axis=0)
+        return sum_error([abs(float(intercept)), *sizes.tolist()], joint)
 
     def polynomial(self, state: int, joint: int) -> Polynomial:
         """Returns a joint's target, multiplied out; equal formulas have equal ones."""
@@ -160,7 +178,8 @@ def _mirrored(formula: Expression, reflection: Reflection) -> Expression:
 def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:
     """Writes a joint's target; products of numbers stay apart, so that nothing is rounded."""
     whole = constant(float(intercept))
-    for index, weight in enumerate(weights.tolist()):
+    for index in np.flatnonzero(weights).tolist():
+        weight = float(weights[index])
         deviation = Expression("sub", (variable(index), constant(float(units.offset[index]))))
         scaled = Expression("mul", (constant(float(units.scale[index])), deviation))
         whole = Expression("add", (whole, Expression("mul", (constant(weight), scaled))))

@@ -20,6 +20,7 @@ from glassgait.models.certificates.question import Of, Question, counted_of, reg
 from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
 from glassgait.models.certificates.statement import Place, Statement
 from glassgait.models.certificates.targets import targets_of
+from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
@@ -33,6 +34,13 @@ forty times the room of all the others."""
 
 FINE = 1e-7
 """The same in a second search, towards what a claim says (rad)."""
+
+REFUTED = 1e-8
+"""By how much a witness must break a claim (rad, or rad per unit): more than double precision can.
+"""
+
+SLACK = 1e-12
+"""Added to bounds: a checker computes them in its own way."""
 
 UNASKED = "nothing of theirs asks for it"
 
@@ -94,6 +102,7 @@ class Prover:
             "physical": physical_box(gait, operating),
         }
         self.statements: dict[tuple[Question, Place], Statement] = {}
+        self._errors: dict[tuple[int, int, Place], float] = {}
         self.targets = targets_of(policy)
         self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
 
@@ -153,7 +162,23 @@ class Prover:
     ) -> Statement:
         region = self.region(place, question.state)
         found = self.targets.answer(question, region, gap=gap, threshold=threshold)
-        return Statement(question, place, found)
+        # A slope is one of the exact target, from which a computed one is less than `FINE` away.
+        errors = {"slope": 0.0, "effect": 2.0}.get(question.of, 1.0)
+        error = self._rounding(question.state, question.joint, place)
+        return Statement(question, place, found, errors * error + SLACK)
+
+    def _rounding(self, state: int, joint: int, place: Place) -> float:
+        key = state, joint, place
+        if key not in self._errors:
+            self._errors[key] = self._rounded(state, joint, place)
+        return self._errors[key]
+
+    def _rounded(self, state: int, joint: int, place: Place) -> float:
+        try:
+            return self.targets.rounding(state, joint, self.region(place, state))
+        except InputError as error:
+            where = f"{robot.JOINTS[joint]} in {self.gait.states[state]}"
+            raise InputError(f"{where}: {error}") from error
 
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds what is asked of every joint and state."""
@@ -167,11 +192,10 @@ class Prover:
                         statement = self.statement(question, place, limit)
                     found.append((statement, limit))
         if not found:
-            allowed = claim.most or 0.0 if claim.kind == "effect" else 0.0
-            return Verdict(claim, "proved", 0.0, allowed, UNASKED)
+            return Verdict(claim, "proved", 0.0, claim.most or 0.0, UNASKED)
         unit = robot.STIFFNESS if claim.kind == "torque" else 1.0
         reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
-        if reached.found.reached > allowed:
+        if reached.found.reached > allowed + REFUTED:
             witnesses = self._witnesses(reached)
             value = unit * reached.question.sign * reached.found.reached
             return self._verdict(claim, "refuted", value, unit * allowed, reached, witnesses)
@@ -191,7 +215,7 @@ class Prover:
                 return [(Question("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
-        limit = 0.0 if claim.kind == "never" else claim.most or 0.0
+        limit = claim.most or 0.0
         used = self.targets.used(state, joint)
         return [
             (Question(of, state, joint, sign, index), limit)
@@ -235,9 +259,10 @@ class Prover:
                     question = Question("effect", state, joint, 1, index)
                     found = self.statement(question, place)
                     reached = found.found.reached
-                    outcome: Outcome = "refuted" if reached > 0.0 else "undecided"
-                    witnesses = self._witnesses(found) if reached > 0.0 else ()
-                    value = reached if reached > 0.0 else found.bound
+                    broken = reached > REFUTED
+                    outcome: Outcome = "refuted" if broken else "undecided"
+                    witnesses = self._witnesses(found) if broken else ()
+                    value = reached if broken else found.bound
                     return self._verdict(claim, outcome, value, 0.0, found, witnesses)
         return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
 

@@ -11,9 +11,6 @@ from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
 from glassgait.models.task.observation import entries_of
 
-ALLOWANCE = 1e-9
-"""What a target may differ by because it is evaluated in double precision (rad)."""
-
 Of = Literal["target", "offset", "slope", "effect"]
 
 
@@ -58,6 +55,14 @@ class Targets(Protocol):
 
     def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
         """Bounds the change of a target (rad) where one quantity changes by `most` at most."""
+        ...
+
+    def rounding(self, state: int, joint: int, region: Region) -> float:
+        """Bounds how far a target in double precision may be from the exact one (rad).
+
+        Raises:
+            InputError: if that is too far, or the target may have no value in the box.
+        """
         ...
 
     def used(self, state: int, joint: int) -> frozenset[int]:

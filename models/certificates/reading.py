@@ -91,7 +91,7 @@ def read_certificate(path: Path) -> Certificate:
             },
             tuple(_verdict(told, symbols) for told in content["claims"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, InputError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, InputError) as error:
         raise InputError(f"{path}: is no certificate of this version ({error})") from error
 
 
@@ -112,6 +112,7 @@ def _observed(told: dict[str, Any], symbols: Sequence[str]) -> Observed:
 
 
 def _finite(value: Any) -> float:
-    if not isinstance(value, int | float) or not math.isfinite(value):
+    # Of a whole number of 400 digits even this question would overflow.
+    if not isinstance(value, int | float) or not -math.inf < value < math.inf:
         raise ValueError(f"{shown(value)} is no number")
     return float(value)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from glassgait.models.certificates.maximum import Maximum
-from glassgait.models.certificates.question import ALLOWANCE, Question
+from glassgait.models.certificates.question import Question
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,19 @@ class Statement:
     Attributes:
         question: What is asked.
         place: Where.
-        found: The answer.
+        found: The answer, of the exact target.
+        rounding: What double precision may add to it (rad).
     """
 
     question: Question
     place: Place
     found: Maximum
+    rounding: float = 0.0
 
     @property
     def bound(self) -> float:
         """What is asked, times its sign, is at most this, even in double precision."""
-        return self.found.bound + ALLOWANCE
+        return self.found.bound + self.rounding
 
     @property
     def gap(self) -> float:

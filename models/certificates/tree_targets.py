@@ -10,6 +10,7 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.question import Question
+from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.task.observation import indices_of
@@ -35,6 +36,11 @@ class TreeTargets:
         policy = self._policy
         asked = np.isfinite(policy.thresholds[joint])
         return frozenset(policy.features[joint][asked].tolist())
+
+    def rounding(self, state: int, joint: int, region: Region) -> float:
+        leaves = np.abs(self._policy.leaves[joint]).max(axis=-1).tolist()
+        # As much again, twice, for the sums of bounds: here, and in a checker.
+        return 3.0 * sum_error([float(self._policy.intercepts[joint]), *leaves], joint)
 
     def answer(
         self, question: Question, region: Region, *, gap: float, threshold: float | None = None

@@ -16,6 +16,18 @@ but for times, which are in control steps, and of what is defined above it. An i
 with the one before. Formulas that serve all states of the machine stand under `every state`. Where
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
+
+The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
+with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
+with a space goes on with the line before.
+
+    file       = header [ "definitions" { name "=" formula } ] targets
+    header     = "format: 1" "gait: " text "states: " number [ "mirror: " { number } ]
+    targets    = "every state" { target } | { "state " number { target } }
+    target     = joint "=" formula
+
+Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
+and is given once, as is each target. What a formula is, `formula_language` says.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -93,9 +105,10 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     n_states = sum(entry.group == "machine state" for entry in entries_of(names))
     if names != ObservationLayout(n_states).names:
         raise InputError("a formula file speaks of the task's observations alone, in their order")
-    if "#" in file.gait:
+    if "#" in file.gait or not (file.gait.isascii() and file.gait.isprintable()):
         raise InputError(
-            f"{file.gait!r} cannot stand in a file, where # begins a comment; rename it"
+            f"{file.gait!r} cannot stand in a formula file, whose characters are printable ASCII "
+            "ones and where # begins a comment; rename the gait"
         )
     yield f"format: {FORMAT}"
     yield f"gait: {file.gait}"
@@ -135,7 +148,7 @@ _LEGEND = {
     "joint position": "q: angle of a joint, rad.",
     "joint velocity": "dq: velocity of a joint, rad/s.",
     "previous action": "a: target of a joint at the step before, rad.",
-    "machine state": "s0, s1, …: 1 in that state of the machine, else 0.",
+    "machine state": "s0, s1, ...: 1 in that state of the machine, else 0.",
     "iterations": "t: control steps since the state began.",
     "commanded iterations": "cmd.t: control steps that the state should last.",
     "base velocity": "v: estimated velocity of the trunk, forward, left and up, m/s.",

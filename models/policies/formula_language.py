@@ -1,7 +1,22 @@
 """The notation of formulas: text to tree and back, with the line and column of what is wrong.
 
-A formula is written as in Python: numbers, names such as q.FL_thigh, + - * /, the powers **2 and
-**3, brackets, and the functions of `UNARY`. Python's parser reads it; nothing is ever evaluated.
+The grammar, in printable ASCII characters and line feeds:
+
+    formula  = term { ("+" | "-") term }
+    term     = factor { ("*" | "/") factor }
+    factor   = { "+" | "-" } power
+    power    = atom [ "**2" | "**3" ]
+    atom     = number | name | function "(" formula ")" | "(" formula ")"
+    number   = ( digits [ "." [ digits ] ] | "." digits ) [ ("e" | "E") [ "+" | "-" ] digits ]
+    name     = word [ "." word ]
+    function = "sin" | "cos" | "tanh" | "exp" | "log" | "sqrt" | "abs"
+    word     = ( letter | "_" ) { letter | digit | "_" }
+
+Operators of equal rank are applied from left to right. Whole parts of numbers do not begin with
+needless zeros, no number is greater than 10^30, and brackets are at most 100 deep. Spaces may stand
+between all of these. Python's parser reads it, which agrees on all that the grammar allows; what
+else it would read is refused, and nothing is ever evaluated. The checker of certificates reads the
+same grammar by code of its own.
 """
 
 import ast
@@ -13,7 +28,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.policies.expression_text import LARGEST, refuse_unfit
+from glassgait.models.policies.expression_text import LARGEST, MAX_DEPTH, refuse_unfit
 
 LINE_LENGTH = 100
 """Characters of a line."""
@@ -25,6 +40,14 @@ MOST_NAMED = 16
 """Names that a refusal lists."""
 
 _COMMENT = re.compile("#[^\n]*")
+
+_TOKEN = re.compile(
+    r" *((?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?![A-Za-z0-9_.])"
+    r"|[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)?(?![.])"
+    r"|\*\* *[23](?![A-Za-z0-9_.])|\*(?!\*)|/(?!/)|[-+()])"
+)
+
+_UNPRINTABLE = re.compile(r"[^\n -~]")
 
 SIGNS = (" + ", " - ")
 """What stands between terms."""
@@ -65,10 +88,10 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
     """
     # On one line, whose columns are the text's characters, a formula needs no brackets of its own.
     flat = _COMMENT.sub(_blank, text).replace("\n", " ")
-    start = len(flat) - len(flat.lstrip())
+    start = len(flat) - len(flat.lstrip(" "))
     try:
-        _refuse_other_than_ascii(flat)
-        formula = _read(flat.strip(), symbols)
+        refuse_unprintable(flat, "a formula")
+        formula = _read(flat.strip(" "), symbols)
     except TextError as error:
         before = text[: start + error.column - 1]
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
@@ -82,6 +105,7 @@ def _read(code: str, symbols: Sequence[str]) -> Expression:
         tree = ast.parse(code, mode="eval")
         formula = _expression(tree.body, {name: i for i, name in enumerate(symbols)})
         refuse_unfit(formula, len(symbols))
+        _refuse_other_tokens(code)
         formula = canonical(formula)
         # A sign that has moved may stand one deeper.
         refuse_unfit(formula, len(symbols))
@@ -100,11 +124,41 @@ def _blank(match: re.Match[str]) -> str:
     return " " * len(match[0])
 
 
-def _refuse_other_than_ascii(code: str) -> None:
-    # Python would take letters that look alike for the same.
-    found = next((i for i, sign in enumerate(code) if not sign.isascii()), None)
-    if found is not None:
-        raise TextError(f"{shown(code[found])} does not belong in a formula", 1, found + 1)
+def refuse_unprintable(text: str, whole: str) -> None:
+    """Refuses all characters but printable ASCII ones and line feeds.
+
+    What a person cannot see, or takes for another character, must not change what a robot does.
+
+    Args:
+        text: The text.
+        whole: What the text is, in words.
+
+    Raises:
+        TextError: with line and column of the first that does not belong.
+    """
+    found = _UNPRINTABLE.search(text)
+    if found:
+        before = text[: found.start()]
+        raise TextError(
+            f"{shown(found[0])} does not belong in {whole}; write printable ASCII characters, and "
+            "end lines by a line feed alone",
+            before.count("\n") + 1,
+            len(before) - before.rfind("\n"),
+        )
+
+
+def _refuse_other_tokens(code: str) -> None:
+    """Refuses what Python reads and the grammar does not know, such as 0x10, 1_000 or (sin)(t)."""
+    end, before, depth = 0, "", 0
+    while end < len(code):
+        token = _TOKEN.match(code, end)
+        place = end + len(code[end:]) - len(code[end:].lstrip(" "))
+        if token is None or (before == ")" and token[1] == "("):
+            raise TextError(f"{shown(code[place])} does not belong here", 1, place + 1)
+        end, before = token.end(), token[1]
+        depth += (before == "(") - (before == ")")
+        if depth > MAX_DEPTH:
+            raise TextError(f"brackets are more than {MAX_DEPTH} deep", 1, place + 1)
 
 
 def write_formula(formula: Expression, symbols: Sequence[str]) -> str:

@@ -9,7 +9,11 @@ from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.expression import Expression
 from glassgait.models.policies.formula_file import DEFINITIONS, EVERY_STATE, FORMAT, FormulaFile
-from glassgait.models.policies.formula_language import TextError, parse_formula
+from glassgait.models.policies.formula_language import (
+    TextError,
+    parse_formula,
+    refuse_unprintable,
+)
 from glassgait.models.policies.formula_mirror import FormulaMirror, Place
 from glassgait.models.policies.quantities import Definition, Vocabulary
 from glassgait.models.task.gait_keys import MOST_STATES
@@ -58,6 +62,7 @@ class _Reader:
     def read(self, text: str) -> FormulaFile:
         if len(text) > MAX_TEXT:
             raise TextError(f"holds more than {MAX_TEXT} characters; write less", 1, 1)
+        refuse_unprintable(text, "a formula file")
         number = 1
         for number, statement in _statements(text):
             self._take(statement, number)
@@ -208,7 +213,7 @@ def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expr
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Joins lines with the indented ones that follow; yields the number of the first of each."""
     number, statement = 0, ""
-    for index, line in enumerate(text.replace("\t", " ").splitlines(), start=1):
+    for index, line in enumerate(text.split("\n"), start=1):
         bare = line.partition("#")[0].strip()
         if line.startswith(" ") and bare:
             if not statement:

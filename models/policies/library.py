@@ -54,7 +54,8 @@ def load_policy(path: Path) -> Policy:
             policy of its kind must not.
     """
     if path.suffix == FormulaPolicy.suffix:
-        text = read_text(path)
+        # The checker of certificates reads every byte.
+        text = read_text(path, encoding="utf-8")
         try:
             return FormulaPolicy.from_file(read_formulas(text))
         except InputError as error:

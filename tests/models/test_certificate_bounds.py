@@ -14,7 +14,7 @@ from glassgait.models.certificates.observation_box import (
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import ALLOWANCE, Question, region_of
+from glassgait.models.certificates.question import Question, region_of
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
 from glassgait.models.policies.formula_reader import read_formulas
@@ -61,7 +61,7 @@ def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
             question = Question("target", state, joint, sign)
             region = region_of(whole, state)
             found = targets.answer(question, region, gap=0.005 * WIDTHS[joint])
-            assert (sign * mine).max() <= found.bound + ALLOWANCE
+            assert (sign * mine).max() <= found.bound + targets.rounding(state, joint, region)
 
 
 def test_no_observation_breaks_a_bound_of_trees():

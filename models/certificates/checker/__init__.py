@@ -1,10 +1,12 @@
 """Checks a certificate without the program that proved it.
 
-Nothing of the prover is used here, and nothing of how policies act: the policy's file is read and
-multiplied out anew, bounds are computed in balls of real numbers (Arb, by python-flint) that hold
-all rounding, and every claim is decided again from bounds and witnesses that hold.
+Nothing of the prover is used here, and nothing of how policies act: the files of gait and policy
+are read anew, bounds are computed in balls of real numbers (Arb, by python-flint), what double
+precision adds is bounded node by node, and every claim is decided again from bounds and witnesses
+that hold.
 
-What is trusted: these files, Python, NumPy's reading of numbers, and Arb.
+What is trusted: these files, Python, PyYAML, NumPy, Arb; that robots compute in double precision,
+with functions that are right to 4 units of the last place; and that robots stay in the boxes.
 """
 
 try:

@@ -12,9 +12,10 @@ def main() -> None:
     reader = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     reader.add_argument("certificate", type=Path)
     reader.add_argument("--policy", type=Path, help="the policy's file; the shipped one by default")
+    reader.add_argument("--gait", type=Path, help="the gait's file; the shipped one by default")
     options = reader.parse_args()
     try:
-        print(check(options.certificate, options.policy))
+        print(check(options.certificate, options.policy, options.gait))
     except RefusedError as refusal:
         sys.exit(f"{options.certificate}: {refusal}")
 

@@ -9,7 +9,12 @@ from itertools import product as ways
 from pathlib import Path
 from typing import Any
 
+import yaml
+
+from .claims import BOXES, check_keys, is_number, is_point, observations
+from .files import read_bytes, read_json, read_yaml
 from .formulas import Formulas
+from .gait import Gait
 from .robot import (
     ABRUPT,
     ACTION_SCALE,
@@ -26,78 +31,160 @@ from .robot import (
     symbols,
 )
 from .tables import Tables, Trees, read_arrays
+from .text import FormulaText, is_involution
+
+MODELS = Path(__file__).parents[2]
 
 SLACK = 1e-9
+"""By how much (rad) a witness may reach less than is said."""
+
+ROUNDING = 2e-9
+"""More than two targets in double precision are away from exact ones (rad); a refutation must
+exceed it."""
+
+TOP = ("format", "gait", "states", "mirror", "policy", "boxes", "claims", "statements", "sha256")
+STATEMENT = ("of", "state", "joint", "sign", "box", "bound", "reached", "witness")
 
 Point = dict[str, float]
 
 
-def read_policy(data: bytes, kind: str, n_states: int, gait: str) -> Formulas | Tables:
-    """Reads what a policy's file says of the targets.
+def read_policy(data: bytes, kind: str, gait: str, n_states: int) -> tuple[Formulas | Tables, Any]:
+    """Reads what a policy's file says of the targets, and its mirror if it says one.
 
     Raises:
         RefusedError: if the policy is of another gait or kind.
     """
     if kind in ("symbolic", "statewise_symbolic"):
-        return Formulas.read(data.decode(), n_states, gait)
+        text = FormulaText.read(data.decode("ascii"))
+        refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
+        refuse_unless(text.n_states == n_states, "the policy has other states")
+        refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
+        return Formulas.read(text), text.image
     told, arrays = read_arrays(data)
     refuse_unless(told["gait"] == gait, "the policy is of another gait")
+    refuse_unless(told["kind"] == kind, "the policy is of another kind")
     same = len(told["observation_names"]) == len(symbols(n_states))
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](arrays, n_states)
+    return readers[kind](arrays, n_states), None
 
 
 class Check:
-    """A certificate and the policy that it is of.
+    """A certificate, the gait and the policy that it is of.
 
     Attributes:
         told: What the certificate says.
+        gait: What the gait's file says.
         targets: What the policy's file says.
         proved: The least bound that holds of each question and place.
     """
 
-    def __init__(self, certificate: Path, policy: Path | None = None) -> None:
-        told = self.told = json.loads(certificate.read_bytes())
-        rest = {key: value for key, value in told.items() if key != "sha256"}
+    def __init__(self, certificate: Path, policy: Path | None, gait: Path | None) -> None:
+        self.told = read_json(read_bytes(certificate))
+        self.check_contents()
+        name = self.told["gait"]
+        plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
+        shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
+        refuse_unless(
+            gait or (plain and shipped.is_file()),
+            f"no gait {name!r} ships with the project; name its file by --gait",
+        )
+        self.gait = Gait(gait or shipped)
+        states = self.gait.states
+        refuse_unless(self.told["states"] == states, f"the {name} has other states: {states}")
+        self.n_states, self.names = len(states), symbols(len(states))
+        self.check_policy(policy, plain)
+        self.check_boxes()
+        self.proved: dict[tuple, float] = {}
+        self.rounding: dict[tuple, Any] = {}
+
+    def check_contents(self) -> None:
+        refuse_unless(
+            isinstance(self.told, dict) and {*self.told} == {*TOP}, "it is no certificate"
+        )
+        rest = {key: value for key, value in self.told.items() if key != "sha256"}
         text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
         refuse_unless(
-            hashlib.sha256(text.encode()).hexdigest() == told.get("sha256"),
+            hashlib.sha256(text.encode()).hexdigest() == self.told["sha256"],
             "the certificate was changed: its digest is of other contents",
         )
-        refuse_unless(told["format"] == 1, "the certificate is of another format")
-        own, self.n_states = told["policy"], len(told["states"])
-        shipped = Path(__file__).parents[2] / "students" / told["gait"] / Path(own["file"]).name
-        data = (policy or shipped).read_bytes()
+        of = self.told["format"]
+        refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
+
+    def check_policy(self, policy: Path | None, plain: Any) -> None:
+        own, name = self.told["policy"], self.told["gait"]
+        path = policy or self.shipped_policy(str(own["file"]), plain)
+        data = read_bytes(path)
         refuse_unless(
             hashlib.sha256(data).hexdigest() == own["sha256"],
-            f"the policy {policy or shipped} is not the one that was certified",
+            f"the policy {path} is not the one that was certified",
         )
-        self.targets = read_policy(data, own["kind"], self.n_states, told["gait"])
-        self.names = symbols(self.n_states)
-        for name, box in told["boxes"].items():
+        self.targets, mirror = read_policy(data, own["kind"], name, self.n_states)
+        image = self.told["mirror"]
+        refuse_unless(
+            image is None or is_involution(image, self.n_states),
+            "its mirror does not name each state's image",
+        )
+        refuse_unless(mirror in (None, image), "its mirror is another one than the policy's")
+        refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
+
+    def shipped_policy(self, file: str, plain: Any) -> Path:
+        refuse_unless(
+            plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
+            f"no policy {file!r} ships with the project; name its file by --policy",
+        )
+        return MODELS / "students" / self.told["gait"] / file
+
+    def check_boxes(self) -> None:
+        boxes = self.told["boxes"]
+        refuse_unless({*boxes} == {*BOXES}, "there must be an operating and a physical box")
+        for name, box in boxes.items():
             sound = list(box) == self.names and all(
-                type(low) is type(high) is float and low <= high for low, high in box.values()
+                len(ends) == 2 and all(map(is_number, ends)) and ends[0] <= ends[1]
+                for ends in box.values()
             )
             refuse_unless(sound, f"the {name} box is no box of this gait's observations")
-        self.proved: dict[tuple, float] = {}
+        expected = self.gait.physical(boxes["operating"])
+        near = all(
+            abs(mine - theirs) <= SLACK
+            for name, ends in expected.items()
+            for mine, theirs in zip(ends, boxes["physical"][name], strict=True)
+        )
+        refuse_unless(near, "the physical box is not what the robot and its sensors can be")
 
     def run(self) -> str:
-        """Checks statements, then claims, and tells how many hold."""
-        for statement in self.told["statements"]:
+        """Checks statements, then claims, and reports how many hold."""
+        statements, claims = self.told["statements"], self.told["claims"]
+        for statement in statements:
             self.check_statement(statement)
-        outcomes = [self.check_claim(claim) for claim in self.told["claims"]]
-        told = [f"{outcomes.count(own)} {own}" for own in ("proved", "refuted", "undecided")]
-        return f"{len(self.told['statements'])} bounds hold; claims: {', '.join(told)}"
+        outcomes = [self.check_claim(claim) for claim in claims]
+        counts = [f"{outcomes.count(own)} {own}" for own in ("proved", "refuted", "undecided")]
+        return (
+            f"{len(statements)} bounds hold; claims: {', '.join(counts)}; its operating box "
+            f"{'is the one that ships' if self.box_ships() else 'is its own, taken on trust'}"
+        )
+
+    def box_ships(self) -> bool:
+        path = MODELS / "certificates" / "boxes" / f"{self.told['gait']}.yaml"
+        return path.is_file() and read_yaml(path)["ranges"] == self.told["boxes"]["operating"]
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""
         boxes = self.told["boxes"]
         told = boxes[where] | {name: boxes["physical"][name] for name in stuck}
-        box: Box = {name: (low, high) for name, (low, high) in told.items()}
+        box: Box = {name: (float(low), float(high)) for name, (low, high) in told.items()}
         return box | {f"s{i}": (float(i == state), float(i == state)) for i in range(self.n_states)}
+
+    def error(self, asked: Question, where: str, stuck: list[str]) -> Any:
+        """Bounds what double precision does to what is asked (rad)."""
+        place = asked.state, asked.joint, where, *sorted(stuck)
+        if place not in self.rounding:
+            box = self.box(where, stuck, asked.state)
+            self.rounding[place] = self.targets.rounding(asked.state, asked.joint, box)
+        # A slope is one of the exact target, from which no computed one is further than this.
+        return self.rounding[place] * {"effect": 2, "slope": 0}.get(asked.of, 1)
 
     def least(self, asked: Question, points: list[Point]) -> Any:
         """Returns what is asked, at a point, or as the change from the second to the first."""
@@ -110,34 +197,67 @@ class Check:
         target = Question("target", *asked[1:3], 1)
         return -sum(self.targets.bound(target._replace(sign=sign), box) for box, sign in signs)
 
-    def check_statement(self, own: dict[str, Any]) -> None:
+    def asked_in(self, own: dict[str, Any]) -> Question:
+        """Returns what a statement bounds, and refuses a statement that is none."""
+        refuse_unless({*STATEMENT} <= {*own}, f"a statement lacks one of {STATEMENT}")
+        refuse_unless(
+            {*own} <= {*STATEMENT, "observation", "stuck", "other", "splits"},
+            f"a statement has a key of no use, among {sorted(own)}",
+        )
         name, stuck = own.get("observation"), own.get("stuck", [])
         asked = Question(own["of"], own["state"], own["joint"], own["sign"], name)
         told = f"{asked.of} of {asked.joint} in state {asked.state}"
         refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{told}: is not known")
-        refuse_unless(asked.sign in (1, -1), f"{told}: its sign is {asked.sign}")
-        refuse_unless(asked.state in range(self.n_states), f"{told}: there is no such state")
+        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{told}: has no sign")
+        refuse_unless(
+            type(asked.state) is int and asked.state in range(self.n_states),
+            f"{told}: there is no such state",
+        )
+        refuse_unless(asked.joint in JOINTS, f"{told}: there is no such joint")
+        sensed = self.names_sensed()
+        moved = asked.of in ("slope", "effect")
+        refuse_unless(name in sensed if moved else name is None, f"{told}: of no observation")
+        refuse_unless(own["box"] in BOXES, f"{told}: there is no such box")
+        refuse_unless(
+            isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
+            f"{told}: what is stuck is no observation",
+        )
+        numbers = [own["bound"], own["reached"], *([own["other"]] if "other" in own else [])]
+        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{told}: NaN")
+        refuse_unless(moved or "other" not in own, f"{told}: has another value of nothing")
+        return asked
+
+    def names_sensed(self) -> list[str]:
+        """Returns the quantities without the machine's states, which are held."""
+        return [name for name in self.names if not re.fullmatch(r"s\d+", name)]
+
+    def check_statement(self, own: dict[str, Any]) -> None:
+        asked, stuck = self.asked_in(own), own.get("stuck", [])
+        told = f"{asked.of} of {asked.joint} in state {asked.state}"
         box = self.box(own["box"], stuck, asked.state)
-        bound = self.targets.bound(asked, box, own.get("splits", []))
+        error = self.error(asked, own["box"], stuck)
+        bound = self.targets.bound(asked, box, own.get("splits", [])) + error
         refuse_unless(bound <= own["bound"], f"{told}: the bound {own['bound']} is not proved")
         points = [{name: low for name, (low, _) in box.items()} | own["witness"]]
-        points += [points[0] | {str(name): own["other"]}] if "other" in own else []
+        points += [points[0] | {str(asked.name): own["other"]}] if "other" in own else []
         inside = all(holds(box, point) for point in points)
         refuse_unless(inside, f"{told}: the witness is not in the box")
         reached = self.least(asked, points) >= own["reached"] - SLACK
         refuse_unless(reached, f"{told}: the witness is too low")
-        key = *asked, own["box"], *stuck
+        key = *asked, own["box"], *sorted(stuck)
         self.proved[key] = min(own["bound"], self.proved.get(key, math.inf))
 
     def check_claim(self, claim: dict[str, Any]) -> str:
         """Decides a claim again, from bounds that hold or from its witnesses."""
-        kind, outcome, points = claim["kind"], claim["outcome"], claim.get("witnesses", [])
-        states = [self.told["states"].index(one) for one in claim.get("states", [])]
+        check_keys(claim, self.gait.states, self.names_sensed())
+        kind, outcome, points = claim["kind"], claim["outcome"], claim["witnesses"]
+        states = [self.gait.states.index(one) for one in claim.get("states", [])]
         scope = list(ways(states or range(self.n_states), claim.get("joints") or JOINTS))
         where, stuck = claim.get("box", "operating"), claim.get("stuck", [])
         for point in points:
-            state = next(i for i in range(self.n_states) if point[f"s{i}"] == 1.0)
-            inside = holds(self.box(where, stuck, state), point)
+            refuse_unless(list(point) == self.names, f"{claim['name']}: its witness is none")
+            state = next((i for i in range(self.n_states) if point[f"s{i}"] == 1.0), -1)
+            inside = state >= 0 and holds(self.box(where, stuck, state), point)
             refuse_unless(
                 inside and (not states or state in states),
                 f"{claim['name']}: its witness is not where the claim is made",
@@ -146,15 +266,10 @@ class Check:
         decide = {"independent": self.depends, "mirror": self.lopsided, "change": self.abrupt}
         breaks = decide.get(kind, self.exceeds)
         right = outcome == "undecided"
-        right |= outcome == "proved" and not breaks(claim, scope, [])
+        right |= outcome == "proved" and not points and not breaks(claim, scope, [])
         right |= outcome == "refuted" and bool(points) and breaks(claim, scope, points)
         refuse_unless(right, f"{claim['name']}: is not {outcome}")
         return outcome
-
-    def observations(self, claim: dict[str, Any], joint: str) -> list[str]:
-        names = [re.sub(r"\.own$", f".{joint}", name) for name in claim["observations"]]
-        refuse_unless({*names} <= {*self.names}, f"{claim['name']}: names unknown observations")
-        return names
 
     def limits(self, claim: dict[str, Any], state: int, joint: str) -> list[tuple[Question, float]]:
         """Lists questions, and the limit that each exceeds nowhere."""
@@ -166,36 +281,40 @@ class Check:
             case "torque":
                 most = claim.get("most", EFFORT) / STIFFNESS
                 return [(own._replace(of="offset"), most) for own in (up, down)]
-            case "never" | "effect" as kind:
-                asked = down if claim.get("never") == "falls" else up
-                asked = asked._replace(of="slope" if kind == "never" else "effect")
-                most = 0.0 if kind == "never" else claim["most"]
-                used = self.targets.used(state, joint)
-                names = [name for name in self.observations(claim, joint) if name in used]
-                return [(asked._replace(name=name), most) for name in names]
-        raise RefusedError(f"a claim of kind {claim['kind']!r} is not known")
+        asked = down if claim.get("never") == "falls" else up
+        asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
+        most = claim.get("most", 0.0)
+        used = self.targets.used(state, joint)
+        names = [name for name in observations(claim, joint) if name in used]
+        return [(asked._replace(name=name), most) for name in names]
 
     def exceeds(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        """Tells whether a witness breaks a limit; without one, whether a bound is missing."""
-        place = claim.get("box", "operating"), *claim.get("stuck", [])
+        """Returns whether a witness breaks a limit; without one, whether a bound is missing."""
+        stuck = claim.get("stuck", [])
+        place = claim.get("box", "operating"), *sorted(stuck)
         for state, joint in scope:
             for asked, limit in self.limits(claim, state, joint):
                 if not points and not self.proved.get((*asked, *place), math.inf) <= limit:
                     return True
                 if points:
                     other = [{asked.name: own[asked.name]} for own in points if asked.name]
-                    if self.least(asked, [points[0] | own for own in other or [{}]]) > limit:
+                    reached = self.least(asked, [points[0] | own for own in other or [{}]])
+                    if reached - ROUNDING > limit:
                         return True
+            if not points:
+                # Of what no bound was needed, there must be targets all the same.
+                self.error(Question("target", state, joint, 1), place[0], stuck)
         return False
 
     def apart(self, state: int, joint: str, points: list[Point]) -> Any:
         """Returns how far a target goes, at least, from one point to another."""
         asked = [Question("effect", state, joint, sign, self.names[0]) for sign in (1, -1)]
-        return max(0.0, *(self.least(own, points) for own in asked))
+        return max(0.0, *(self.least(own, points) - ROUNDING for own in asked))
 
     def depends(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         for state, joint in scope:
-            named = set(self.observations(claim, joint))
+            named = set(observations(claim, joint))
+            self.error(Question("target", state, joint, 1), claim.get("box", "operating"), [])
             if not points and named & self.targets.used(state, joint):
                 return True
             alike = points and all(points[0][k] == points[1][k] for k in {*self.names} - named)
@@ -205,27 +324,25 @@ class Check:
 
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         image = self.told["mirror"]
+        refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
+            theirs, turn = image_of(joint, image)
+            for own in ((state, joint), (image[state], theirs)):
+                self.error(Question("target", *own, 1), claim.get("box", "operating"), [])
             if not points and not self.targets.is_mirrored(state, joint, image):
                 return True
             if points:
                 turned = {name: image_of(name, image) for name in self.names}
                 seen = {new: sign * points[0][name] for name, (new, sign) in turned.items()}
-                theirs, turn = image_of(joint, image)
                 for sign in (1, -1):
                     own = self.least(Question("target", state, joint, sign), [points[0]])
                     there = Question("target", image[state], theirs, -sign * turn)
-                    if own + self.least(there, [seen]) > 0.0:
+                    if own + self.least(there, [seen]) - ROUNDING > 0.0:
                         return True
         return False
 
     def abrupt(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         changes, where = claim["changes"], claim.get("box", "operating")
-        kinds = {name.partition(".")[0] for name in self.names}
-        sound = all(most >= 0.0 for most in changes.values()) and {*changes} <= kinds | {
-            *self.names
-        }
-        refuse_unless(sound, f"{claim['name']}: its changes are not of observations, or negative")
         by = {}
         for name in self.names:
             kind = name.partition(".")[0]
@@ -235,34 +352,46 @@ class Check:
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
         squares = dict.fromkeys((state for state, _ in scope), 0.0)
         for state, joint in scope:
+            error = 2 * self.error(Question("target", state, joint, 1), where, [])
             if points:
                 moved = self.apart(state, joint, points)
             else:
                 box, used = self.box(where, [], state), sorted(self.targets.used(state, joint))
                 along = [(name, by[name]) for name in used if by[name]]
-                moved = sum(self.targets.moved(state, joint, *own, box) for own in along)
+                moved = sum((self.targets.moved(state, joint, *own, box) for own in along), error)
             squares[state] += (moved / ACTION_SCALE) ** 2
         limit = claim.get("most", ABRUPT)
         return any(own > limit if points else not own <= limit for own in squares.values())
 
 
 def holds(box: Box, point: Point) -> bool:
-    """Tells whether a box holds a point, whose counts are whole."""
+    """Returns whether a box holds a point, whose counts are whole."""
     whole = all(point[name] == int(point[name]) for name in COUNTED)
-    return whole and all(low <= point[name] <= high for name, (low, high) in box.items())
+    return (
+        whole
+        and {*point} == {*box}
+        and all(low <= point[name] <= high for name, (low, high) in box.items())
+    )
 
 
-def check(certificate: Path, policy: Path | None = None) -> str:
-    """Checks a certificate, and tells in a line what holds.
+def check(certificate: Path, policy: Path | None = None, gait: Path | None = None) -> str:
+    """Checks a certificate, and reports in a line what holds.
+
+    Args:
+        certificate: The certificate.
+        policy: The policy's file; by default the student that ships under the certificate's name.
+        gait: The gait's file; by default the one that ships under the certificate's name.
 
     Raises:
         RefusedError: if anything in it does not hold, or it cannot be read.
     """
     try:
-        return Check(certificate, policy).run()
+        return Check(certificate, policy, gait).run()
     except RefusedError:
         raise
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
     except (SyntaxError, StopIteration, RecursionError, MemoryError, struct.error) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
+    except yaml.YAMLError as error:
+        raise RefusedError(f"the gait's file cannot be read ({error})") from error

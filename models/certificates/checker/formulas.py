@@ -1,9 +1,7 @@
 """Formulas and linear laws: exact polynomials, bounded in balls that hold all rounding."""
 
-import ast
 import math
 import operator
-import re
 from itertools import product as ways
 from typing import Any
 
@@ -22,12 +20,13 @@ from .robot import (
     symbols,
     units,
 )
+from .rounding import Rounding, of_sum
+from .text import FormulaText, Node
 
 ctx.prec = 96
 
-FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
 MOST_FUNCTIONS, MOST_TERMS, MOST_CORNERS = 100, 20_000, 10
-OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
+OPERATORS = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
 
 Span = tuple[arb, arb]
 """Least and greatest, each a ball about one number."""
@@ -45,6 +44,8 @@ class Formulas:
     Attributes:
         inner: What each function is of, by the name of its variable.
         targets: A polynomial a state and joint.
+        written: The formulas, of a formula file.
+        weights: Weights by quantity and the intercept, of a linear law.
     """
 
     def __init__(self, n_states: int) -> None:
@@ -53,34 +54,17 @@ class Formulas:
         self.variables = dict(zip(self.names, self.ring.gens(), strict=True))
         self.inner: dict[str, tuple[str, fmpq_mpoly]] = {}
         self.targets: dict[tuple[int, str], fmpq_mpoly] = {}
+        self.written: dict[tuple[int, str], Node] = {}
+        self.weights: dict[tuple[int, str], dict[str, float]] = {}
+        self.known: dict[Node, fmpq_mpoly] = {}
 
     @classmethod
-    def read(cls, text: str, n_states: int, gait: str) -> "Formulas":
-        """Reads a formula file, statement by statement."""
-        joined = re.sub(r"\n[ \t]+", " ", re.sub(r"#[^\n]*", "", text))
-        own, header, section = cls(n_states), {}, ""
-        known = {name: own.variables[name] for name in symbols(n_states)}
-        for line in filter(None, map(str.strip, joined.split("\n"))):
-            if line in ("definitions", "every state") or re.fullmatch(r"state \d+", line):
-                section = line
-            elif not section:
-                key, _, value = line.partition(":")
-                header[key] = value.strip()
-            else:
-                name, _, formula = line.partition("=")
-                read = own.parsed(ast.parse(formula.strip(), mode="eval").body, known)
-                if section == "definitions":
-                    known = {**known, name.strip(): read}
-                else:
-                    states = range(n_states) if section == "every state" else [int(section[6:])]
-                    own.targets |= {(state, name.strip()): read for state in states}
-        refuse_unless(header.get("gait") == gait, "the policy is of another gait")
-        refuse_unless(header.get("states") == str(n_states), "the policy has other states")
-        if "mirror" in header:
-            image = [int(state) for state in header["mirror"].split()]
-            for (state, joint), formula in list(own.targets.items()):
-                place = image[state], image_of(joint, image)[0]
-                own.targets.setdefault(place, own.mirrored(formula, joint, image))
+    def read(cls, told: FormulaText) -> "Formulas":
+        """Takes what a formula file says."""
+        own = cls(told.n_states)
+        for place, formula in told.targets.items():
+            own.targets[place] = own.multiplied_out(formula)
+            own.written[place] = formula
         return own
 
     @classmethod
@@ -90,36 +74,41 @@ class Formulas:
         for state, (number, joint) in ways(range(n_states), enumerate(JOINTS)):
             place = (state if arrays["weights"].ndim == 3 else ..., number)
             action = own.ring.constant(exact(arrays["intercepts"][place]))
-            for name, weight in zip(names, arrays["weights"][place].tolist(), strict=True):
+            weights = dict(zip(names, arrays["weights"][place].tolist(), strict=True))
+            for name, weight in weights.items():
                 scale, offset = units(name)
                 action += (own.variables[name] - exact(offset)) * (exact(weight) * exact(scale))
             own.targets[state, joint] = action * exact(ACTION_SCALE) + exact(STANCE[number])
+            own.weights[state, joint] = {"": float(arrays["intercepts"][place]), **weights}
         return own
 
-    def parsed(self, node: ast.expr, known: dict[str, fmpq_mpoly]) -> fmpq_mpoly:
-        match node:
-            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-                return self.ring.constant(exact(value))
-            case ast.Name() | ast.Attribute():
-                return known[ast.unparse(node)]
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
-                read = self.parsed(inner, known)
-                return -read if isinstance(sign, ast.USub) else read
-            case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as power)):
-                base = self.parsed(left, known)
-                few = power in (2, 3) and len(base) ** power <= MOST_TERMS
-                refuse_unless(few, f"{ast.unparse(node)!r} is no formula, or a long one")
-                return base**power
-            case ast.BinOp(left=left, op=sign, right=right):
-                a, b = self.parsed(left, known), self.parsed(right, known)
+    def multiplied_out(self, node: Node) -> fmpq_mpoly:
+        """Returns the polynomial that a formula is."""
+        if node not in self.known:
+            parts = [self.multiplied_out(part) for part in node.parts]
+            self.known[node] = self.combined(node, parts)
+        return self.known[node]
+
+    def combined(self, node: Node, parts: list[fmpq_mpoly]) -> fmpq_mpoly:
+        match node.operator, parts:
+            case "constant", _:
+                return self.ring.constant(exact(node.value))
+            case "variable", _:
+                return self.variables[node.name]
+            case "neg", [inner]:
+                return -inner
+            case "square" | "cube", [inner]:
+                power = 2 if node.operator == "square" else 3
+                refuse_unless(len(inner) ** power <= MOST_TERMS, "a formula has too many terms")
+                return inner**power
+            case operator, [inner]:
+                return self.applied(operator, inner)
+            case operator, [a, b]:
                 refuse_unless(len(a) * len(b) <= MOST_TERMS, "a formula has too many terms")
-                if isinstance(sign, ast.Div):
+                if operator == "div":
                     return a * self.applied("inverse", b)
-                if type(sign) in OPERATORS:
-                    return OPERATORS[type(sign)](a, b)
-            case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]) if name in FUNCTIONS:
-                return self.applied(name, self.parsed(inner, known))
-        raise RefusedError(f"{ast.unparse(node)!r} is no formula")
+                return OPERATORS[operator](a, b)
+        raise RefusedError(f"{node.operator!r} is not known")
 
     def applied(self, function: str, inner: fmpq_mpoly) -> fmpq_mpoly:
         """Returns the variable that a function of a polynomial is."""
@@ -140,24 +129,36 @@ class Formulas:
             places[name] = self.applied(function, self.put(inner, images))
         return formula.compose(*places.values(), ctx=self.ring)
 
-    def mirrored(self, formula: fmpq_mpoly, joint: str, image: list[int]) -> fmpq_mpoly:
-        """Returns what the formula of a joint is for the joint's image."""
-        images = {name: image_of(name, image) for name in symbols(len(image))}
-        put = {name: self.variables[new] * sign for name, (new, sign) in images.items()}
-        return self.put(formula, put) * image_of(joint, image)[1]
-
     def is_mirrored(self, state: int, joint: str, image: list[int]) -> bool:
+        """Returns whether a target is the image of its image's, as exact numbers go."""
         theirs = image_of(joint, image)[0]
-        own = self.mirrored(self.targets[image[state], theirs], theirs, image)
+        put = {}
+        for name in symbols(len(image)):
+            new, sign = image_of(name, image)
+            put[name] = self.variables[new] * sign
+        own = self.put(self.targets[image[state], theirs], put) * image_of(theirs, image)[1]
         return self.targets[state, joint] == own
 
     def used(self, state: int, joint: str) -> set[str]:
-        return self.names_in(self.targets[state, joint])
+        """Returns the quantities that a target is written with, also those that cancel out."""
+        if (state, joint) in self.written:
+            return self.written[state, joint].names()
+        return {name for name, weight in self.weights[state, joint].items() if name and weight}
 
-    def names_in(self, formula: fmpq_mpoly) -> set[str]:
-        used = set(self.names) - set(formula.unused_gens())
-        inner = [self.names_in(self.inner[name][1]) for name in used & self.inner.keys()]
-        return (used - self.inner.keys()).union(*inner)
+    def rounding(self, state: int, joint: str, box: Box) -> arb:
+        """Bounds how far a target in double precision may be from the exact one (rad).
+
+        Raises:
+            RefusedError: if that is too far, or the formula may have no value in the box.
+        """
+        if (state, joint) in self.written:
+            return Rounding(box).target(self.written[state, joint], joint)
+        sizes = []
+        for name, weight in self.weights[state, joint].items():
+            scale, offset = units(name)
+            ends = [(end - offset) * scale for end in box[name]] if name else [1.0]
+            sizes.append(abs(weight) * max(map(abs, ends)))
+        return of_sum(sizes, joint)
 
     def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
         """Differentiates by a quantity."""

@@ -8,6 +8,8 @@ JOINTS = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
 STANCE = [0.1, 0.8, -1.5, -0.1, 0.8, -1.5, 0.1, 1.0, -1.5, -0.1, 1.0, -1.5]
 LIMITS = {"hip": (-0.8029, 0.8029), "thigh": (-1.0472, 4.1888), "calf": (-2.6965, -0.9163)}
 ACTION_SCALE, STIFFNESS, EFFORT, ABRUPT = 0.25, 20.0, 33.5, 60.0
+ANGLE_OVERRUN, OVERDUE = 0.06, 2
+FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 50.0, 3.0, (-0.1, 0.4)
 MIRRORED = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
 COUNTED = ("t", "cmd.t")
 

@@ -1,6 +1,7 @@
 """Tables (additive models) and boosted trees: sums of constants on boxes of observations.
 
-Sums are of doubles; `ROUNDING` is more than their errors, and cuts count as met within `NEAR`.
+Sums are of doubles, here as in the robot: each bound holds twice the error that any order of adding
+up can make. Cuts count as met within `NEAR`.
 """
 
 import json
@@ -9,10 +10,22 @@ import struct
 from typing import Any
 
 import numpy as np
+from flint import arb
 
-from .robot import ACTION_SCALE, COUNTED, JOINTS, STANCE, Box, Question, symbols, units
+from .robot import (
+    ACTION_SCALE,
+    COUNTED,
+    JOINTS,
+    STANCE,
+    Box,
+    Question,
+    refuse_unless,
+    symbols,
+    units,
+)
+from .rounding import of_sum
 
-NEAR, ROUNDING, LARGEST = 1e-12, 1e-11, 2**23
+NEAR, LARGEST = 1e-12, 2**23
 
 Table = tuple[tuple[int, ...], Any]
 """Labels that a table is of, and its values, an axis a label."""
@@ -37,6 +50,29 @@ class Tables:
 
     def __init__(self, arrays: dict[str, Any], n_states: int) -> None:
         self.arrays, self.names = arrays, symbols(n_states)
+        sound = all(np.isfinite(own).all() for name, own in arrays.items() if name in self.summed)
+        refuse_unless(sound, "the policy holds what is no number")
+
+    summed = ("tables", "pair_tables", "intercepts")
+    """Arrays of what is added up."""
+
+    def sizes(self, joint: int) -> list[float]:
+        """Returns the greatest size of each summand, in actions."""
+        single = np.abs(self.arrays["tables"][joint]).max(axis=-1).tolist()
+        paired = [float(np.abs(table).max()) for _, table in self.pairs(joint)]
+        return [abs(float(self.arrays["intercepts"][joint])), *single, *paired]
+
+    def rounding(self, state: int, joint: str, box: Box) -> arb:
+        """Bounds how far a target in double precision may be from the exact one (rad).
+
+        Raises:
+            RefusedError: if that is too far.
+        """
+        return of_sum(self.sizes(JOINTS.index(joint)), joint)
+
+    def own_rounding(self, joint: str) -> float:
+        """Bounds the error of the sums that are made here (rad)."""
+        return 2.0 * float(self.rounding(0, joint, {}).upper())
 
     def pairs(self, joint: int) -> list[Table]:
         own, mine = self.arrays, np.flatnonzero(self.arrays["pair_joints"] == joint)
@@ -87,7 +123,11 @@ class Tables:
         for (one, two), table in self.pairs(joint):
             tables.append(((one, two), sign * table[: sizes[one], : sizes[two]]))
         constant = STANCE[joint] + ACTION_SCALE * float(self.arrays["intercepts"][joint])
-        return sign * constant + ACTION_SCALE * greatest_sum(tables, sizes) + ROUNDING
+        return (
+            sign * constant
+            + ACTION_SCALE * greatest_sum(tables, sizes)
+            + self.own_rounding(asked.joint)
+        )
 
     def change(self, asked: Question, box: Box, most: float) -> float:
         """Bounds the step from a bin to the next, or the change between bins not too far apart."""
@@ -106,7 +146,7 @@ class Tables:
         else:
             apart = np.maximum(first[None, :] - last[:, None], first[:, None] - last[None, :])
             whole = whole[apart <= most * units(str(asked.name))[0] + 1e-9]
-        return ACTION_SCALE * float(whole.max()) + ROUNDING
+        return ACTION_SCALE * float(whole.max()) + self.own_rounding(asked.joint)
 
     def moved(self, state: int, joint: str, name: str, most: float, box: Box) -> float:
         """Bounds the change of a target where a quantity changes by `most` at most."""
@@ -153,6 +193,13 @@ class Trees(Tables):
         if not stored:
             above = np.nextafter(below.astype(np.float32), np.float32(np.inf)).astype(float)
         self.cuts = 0.5 * below + 0.5 * above
+        refuse_unless(not np.isnan(self.cuts).any(), "the policy holds what is no number")
+
+    summed = ("leaves", "intercepts")
+
+    def sizes(self, joint: int) -> list[float]:
+        leaves = np.abs(self.arrays["leaves"][joint]).max(axis=-1)
+        return [abs(float(self.arrays["intercepts"][joint])), *leaves.tolist()]
 
     def used(self, state: int, joint: str) -> set[str]:
         number = JOINTS.index(joint)
@@ -176,9 +223,9 @@ class Trees(Tables):
             least = np.where(reached, sign * leaves, np.inf).min(axis=-1)
             asks = features == self.names.index(str(asked.name))
             mine = (asks & np.isfinite(self.cuts[joint])).any(axis=-1)
-            return ACTION_SCALE * math.fsum((most - least)[mine]) + ROUNDING
+            return ACTION_SCALE * math.fsum((most - least)[mine]) + self.own_rounding(asked.joint)
         constant = STANCE[joint] + ACTION_SCALE * float(self.arrays["intercepts"][joint])
-        whole = sign * constant + ACTION_SCALE * math.fsum(most) + ROUNDING
+        whole = sign * constant + ACTION_SCALE * math.fsum(most) + self.own_rounding(asked.joint)
         if asked.of == "offset":
             whole -= min(sign * end for end in box[f"q.{asked.joint}"])
         return whole

@@ -1,0 +1,168 @@
+"""A gait's file, read anew: its states, its mirror image, and what a robot can be told and be."""
+
+import re
+from collections import deque
+from collections.abc import Iterator
+from itertools import product as ways
+from pathlib import Path
+from typing import Any
+
+from .files import read_yaml
+from .robot import (
+    ANGLE_OVERRUN,
+    FASTEST_JOINT,
+    FASTEST_TRUNK,
+    FOOT_HEIGHTS,
+    LEGS,
+    LIMITS,
+    MIRRORED,
+    OVERDUE,
+    Box,
+    RefusedError,
+    refuse_unless,
+    symbols,
+)
+from .text import is_involution
+
+STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), repeat=len(LEGS))]
+"""All ways to touch the ground."""
+
+
+class Gait:
+    """What a gait's file says.
+
+    Attributes:
+        said: The file's keys and values.
+        states: Names of the machine's states, in order.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.said = read_yaml(path)
+        refuse_unless(isinstance(self.said, dict), f"{path} is no gait file")
+        self.states: list[str] = self.said["states"]
+
+    def mirrors(self, image: list[int] | None) -> bool:
+        """Returns whether the machine in the mirror is the machine with its states renamed so.
+
+        None stands for a machine that favours a side: the initial state then has no image.
+        """
+        first = self.states.index(self.said["initial"])
+        found = [self.followed(first, other) for other in range(len(self.states))]
+        known = next((own for own in found if own is not None), None)
+        return image == known
+
+    def followed(self, first: int, other: int) -> list[int] | None:
+        """Follows all transitions from a state and from its image at once."""
+        images, frontier = {first: other}, deque([first])
+        while frontier:
+            state = frontier.popleft()
+            theirs = {
+                self.signature(edge): self.target(edge) for edge in self.leaving(images[state])
+            }
+            for edge in self.leaving(state):
+                target, image = self.target(edge), theirs.pop(self.signature(edge, True), None)
+                if image is None or images.get(target, image) != image:
+                    return None
+                if target not in images:
+                    images[target] = image
+                    frontier.append(target)
+            if theirs:
+                return None
+        whole = [images.get(state, -1) for state in range(len(self.states))]
+        faults = [state in self.said.get("faults", []) for state in self.states]
+        alike = is_involution(whole, len(whole)) and all(
+            faults[own] == faults[image] for own, image in enumerate(whole)
+        )
+        return whole if alike else None
+
+    def leaving(self, state: int) -> Iterator[dict[str, Any]]:
+        return (edge for edge in self.said["transitions"] if edge["from"] == self.states[state])
+
+    def target(self, edge: dict[str, Any]) -> int:
+        return self.states.index(edge["to"])
+
+    def signature(self, edge: dict[str, Any], mirrored: bool = False) -> tuple:
+        """Returns when a transition fires, in the mirror or not, as nothing else decides it."""
+        holds = []
+        for stance in STANCES:
+            feet = {MIRRORED[leg]: down for leg, down in stance.items()} if mirrored else stance
+            holds.append(Condition(edge["when"], feet).read())
+        return tuple(holds), float(edge.get("dwell", 1.0)), int(edge.get("grace", 0))
+
+    def physical(self, operating: Box) -> Box:
+        """Returns the box of what a robot can be and its sensors can say, and of `operating`."""
+        box = {}
+        for name in symbols(len(self.states)):
+            low, high = self.limits(name)
+            low, high = min(low, operating[name][0]), max(high, operating[name][1])
+            box[name] = (low, high)
+        return box
+
+    def limits(self, name: str) -> tuple[float, float]:
+        shortest, longest = map(float, self.said["dwell"])
+        kind, _, rest = name.partition(".")
+        low, high = LIMITS.get(rest[3:], (0.0, 0.0))
+        match kind, rest:
+            case "cmd", "t":
+                return shortest, longest
+            case "cmd", _:
+                most = float(self.said["max_speed" if rest == "v" else "max_yaw_rate"])
+                return -most, most
+            case "q", _:
+                return low - ANGLE_OVERRUN, high + ANGLE_OVERRUN
+            case "dq", _:
+                return -FASTEST_JOINT, FASTEST_JOINT
+            case "a", _:
+                return low, high
+            case "t", _:
+                return 0.0, longest + OVERDUE
+            case "v", _:
+                return -FASTEST_TRUNK, FASTEST_TRUNK
+            case "h", _:
+                return FOOT_HEIGHTS
+        return 0.0, 1.0
+
+
+class Condition:
+    """Evaluates a condition such as FL & (RR | ~FR), of which ~ binds most and | least."""
+
+    def __init__(self, text: str, feet: dict[str, bool]) -> None:
+        self.tokens = re.findall(r"[A-Z]{2}|[&|~()]|[^\s]", text)[::-1]
+        self.feet = feet
+
+    def read(self) -> bool:
+        whole = self.any()
+        refuse_unless(not self.tokens, "a transition's condition cannot be read")
+        return whole
+
+    def next(self, wanted: str) -> bool:
+        found = bool(self.tokens) and self.tokens[-1] == wanted
+        if found:
+            self.tokens.pop()
+        return found
+
+    def any(self) -> bool:
+        whole = self.all()
+        while self.next("|"):
+            other = self.all()
+            whole = whole or other
+        return whole
+
+    def all(self) -> bool:
+        whole = self.one()
+        while self.next("&"):
+            other = self.one()
+            whole = whole and other
+        return whole
+
+    def one(self) -> bool:
+        if self.next("~"):
+            return not self.one()
+        if self.next("("):
+            whole = self.any()
+            refuse_unless(self.next(")"), "a transition's bracket is never closed")
+            return whole
+        foot = self.tokens.pop() if self.tokens else ""
+        if foot not in self.feet:
+            raise RefusedError(f"a transition's condition names {foot!r}, which is no foot")
+        return self.feet[foot]
