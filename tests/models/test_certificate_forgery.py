@@ -1,0 +1,511 @@
+"""Forged certificates and policies: what the checker accepts, no observation refutes."""
+
+import json
+import os
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.certificates.certificate import certificate, certificate_text, content_digest
+from glassgait.models.certificates.checker import RefusedError, check
+from glassgait.models.certificates.claims import Claim
+from glassgait.models.certificates.observation_box import ObservationBox, physical_box
+from glassgait.models.certificates.prover import Prover
+from glassgait.models.errors import InputError
+from glassgait.models.files import digest
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
+
+GAIT = load_gait("trot")
+LAYOUT = ObservationLayout(GAIT.n_states)
+SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
+UNITS = RobotUnits.of(LAYOUT.names)
+TEXT = (STUDENT_DIRECTORY / "trot" / "page.formulas").read_text()
+
+CLAIMS = (
+    Claim("hips", "limits", joints=("FL_hip",), least=-1.4, most=1.4),
+    Claim("calf", "limits", joints=("FL_calf",)),
+    Claim("far", "limits", joints=("FL_hip",), least=-9.0, most=9.0, box="physical"),
+    Claim("torque", "torque", joints=("FL_hip",), states=("q1",), most=60.0),
+    Claim("damped", "never", joints=("FL_hip",), observations=("dq.own",), never="rises"),
+    Claim(
+        "stuck", "effect", joints=("FL_calf",), observations=("h.FL",), most=1.7, stuck=("h.FL",)
+    ),
+    Claim("blind", "independent", joints=("FL_hip",), observations=("cmd.v", "cmd.t")),
+    Claim("deaf", "independent", joints=("FR_hip",), observations=("cmd.t",), states=("q0",)),
+    Claim("fast", "independent", joints=("FL_calf",), observations=("cmd.v",)),
+    Claim("alike", "mirror", joints=("FL_hip", "FL_calf")),
+    Claim("noise", "change", joints=("FL_hip",), changes={"q": 0.02, "dq": 3.0}, most=10.0),
+)
+
+SAMPLES = 1000
+
+TOLERANCE = 2e-9
+"""What a claim of the exact target leaves to double precision (rad)."""
+
+
+@cache
+def forged_from() -> str:
+    """A certificate of some claims about the trot's page, of every kind."""
+    path = STUDENT_DIRECTORY / "trot" / "page.formulas"
+    prover = Prover(load_policy(path), GAIT)
+    prover.range_of(1, 2, "physical")
+    verdicts = [prover.decide(claim) for claim in CLAIMS]
+    return json.dumps(certificate(prover, [one for one in verdicts if one], path))
+
+
+def checked(content: dict[str, Any], policy: Path, folder: Path) -> None:
+    path = folder / "certificate.json"
+    path.write_text(certificate_text({**content, "sha256": content_digest(content)}))
+    check(path, policy)
+
+
+def samples(box: ObservationBox, state: int, generator: np.random.Generator) -> np.ndarray:
+    """Draws observations of a box, half of their quantities at the ends of their ranges."""
+    inside = box.in_state(state)
+    drawn = inside.random(SAMPLES, generator)
+    ends = np.where(generator.random(drawn.shape) < 0.5, inside.lower, inside.upper)
+    return np.where(generator.random(drawn.shape) < 0.5, ends, drawn)
+
+
+class Truth:
+    """What a policy does, by sampling, over the boxes that a certificate may speak of."""
+
+    def __init__(self, content: dict[str, Any], policy: Path) -> None:
+        self.policy = load_policy(policy)
+        operating = ObservationBox.of_quantities(LAYOUT.names, content["boxes"]["operating"])
+        self.boxes = {"operating": operating, "physical": physical_box(GAIT, operating)}
+        self.generator = np.random.default_rng(0)
+
+    def targets(self, observations: np.ndarray) -> np.ndarray:
+        with np.errstate(all="ignore"):
+            return robot.joint_targets(self.policy(observations))
+
+    def drawn(self, box: str, stuck: list[str], state: int) -> np.ndarray:
+        names = [LAYOUT.names[SYMBOLS.index(name)] for name in stuck]
+        return samples(self.boxes[box].taking(names, self.boxes["physical"]), state, self.generator)
+
+    def moved(self, observations: np.ndarray, name: str, box: str, stuck: list[str], state: int):
+        """Returns observations of which one quantity has another value."""
+        index, other = SYMBOLS.index(name), observations.copy()
+        other[:, index] = self.drawn(box, stuck, state)[:, index]
+        return other
+
+    def assert_holds(self, content: dict[str, Any]) -> None:
+        for own in content["statements"]:
+            self.assert_bound(own)
+        for told in content["claims"]:
+            if told["outcome"] == "proved":
+                keys = Claim.__dataclass_fields__
+                claim = Claim.from_plain({k: v for k, v in told.items() if k in keys}, "a claim")
+                for state in claim.state_indices(GAIT):
+                    self.assert_claim(claim, state)
+
+    def assert_bound(self, own: dict[str, Any]) -> None:
+        joint, stuck = robot.joint_index(own["joint"]), own.get("stuck", [])
+        seen = self.drawn(own["box"], stuck, own["state"])
+        reached = self.targets(seen)[:, joint]
+        match own["of"]:
+            case "target":
+                assert np.all(own["sign"] * reached <= own["bound"])
+            case "offset":
+                angles = UNITS.quantities(seen)[:, SYMBOLS.index(f"q.{own['joint']}")]
+                assert np.all(own["sign"] * (reached - angles) <= own["bound"] + 1e-12)
+            case of:
+                name = own["observation"]
+                other = self.moved(seen, name, own["box"], stuck, own["state"])
+                rises = own["sign"] * (self.targets(other)[:, joint] - reached)
+                index = SYMBOLS.index(name)
+                by = (UNITS.quantities(other) - UNITS.quantities(seen))[:, index]
+                if of == "slope":
+                    rises, by = np.where(by < 0.0, -rises, rises), np.abs(by)
+                    assert np.all(rises <= own["bound"] * by + TOLERANCE)
+                else:
+                    assert np.all(rises <= own["bound"])
+
+    def assert_claim(self, claim: Claim, state: int) -> None:
+        joints, stuck = list(claim.joint_indices()), list(claim.stuck)
+        seen = self.drawn(claim.box, stuck, state)
+        reached = self.targets(seen)
+        for joint in joints:
+            mine = reached[:, joint]
+            assert np.isfinite(mine).all()
+            match claim.kind:
+                case "limits":
+                    assert mine.max() <= claim.greatest(joint)
+                    assert mine.min() >= claim.smallest(joint)
+                case "torque":
+                    angles = UNITS.quantities(seen)[:, SYMBOLS.index(f"q.{robot.JOINTS[joint]}")]
+                    torque = robot.STIFFNESS * np.abs(mine - angles)
+                    assert torque.max() <= claim.greatest(joint) + 1e-9
+                case "never" | "effect" | "independent" as kind:
+                    for index in claim.observations_of(joint, SYMBOLS):
+                        other = self.moved(seen, SYMBOLS[index], claim.box, stuck, state)
+                        rise = self.targets(other)[:, joint] - mine
+                        by = (UNITS.quantities(other) - UNITS.quantities(seen))[:, index]
+                        sign = -1.0 if claim.never == "falls" else 1.0
+                        slope = (claim.most or 0.0) * np.abs(by)
+                        if kind == "never":
+                            rise = sign * np.where(by < 0.0, -rise, rise)
+                            assert np.all(rise <= slope + TOLERANCE)
+                        elif kind == "effect":
+                            assert np.abs(rise).max() <= (claim.most or 0.0)
+                        else:
+                            assert np.all(rise == 0.0)
+        if claim.kind == "mirror":
+            images = mirrored_states(GAIT)
+            assert images is not None
+            image = REFLECT_JOINTS(self.policy(reflect_observation(LAYOUT.names, images)(seen)))
+            difference = robot.ACTION_SCALE * np.abs(self.policy(seen) - image)
+            assert difference[:, joints].max() <= TOLERANCE
+        if claim.kind == "change":
+            low, high = (UNITS.quantities(own) for own in self._corners(claim.box, state))
+            quantities = UNITS.quantities(seen)
+            changes = np.array([claim.change_of(symbol) for symbol in SYMBOLS])
+            signs = self.generator.choice([-1.0, 0.0, 1.0], seen.shape)
+            other = np.clip(quantities + signs * changes, low, high)
+            action = self.policy((other - UNITS.offset) * UNITS.scale) - self.policy(seen)
+            assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.greatest(0)
+
+    def _corners(self, box: str, state: int) -> tuple[np.ndarray, np.ndarray]:
+        inside = self.boxes[box].in_state(state)
+        return inside.lower, inside.upper
+
+
+NUMBERS = (0, 1, -1, 0.0, 1e-9, 1e9, 1e300, 10**400, True, "0", None, [], {}, 0.5, 2, 1e18)
+WORDS = (
+    *("proved", "refuted", "undecided", "q0", "q1", "FL_hip", "FR_hip", "RL_calf", "operating"),
+    *("physical", "target", "offset", "slope", "effect", "limits", "torque", "never", "mirror"),
+    *("independent", "change", "rises", "falls", "dq.own", "cmd.v", "s0", "h.FL", "t", "trot", ""),
+    *("/etc/passwd", "../trot", "statewise_symbolic", "symbolic", "page.formulas"),
+)
+KEYS = (
+    "stuck",
+    "box",
+    "most",
+    "least",
+    "never",
+    "observations",
+    "changes",
+    "joints",
+    "states",
+    "x",
+)
+
+
+def places(whole: Any) -> list[tuple[Any, Any]]:
+    """Lists where a value stands: a container and its key, of all that the content holds."""
+    found, pending = [], [whole]
+    while pending:
+        own = pending.pop()
+        keys = list(own) if isinstance(own, dict) else range(len(own))
+        for key in keys:
+            found.append((own, key))
+            if isinstance(own[key], dict | list):
+                pending.append(own[key])
+    return found
+
+
+def forge(content: dict[str, Any], generator: np.random.Generator) -> None:
+    """Changes a certificate in one to three places."""
+    for _ in range(generator.integers(1, 4)):
+        # A claim, a statement, a box or the head, each as often; not the most numerous most often.
+        part = str(generator.choice(["claims", "statements", "boxes", "head"]))
+        branch = content if part == "head" else content[part]
+        if isinstance(branch, list) and branch:
+            branch = branch[generator.integers(len(branch))]
+        spots = places(branch)
+        if not spots:
+            continue
+        own, key = spots[generator.integers(len(spots))]
+        value = own[key]
+        match generator.integers(7):
+            case 0 if isinstance(value, int | float):
+                scale = float(generator.choice([0.5, 0.9, 1.1, 2.0, -1.0]))
+                own[key] = value * scale if type(value) is float else value + 1
+            case 1 if isinstance(value, int | float):
+                own[key] = NUMBERS[generator.integers(len(NUMBERS))]
+            case 2 | 3 if isinstance(value, str):
+                own[key] = str(generator.choice(WORDS))
+            case 4 if isinstance(value, list) and value:
+                value.append(deepcopy(value[generator.integers(len(value))]))
+            case 5 if isinstance(own, dict):
+                del own[key]
+            case 6 if isinstance(own, dict):
+                new = str(generator.choice(KEYS))
+                own[new] = deepcopy(NUMBERS[generator.integers(len(NUMBERS))])
+                if generator.random() < 0.5:
+                    own[new] = [str(generator.choice(WORDS))]
+            case _:
+                if isinstance(value, list) and len(value) > 1:
+                    value[0], value[-1] = value[-1], value[0]
+
+
+ATTACKS = (
+    "50*q.FL_hip - ((50*q.FL_hip + 1e25) - 1e25)",
+    "0*sqrt(v.x)",
+    "sqrt(v.x) - sqrt(v.x)",
+    "0*log(v.x)",
+    "0*(1/(v.x - v.x))",
+    "0*exp(2000*cmd.v)",
+    "0/v.x",
+    "(1e16 + q.FL_hip) - 1e16",
+    "(1e30*1e30*1e30)*1e30*1e30*1e30*1e30*1e30*1e30*1e30*1e30*v.x*0",
+)
+
+
+def attacked(term: str, joint: str = "FL_hip") -> str:
+    return TEXT.replace(f"{joint} = ", f"{joint} = {term} + ", 1)
+
+
+def forge_text(text: str, generator: np.random.Generator) -> str:
+    """Changes a policy in one to three places."""
+    for _ in range(generator.integers(1, 4)):
+        digits = [i for i, sign in enumerate(text) if sign.isdigit()]
+        place = int(generator.choice(digits))
+        lines = text.split("\n")
+        row = int(generator.integers(len(lines)))
+        match generator.integers(6):
+            case 0 | 1:
+                text = text[:place] + str(generator.integers(10)) + text[place + 1 :]
+            case 2:
+                text = text[:place] + str(generator.choice(list("+-*/(). #\n"))) + text[place + 1 :]
+            case 3:
+                joint, term = generator.choice(robot.JOINTS), generator.choice(ATTACKS)
+                text = text.replace(f"{joint} = ", f"{joint} = {term} + ", 1)
+            case 4:
+                lines[row] += str(
+                    generator.choice([" # no", "\u2028", "\nstate 1", "\n    + h.FL"])
+                )
+                text = "\n".join(lines)
+            case 5:
+                other = int(generator.integers(len(lines)))
+                lines[row], lines[other] = lines[other], lines[row]
+                text = "\n".join(lines)
+    return text
+
+
+def assert_no_forgery_counts(folder: Path, seed: int, count: int) -> int:
+    """Returns how many of some forged certificates and policies are accepted."""
+    generator, accepted = np.random.default_rng(seed), 0
+    sound, policy = json.loads(forged_from()), folder / "page.formulas"
+    for number in range(count):
+        content, text = deepcopy(sound), TEXT
+        if number % 2:
+            text = forge_text(text, generator)
+        else:
+            forge(content, generator)
+        policy.write_text(text)
+        if isinstance(content.get("policy"), dict) and number % 2:
+            content["policy"]["sha256"] = digest(policy)
+        try:
+            checked(content, policy, folder)
+        except RefusedError:
+            continue
+        try:
+            truth = Truth(content, policy)
+        except InputError as error:
+            # No robot acts by what its reader refuses.
+            assert "mirror image among" in str(error) or "nested more" in str(error)
+            continue
+        truth.assert_holds(content)
+        accepted += 1
+    return accepted
+
+
+def test_what_forgeries_are_made_from_holds(tmp_path):
+    content = json.loads(forged_from())
+    outcomes = {claim["outcome"] for claim in content["claims"]}
+    assert {"proved", "refuted"} <= outcomes
+    path = STUDENT_DIRECTORY / "trot" / "page.formulas"
+    checked(content, path, tmp_path)
+    Truth(content, path).assert_holds(content)
+
+
+def test_no_forgery_proves_what_observations_refute(tmp_path):
+    assert assert_no_forgery_counts(tmp_path, 0, 16) < 16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_none_of_two_thousand_forgeries_proves_what_observations_refute(tmp_path, seed):
+    # Some harm nothing: another name of a claim, another digit of a formula nothing is said of.
+    assert 0 < assert_no_forgery_counts(tmp_path, seed, 500) < 250
+
+
+@pytest.mark.parametrize("term", ATTACKS)
+@pytest.mark.parametrize("joint", ["FL_hip", "RR_calf"])
+def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term, joint):
+    policy = tmp_path / "page.formulas"
+    policy.write_text(attacked(term, joint))
+    content = json.loads(forged_from())
+    content["policy"]["sha256"] = digest(policy)
+    # Nothing is said but that the target has some bound.
+    target = next(own for own in content["statements"] if own["of"] == "target")
+    loose = {"state": 0, "joint": joint, "bound": 1e3, "reached": -1e3, "splits": []}
+    content |= {"claims": [], "statements": [target | loose]}
+    with pytest.raises(RefusedError, match=r"double precision|may be|may overflow|divides"):
+        checked(content, policy, tmp_path)
+    with pytest.raises(InputError, match=r"double precision|may be|may overflow"):
+        prover = Prover(load_policy(policy), GAIT)
+        prover.range_of(0, robot.joint_index(joint), "physical")
+
+
+def shipped_claim(content: dict[str, Any], kind: str, outcome: str) -> dict[str, Any]:
+    claims = [own for own in content["claims"] if own["kind"] == kind]
+    return next(own for own in claims if own["outcome"] == outcome)
+
+
+def swap_states(content):
+    content["states"].reverse()
+
+
+def rename_states(content):
+    content["states"] = ["q0", "stand"]
+
+
+def name_another_mirror(content):
+    content["mirror"] = [0, 1]
+
+
+def name_no_mirror(content):
+    content["mirror"] = None
+
+
+def name_a_mirror_that_is_none(content):
+    content["mirror"] = [1, 1]
+
+
+def make_physical_a_point(content):
+    content["boxes"]["physical"] = {
+        name: [ends[0], ends[0]] for name, ends in content["boxes"]["physical"].items()
+    }
+
+
+def narrow_physical(content):
+    content["boxes"]["physical"]["h.FL"][1] = 0.1
+
+
+def widen_physical(content):
+    content["boxes"]["physical"]["h.FL"][1] = 10.0
+
+
+def repeat_joints(content):
+    shipped_claim(content, "limits", "proved")["joints"] *= 2
+
+
+def change_commands(content):
+    shipped_claim(content, "change", "proved")["changes"] = {"cmd": 2.0}
+
+
+def change_states(content):
+    shipped_claim(content, "change", "proved")["changes"] = {"s0": 1.0}
+
+
+def depend_on_states(content):
+    shipped_claim(content, "independent", "proved")["observations"] = ["s0", "s1"]
+
+
+def stick_what_nobody_senses(content):
+    shipped_claim(content, "limits", "proved")["stuck"] = ["h.tail"]
+
+
+def stick_states(content):
+    shipped_claim(content, "limits", "proved")["stuck"] = ["s0"]
+
+
+def name_another_box(content):
+    shipped_claim(content, "limits", "proved")["box"] = "tiny"
+
+
+def misspell_a_key(content):
+    claim = shipped_claim(content, "limits", "proved")
+    claim["mosst"] = claim.pop("most")
+
+
+def forget_never(content):
+    claim = shipped_claim(content, "never", "proved")
+    del claim["never"]
+
+
+def say_truth_for_a_number(content):
+    content["format"] = True
+
+
+def name_a_path(content):
+    content["gait"] = "/work/trot"
+
+
+def hold_a_huge_number(content):
+    shipped_claim(content, "limits", "proved")["most"] = 10**400
+
+
+FALSE = (
+    swap_states,
+    rename_states,
+    name_another_mirror,
+    name_no_mirror,
+    name_a_mirror_that_is_none,
+    make_physical_a_point,
+    narrow_physical,
+    widen_physical,
+    repeat_joints,
+    change_commands,
+    change_states,
+    depend_on_states,
+    stick_what_nobody_senses,
+    stick_states,
+    name_another_box,
+    misspell_a_key,
+    forget_never,
+    say_truth_for_a_number,
+    name_a_path,
+    hold_a_huge_number,
+)
+
+
+@pytest.mark.parametrize("change", FALSE, ids=lambda change: change.__name__)
+def test_refuses_what_was_once_taken_on_trust(tmp_path, change):
+    content = json.loads(forged_from())
+    change(content)
+    with pytest.raises(RefusedError):
+        checked(content, STUDENT_DIRECTORY / "trot" / "page.formulas", tmp_path)
+
+
+def test_refuses_a_key_that_is_given_twice(tmp_path):
+    path = tmp_path / "certificate.json"
+    path.write_text(forged_from().replace('"gait": "trot"', '"gait": "pace", "gait": "trot"', 1))
+    with pytest.raises(RefusedError, match="given twice"):
+        check(path)
+
+
+@pytest.mark.parametrize("file", ["/dev/zero", "pipe"])
+def test_refuses_what_is_no_regular_file(tmp_path, file):
+    path = tmp_path / file if file == "pipe" else Path(file)
+    if file == "pipe":
+        os.mkfifo(path)
+    certificate_path = tmp_path / "certificate.json"
+    certificate_path.write_text(certificate_text(json.loads(forged_from())))
+    for arguments in ((path, None), (certificate_path, path)):
+        with pytest.raises(RefusedError, match="no regular file"):
+            check(*arguments)
+
+
+def test_states_of_the_machine_are_no_observations_of_a_claim():
+    prover = Prover(load_policy(STUDENT_DIRECTORY / "trot" / "page.formulas"), GAIT)
+    for values in (
+        {"kind": "independent", "observations": ("s0", "s1")},
+        {"kind": "effect", "observations": ("s1",), "most": 1.0},
+        {"kind": "change", "changes": {"s0": 1.0}},
+        {"kind": "limits", "stuck": ("s0",)},
+    ):
+        with pytest.raises(InputError, match="state of the machine"):
+            prover.decide(Claim("states", **values))

@@ -1,0 +1,220 @@
+"""Robots' reader of formula files and the checker's see the same formulas, or both refuse."""
+
+import re
+
+import numpy as np
+import pytest
+
+from glassgait.models.a1 import robot
+from glassgait.models.certificates.checker.robot import RefusedError
+from glassgait.models.certificates.checker.text import FormulaText, Node
+from glassgait.models.errors import InputError
+from glassgait.models.policies.canonical import canonical
+from glassgait.models.policies.expression import Expression, constant, variable
+from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+
+SMALL = """format: 1
+gait: trot
+states: 2
+mirror: 1 0
+
+# Two halves of a stride.
+definitions
+late = tanh(0.5*t - 2)    # -1 as a state begins
+lifted.FL = tanh(100*h.FL - 2)
+lifted.FR = tanh(100*h.FR - 2)
+
+state 0
+FL_hip = 0.0152 + 0.215*q.RR_hip - lifted.FL*(0.0468*cmd.yaw + 0.245*v.y)
+    - .5*late**2
+FL_thigh = 5.89e-1 - -0.0157*dq.FL_thigh
+FL_calf = -1.62 + 0.218*cmd.v/(2 + q.FL_hip**2)
+FR_hip = -0.265
+FR_thigh = sqrt(2 + cos(q.FR_thigh))
+FR_calf = exp(-abs(h.FR)) - 1
+RL_hip = late*late*late
+RL_thigh = (cmd.v - v.x)*(0.1 + lifted.FR)
+RL_calf = ((q.FL_hip))
+RR_hip = 0.1*s0
+RR_thigh = log(3 + sin(t))
+RR_calf = 2*(h.RL - 1)**3
+"""
+
+SHARED = re.sub(r"mirror.*\n", "", SMALL).replace("state 0", "every state")
+
+ALPHABET = [
+    *"0123456789.+-*/()=# \n_eqt,:;[]'\\^",
+    *("\t", "\r", "\f", "\v", "\x1c", "\x85", "\xa0", "\u2028", "\u2029", "\ufeff", "\x00", "\x7f"),
+    *("\uff11", "\u0430", "\u2212"),
+]
+FRAGMENTS = (
+    *(
+        "\nstate 1\n",
+        "\nstate 0\n",
+        "\nevery state\n",
+        "\ndefinitions\n",
+        "\n ",
+        "\n    + t",
+        "\n\n",
+    ),
+    *("\nFL_hip = 50*q.FL_hip + 9\n", "\u2028state 1\u2028FL_hip = 9\u2028", "\rFL_hip = 9\r"),
+    *("#", "**2", "**3", "** 2", "**(2)", "**2.0", "**-2", "//", "*-", "--", "+-+", "(", ")", "()"),
+    *(
+        "0x10",
+        "1_000",
+        "007",
+        "00",
+        "1e400",
+        "1" * 40,
+        "1e-400",
+        "1.",
+        ".5",
+        "1e5",
+        "2j",
+        "2t",
+        ".",
+    ),
+    *(
+        "(sin)(t)",
+        "sin (t)",
+        "sin\n (t)",
+        "(q).FL_hip",
+        "q. FL_hip",
+        "q .FL_hip",
+        "sin",
+        "sin(t, t)",
+    ),
+    *(
+        " if t else t",
+        " and t",
+        "not t",
+        "lambda: t",
+        "True",
+        "None",
+        "print",
+        "'t'",
+        "t.real",
+        "late.x",
+    ),
+    *("mirror: 0 1\n", "mirror: 1 0\n", "states: 3\n", "format: 1\n", "gait: trot\n", "x = t\n"),
+    *(
+        "lambda = t\n",
+        "q.FL_hip = t\n",
+        "FL_hip = t\n",
+        "late = t\n",
+        "FL_hip == t\n",
+        "FL_hip\n = t\n",
+    ),
+)
+
+
+def mutated(text: str, generator: np.random.Generator) -> str:
+    """Changes a text in one to three places."""
+    for _ in range(generator.integers(1, 4)):
+        place, lines = int(generator.integers(len(text) + 1)), text.split("\n")
+        first, second = generator.integers(len(lines), size=2).tolist()
+        match generator.integers(6):
+            case 0:
+                text = text[:place] + str(generator.choice(ALPHABET)) + text[place:]
+            case 1:
+                text = text[:place] + text[place + int(generator.integers(1, 4)) :]
+            case 2 | 3:
+                text = text[:place] + str(generator.choice(FRAGMENTS)) + text[place:]
+            case 4:
+                lines.insert(first, lines[second])
+                text = "\n".join(lines)
+            case 5:
+                lines[first] += (
+                    "#" if generator.random() < 0.3 else str(generator.choice(FRAGMENTS))
+                )
+                text = "\n".join(lines)
+    return text
+
+
+def expression(node: Node, symbols: tuple[str, ...]) -> Expression:
+    if node.operator == "constant":
+        return constant(node.value)
+    if node.operator == "variable":
+        return variable(symbols.index(node.name))
+    return Expression(node.operator, tuple(expression(part, symbols) for part in node.parts))
+
+
+def seen_by_robots(text: str):
+    """Returns the formula of each state and joint."""
+    file = read_formulas(text)
+    states = range(
+        file.n_states or sum(name.startswith("RM State") for name in file.vocabulary.names)
+    )
+    found = {}
+    for place, formula in file.formulas.items():
+        for state in [place[0]] if len(place) == 2 else states:
+            expanded = file.vocabulary.expanded(formula)
+            found[state, robot.JOINTS[place[-1]]] = canonical(expanded)
+    return found, file.vocabulary.symbols
+
+
+def assert_seen_alike(text: str) -> bool:
+    """Returns whether a text is read, by both."""
+    try:
+        expected, symbols = seen_by_robots(text)
+    except InputError as error:
+        # These two are refused for what canonical form says, which the checker has no need of.
+        if not re.search("no mirror image among|nested more than", str(error)):
+            with pytest.raises(RefusedError):
+                FormulaText.read(text)
+        return False
+    told = FormulaText.read(text)
+    found = {place: canonical(expression(own, symbols)) for place, own in told.targets.items()}
+    assert found == expected
+    return True
+
+
+def assert_all_seen_alike(seed: int, count: int) -> None:
+    generator = np.random.default_rng(seed)
+    read = sum(
+        assert_seen_alike(mutated((SMALL, SHARED)[index % 2], generator)) for index in range(count)
+    )
+    # Neither only damage nor only what changes nothing.
+    assert 0.05 * count < read < 0.95 * count
+
+
+def test_mutated_files_are_seen_alike():
+    assert_all_seen_alike(0, 200)
+
+
+@pytest.mark.slow
+def test_ten_thousand_mutated_files_are_seen_alike():
+    assert_all_seen_alike(1, 10_000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fragment", FRAGMENTS)
+def test_each_fragment_is_seen_alike_wherever_it_stands(fragment):
+    for text in (SMALL, SHARED):
+        for place in range(0, len(text), 23):
+            assert_seen_alike(text[:place] + fragment + text[place:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path", sorted(STUDENT_DIRECTORY.glob("*/*.formulas")), ids=lambda path: f"{path.parent.name}"
+)
+def test_files_that_ship_are_seen_alike(path):
+    assert assert_seen_alike(path.read_text())
+
+
+@pytest.mark.parametrize(
+    "sign", ["\u2028", "\u2029", "\x85", "\r", "\v", "\f", "\x1c", "\t", "\ufeff"]
+)
+def test_no_reader_takes_what_nobody_sees(sign, tmp_path):
+    hidden = SMALL.replace("# Two", f"# Two{sign}state 1{sign}FL_hip = 50*q.FL_hip + 9{sign}#")
+    for text in (hidden, sign + SMALL):
+        with pytest.raises(InputError, match=r"line \d+, column \d+: .* does not belong"):
+            read_formulas(text)
+        with pytest.raises(RefusedError):
+            FormulaText.read(text)
+        path = tmp_path / "page.formulas"
+        path.write_bytes(text.encode())
+        with pytest.raises(InputError):
+            load_policy(path)
