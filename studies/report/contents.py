@@ -16,7 +16,7 @@ FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 DEVIATIONS = (
     "The robot is a Unitree A1 in Drake, SAP contact at 10 ms; the paper names neither its "
     "simulator's contact model nor its time step.",
-    "Experts are trained with 256 robots for 15 to 27 % of the paper's control steps, "
+    "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
     "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "
@@ -26,7 +26,7 @@ DEVIATIONS = (
     "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
     "of an episode's start counting once or often, the simplest is taken that walks alone about as "
     "well as the best. The paper evolves them with PySR alone. "
-    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 120, but "
+    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 200, but "
     "Operon counts a weighted observation as one.",
     "After the paper's episodes come rounds in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
