@@ -125,7 +125,7 @@ class Scenario(Settings):
             )
         elif step == 0 and pushed > 0:
             told = (
-                f"pushes.speed is {pushed:g}, but robots are pushed in discrete worlds alone; give "
+                f"pushes.speed is {pushed:g}, but only discrete scenarios have pushes; give "
                 "station.time_step and leave accuracy out"
             )
         if told:
@@ -240,7 +240,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
 def _parse(values: Any, path: Path) -> Scenario:
     if not isinstance(values, dict):
         raise InputError(
-            f"{path}: is not a mapping of settings; write what differs from the training world, "
+            f"{path}: is not a mapping of settings; write what differs from the training scenario, "
             "such as station: {friction: 0.3}"
         )
     values = {"title": path.stem} | values

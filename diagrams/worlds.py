@@ -73,7 +73,7 @@ class GroupRanges(Settings):
 
 @dataclass(frozen=True)
 class Worlds(Settings):
-    """The worlds of many robots: a station for each group, and what is drawn for each robot.
+    """The randomised scenarios of many robots: a station a group, and what is drawn for each robot.
 
     Attributes:
         n_groups: Groups of robots, each with a station and a friction of its own.

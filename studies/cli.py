@@ -34,11 +34,11 @@ COMMANDS = {
     ),
     "robustness": (
         "glassgait.studies.robustness.command:Robustness",
-        "Let the expert and every student walk alone in every world, and tell who falls where.",
+        "Let the expert and every student walk alone in every scenario, and tell who falls where.",
     ),
     "assurance": (
         "glassgait.studies.assurance.command:Assurance",
-        "Let a student act where it is at home, and the expert where it is not, and count falls.",
+        "Let a student act in distribution, and the expert elsewhere, and count falls.",
     ),
     "compare": (
         "glassgait.studies.compare.command:Compare",

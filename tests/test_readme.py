@@ -33,8 +33,10 @@ PAGES = {
     )
     if not any(page.match(pattern) for pattern in GENERATED)
 }
-LONGEST_README = 150
+LONGEST_README = 130
 """Lines: a front page is read in one go."""
+
+LONGEST_LINE = 150
 
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
@@ -262,7 +264,7 @@ def test_the_front_page_is_short():
     lines = PAGES["README.md"].splitlines()
     assert len(lines) <= LONGEST_README
     # Not by long lines.
-    assert max(len(line) for line in lines if not line.startswith(("|", "<img"))) <= LONGEST_README
+    assert max(len(line) for line in lines if not line.startswith(("|", "<img"))) <= LONGEST_LINE
 
 
 def commands_of(page, form):

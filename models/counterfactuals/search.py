@@ -93,5 +93,5 @@ def refuse_unsearched(policy: Policy) -> None:
     if not isinstance(policy, (*searched, BoostedTreesPolicy)):
         raise InputError(
             f"policies of kind {policy.kind!r} cannot be searched for counterfactuals; take a "
-            "linear or symbolic one, an additive one, or boosted trees"
+            "linear or symbolic one, an additive one, or a GBM"
         )

@@ -3,7 +3,10 @@
     format: 1
     gait: trot
     states: 2
-    mirror: 1 0
+    mirror: 1 0    # states 0, 1, ... in a mirror; a formula left out is another's mirror image
+
+    # Each formula is the target of a joint, in rad.
+    # t: control steps since the state began.
 
     definitions
     late = tanh(0.5*t - 2)    # -1 as a state begins
@@ -114,9 +117,10 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield f"gait: {file.gait}"
     yield f"states: {n_states}"
     if file.mirror is not None:
-        yield f"mirror: {' '.join(map(str, file.mirror))}"
+        yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
     yield ""
-    yield from _legend(written.values(), names)
+    held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
+    yield from _legend(held, names)
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
@@ -133,7 +137,7 @@ def _lines(file: FormulaFile) -> Iterator[str]:
 
 
 def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[str]:
-    """Tells the units of the quantities that the formulas hold."""
+    """Explains the quantities that formulas and definitions hold, with their units."""
     used = frozenset().union(*(formula.variables for formula in formulas))
     entries = entries_of(names)
     told = dict.fromkeys(
@@ -142,6 +146,8 @@ def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[
     yield "# Each formula is the target of a joint, in rad."
     yield from (f"# {line}" for line in told)
 
+
+_MIRROR = "states 0, 1, ... in a mirror; a formula left out is another's mirror image"
 
 _LEGEND = {
     "commanded velocity": "cmd.v: commanded forward speed, m/s; cmd.yaw: yaw rate, rad/s.",

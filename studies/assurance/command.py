@@ -44,20 +44,21 @@ WORLDS = (TRAINING, PUSHED, "friction_0.5", "latency_20ms")
 
 @dataclass(frozen=True)
 class Assurance(Settings):
-    """Let a student act where it is at home, and the expert where it is not, and count falls.
+    """Let a student act in distribution, and the expert elsewhere, and count falls.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
         student: Kind of the student.
-        scenario: The worlds: names of scenarios that ship, and paths of scenario files. `--worlds`
+        scenario: The scenarios: names of those that ship, and paths of scenario files. `--worlds`
             is another name for it.
-        calls: Shares of steps at home in which the expert may be called; each gives limits, and a
-            schedule with as many calls.
-        quantile: Share of the observations at home that each end of a range leaves out.
+        calls: Shares of steps in which the expert may be called in the training scenario; each
+            gives limits, and a schedule with as many calls.
+        quantile: Share of the observations in the training scenario that each end of a range
+            leaves out.
         return_steps: Control steps inside after which the student acts again.
         bags: Watch, beside the region, how far the bags of an additive student disagree.
-        home_robots: Robots at home that the student leads, and as many that the expert leads, for
-            the region and the limits.
+        home_robots: Robots in the training scenario that the student leads, and as many that the
+            expert leads, for the region and the limits.
         pushed_robots: Robots that the student leads under pushes, to see what foretells falls.
         calibration_seed: Seed of both; other than those of the rollouts.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
@@ -154,7 +155,8 @@ class Assurance(Settings):
 
     def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
         say(
-            f"{pair.gait.name}: robots walk at home and under pushes, for the region and the limits"
+            f"{pair.gait.name}: robots walk in the training scenario and under pushes, for the "
+            "region and the limits"
         )
         home = replace(
             self.rollouts, n_robots=self.home_robots, seed=self.calibration_seed, n_seeds=1
@@ -181,7 +183,8 @@ class Assurance(Settings):
         for state, name in enumerate(pair.gait.states):
             box = ObservationBox(region.names, region.lower[state], region.upper[state])
             told = (
-                f"{home.n_robots} robots each of expert and {pair.name} at home, seed {home.seed}"
+                f"{home.n_robots} robots each of expert and {pair.name} in the training scenario, "
+                f"seed {home.seed}"
             )
             box.save(folder / f"region_{name}.yaml", pair.gait, f"{told}, machine state {name}")
         return calibration

@@ -10,7 +10,7 @@ from glassgait.studies.robustness.tables import wilson_interval
 from glassgait.studies.rollouts.scores import summarize_against
 
 TITLES = {
-    "world": "world",
+    "world": "scenario",
     "policy": "policy",
     "called": "steps of the expert",
     "robots": "robots",
@@ -18,7 +18,7 @@ TITLES = {
     "fall_rate_low": "95 % from",
     "fall_rate_high": "95 % to",
     "points_more": "points more than the expert",
-    "share": "share of the expert's reward",
+    "share": "share of the expert's return",
     "share_ci": "±",
 }
 """What people call the columns of `assurance_table`."""
@@ -29,7 +29,7 @@ def acting_title(name: str) -> str:
     kind, _, calls = name.partition("_")
     match kind:
         case "assured":
-            return f"Assured, {100 * float(calls):g} % at home"
+            return f"Assured, {100 * float(calls):g} % in training"
         case "schedule":
             return f"Schedule, as many as assured, {100 * float(calls):g} %"
         case _:

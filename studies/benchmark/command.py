@@ -125,7 +125,7 @@ class Benchmark(Settings):
             return {}
         say("compiling trees by tl2cgen, which takes minutes")
         table = tree_times(gait, trees, expert, observed(gait, expert))
-        return {"trees": ("Boosted trees in C, one action", table)}
+        return {"trees": ("GBM in C, one action", table)}
 
     def _students(self) -> Tables:
         say("fitting library models, to compare them with what they compile to")

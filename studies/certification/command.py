@@ -47,7 +47,7 @@ class Certify(Settings):
             default.
         claims: YAML file of claims of your own, besides those that ship.
         box: File of the operating box; the gait's shipped one by default.
-        measure: Measure the operating box anew, in all worlds, before anything is proved.
+        measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
         workers: Where they are.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that

@@ -76,8 +76,8 @@ def measure_box(
     lower, upper = (np.array(corners) for corners in zip(*found, strict=True))
     box = ObservationBox(expert.observation_names, lower.min(axis=0), upper.max(axis=0))
     measured = (
-        f"{gait.name}: what {config.n_robots} robots a world sensed in {config.n_steps} control "
-        f"steps without a fall, in each of {len(stepped)} worlds, led by the expert and by each of "
+        f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
+        f"steps without a fall, in each of {len(stepped)} scenarios, led by the expert and each of "
         f"{', '.join(students)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
         "width on both sides; commands, counts and machine state at their true ranges"
     )

@@ -52,7 +52,7 @@ class Compare(Settings):
             path of a policy file.
         b: The policy B, named likewise.
         gait: Name of a gait, or path of a gait file.
-        scenario: The worlds of the scores: names of scenarios that ship, or `all` of them, and
+        scenario: The scenarios of the scores: names of those that ship, or `all` of them, and
             paths of scenario files. Targets and replay are of the first one. `--worlds` is another
             name for it.
         command: The command of targets and replay, in place of the scenario's; what is left out is
@@ -129,7 +129,7 @@ class Compare(Settings):
                 "walks": {letter: _end(walk) for letter, walk in walks.items()},
             }
             write_metrics(metrics, folder / "metrics.json")
-        print_table(f"{gait.name}: both in each world", readable_scores(table, (a, b)))
+        print_table(f"{gait.name}: both in each scenario", readable_scores(table, (a, b)))
         say(told_differences(joints))
         console.print(f"written to {folder}; open {folder / 'replay.html'}")
 
@@ -144,8 +144,8 @@ class Compare(Settings):
             raise InputError(f"{world.refused_as()}: {NO_SLIDERS}")
         if world.station.engine != "drake":
             raise InputError(
-                f"{world.refused_as()}: targets and replay are of the first world, and one robot "
-                "needs Drake; name another first with --worlds, such as training"
+                f"{world.refused_as()}: targets and replay are of the first scenario, and one "
+                "robot needs Drake; name another first with --worlds, such as training"
             )
         world.command.check(gait)
         return world

@@ -9,7 +9,7 @@ from glassgait.studies.rollouts.scores import summarize_against
 
 TITLES = {
     "policy": "policy",
-    "world": "world",
+    "world": "scenario",
     "robots": "robots",
     "falls": "falls",
     "reward": "return",

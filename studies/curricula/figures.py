@@ -36,7 +36,7 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
         share.errorbar(at, mine["share"], mine["share_ci"], label=line.title, capsize=1.5, **style)
         falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    share.set(ylabel="share of the\nexpert's reward", ylim=(0, None), title=title)
+    share.set(ylabel="share of the\nexpert's return", ylim=(0, None), title=title)
     share.legend(ncols=2, loc="lower right")
     falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="who acts while samples are collected")
     falls.set_xticks(np.arange(len(TICKS)), list(TICKS.values()))

@@ -45,7 +45,7 @@ def reductions(
             "samples",
             _samples(full),
             _samples(distillation),
-            "imitation and reward: with more samples all students come closer to the expert",
+            "imitation and return: with more samples all students come closer to the expert",
         ),
         Reduction(
             "who collects them",

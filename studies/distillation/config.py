@@ -46,8 +46,9 @@ class DistillationConfig(Settings):
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.
         speeds: Commanded forward speeds that the episodes cycle through (m/s), at most the gait's.
-        worlds: The worlds in which samples are collected: those that experts learn in.
-        scenario: Name of a scenario that ships, or path of a scenario file: the one world in which
+        worlds: The randomised scenarios in which samples are collected: those that experts
+            learn in.
+        scenario: Name of a scenario that ships, or path of a scenario file: the one in which
             they are collected instead, but for its commands.
         settings: Settings of the students' fits.
         n_jobs: Students that are made at once; of one, joints that are fitted at once.

@@ -41,7 +41,7 @@ class Evaluate(Settings):
             for each gait; or a kind of student or the path of its policy file, to be rolled out
             alone, at the speeds of distillation.
         scenario: Where to roll out: names of scenarios that ship, or `all` of them, and paths of
-            scenario files; `students` are rolled out in one, the training world by default.
+            scenario files; `students` are rolled out in one, the training scenario by default.
             `--worlds` is another name for it.
         rollouts: How robots are rolled out.
         workers: Where rollouts run.

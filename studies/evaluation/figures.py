@@ -47,10 +47,10 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
         falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
     reward.axhline(expert["reward"], color="black", linewidth=0.8, linestyle=":")
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    reward.set(ylabel="episodic reward", ylim=(0, None))
+    reward.set(ylabel="return", ylim=(0, None))
     # Some copies earn more than the expert.
     most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
-    share.set(ylabel="share of the\nexpert's reward", ylim=(LEAST_SHARE, most))
+    share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
     share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
     falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
     falls.set_xticks(np.arange(len(ratios)), ratios)

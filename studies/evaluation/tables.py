@@ -26,9 +26,9 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "policy": [policy_title(name) for name in alone["policy"]],
-            "reward": _with_interval(alone, "reward", 0),
+            "return": _with_interval(alone, "reward", 0),
             "share of expert": _with_interval(alone, "share", 3),
-            "plain reward": _with_interval(alone, "plain_reward", 1),
+            "plain return": _with_interval(alone, "plain_reward", 1),
             "falls": _falls(alone),
             "rhythm": alone["rhythm"].round(3),
             "speed error (m/s)": alone["speed_error"].round(3),
@@ -51,8 +51,8 @@ def scorecard_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
             "speed error (m/s)": _with_interval(means, "speed_error", 3),
             "yaw-rate error (rad/s)": _with_interval(means, "yaw_rate_error", 3),
             "rhythm": _with_interval(means, "rhythm", 3),
-            "plain reward": _with_interval(means, "plain_reward", 1),
-            "reward": _with_interval(means, "reward", 0),
+            "plain return": _with_interval(means, "plain_reward", 1),
+            "return": _with_interval(means, "reward", 0),
             "cost of transport": _with_interval(means, "cost_of_transport", 2),
         }
     )

@@ -70,8 +70,8 @@ class AblatedPolicy(AlternatingPolicy):
     def acting_expert(self) -> NoReturn:
         """Refuses: only `act` takes observations away."""
         raise InputError(
-            "ablation: a diagram's policies see every observation; choose a discrete world, where "
-            "they can be taken away"
+            "ablation: a diagram's policies see every observation; choose a discrete scenario, "
+            "where they can be taken away"
         )
 
     acting_student = acting_expert

@@ -56,7 +56,7 @@ def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
                 mine["lost"], at, xerr=mine["lost_ci"], fmt="none", ecolor="0.3", elinewidth=0.5
             )
         panel.set_title(textwrap.fill(student_title(student), 14))
-        panel.set_xlabel("share of reward lost")
+        panel.set_xlabel("share of return lost")
         panel.set_yticks(range(len(groups)), groups, fontsize=6)
     panels[0][0].invert_yaxis()
     handles, labels = panels[0][0].get_legend_handles_labels()
@@ -85,7 +85,7 @@ def faithfulness_figure(importances: pd.DataFrame, lost: pd.DataFrame, title: st
         correlation = own["importance"].corr(own["lost"], method="spearman")
         panel.set_title(f"{name}, ρ = {correlation:.2f}")
     for panel in panels[:, 0]:
-        panel.set_ylabel("rank by reward lost")
+        panel.set_ylabel("rank by return lost")
     for panel in panels.flat[max(0, len(pairs) - 2) : len(pairs)]:
         panel.set_xlabel("rank by importance (most to the right)")
         panel.tick_params(labelbottom=True)

@@ -8,6 +8,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.observation import indices_of
 from glassgait.studies.students.dataset import Dataset, r2_scores
 
 METHOD_TITLES = {
@@ -23,6 +24,9 @@ def permutation_importance(
 ) -> Array:
     """Measures how much R² each joint loses when one observation is shuffled.
 
+    The entries of the machine's state are shuffled together, so that each sample keeps exactly one
+    state. What is lost without them is divided equally among them.
+
     Args:
         policy: The student.
         samples: Held-out samples with the expert's actions.
@@ -33,14 +37,17 @@ def permutation_importance(
         Losses of R² (repeats, 12, n).
     """
     whole = r2_scores(policy, samples)
-    n = samples.observations.shape[1]
-    losses = np.zeros((repeats, len(whole), n))
+    observations = samples.observations
+    state = set(indices_of("machine state", policy.observation_names))
+    blocks = [[column] for column in range(observations.shape[1]) if column not in state]
+    blocks += [sorted(state)] if state else []
+    losses = np.zeros((repeats, len(whole), observations.shape[1]))
     for repeat in range(repeats):
-        for column in range(n):
-            shuffled = samples.observations.copy()
-            shuffled[:, column] = generator.permutation(shuffled[:, column])
+        for columns in blocks:
+            shuffled = observations.copy()
+            shuffled[:, columns] = generator.permutation(observations[:, columns])
             scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
-            losses[repeat, :, column] = whole - scores
+            losses[repeat, :, columns] = (whole - scores) / len(columns)
     return losses
 
 

@@ -142,15 +142,16 @@ class Pareto(Settings):
 
 
 def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
-    """Joins the fits with their scores alone: share of the expert's reward, and falls."""
+    """Joins the fits with their scores alone: share of the expert's return, and falls."""
     means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
     columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
     front = fits.merge(means[["policy", *columns]], on="policy")
-    return front.sort_values("terms", ignore_index=True)
+    called = {"reward": "return", "reward_ci": "return_ci"}
+    return front.rename(columns=called).sort_values("terms", ignore_index=True)
 
 
 def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
-    """Names the smallest formulas with which every robot walks, for growing shares of the reward.
+    """Names the smallest formulas with which every robot walks, for growing shares of the return.
 
     A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
     Where no size does, there is no row.

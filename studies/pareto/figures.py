@@ -26,7 +26,7 @@ def pareto_figure(front: pd.DataFrame, title: str) -> Figure:
         axes[1].plot(mine["terms"], 100 * mine["fall_rate"], **line)
         axes[2].plot(mine["terms"], mine["r2"], **line)
     axes[0].axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    axes[0].set(ylabel="share of the\nexpert's reward", ylim=(0, None))
+    axes[0].set(ylabel="share of the\nexpert's return", ylim=(0, None))
     axes[1].set(ylabel="falls (%)", ylim=(-5, 105))
     axes[2].set(ylabel="R²", ylim=(None, 1), xlabel="terms of all formulas", xscale="log")
     ticks = sorted({*front["terms"]})

@@ -40,7 +40,7 @@ class RefinementConfig(Settings):
             walk alone, and those that do best are the result.
         candidate_steps: Control steps that each of a candidate's robots walks.
         n_robots: Robots that walk at once.
-        worlds: The worlds that they walk in.
+        worlds: The randomised scenarios that they walk in.
         ppo: Settings of PPO.
     """
 

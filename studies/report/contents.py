@@ -16,17 +16,17 @@ FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 DEVIATIONS = (
     "The robot is a Unitree A1 in Drake, SAP contact at 10 ms; the paper names neither its "
     "simulator's contact model nor its time step.",
-    "Experts are trained with 256 robots for 15 to 27 % of the paper's control steps, "
+    "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
-    "Boosted trees are more and deeper than scikit-learn's defaults, and see a quarter of the "
-    "samples each; explainable boosting takes larger and fewer steps than interpret's defaults, "
-    "with fewer bins and bags. While samples are collected trees are boosted by histograms and "
-    "additive models are smaller.",
+    "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
+    "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "
+    "defaults, with fewer bins and bags. While samples are collected trees are boosted by "
+    "histograms and additive models are smaller.",
     "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
     "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
     "of an episode's start counting once or often, the simplest is taken that walks alone about as "
     "well as the best. The paper evolves them with PySR alone. "
-    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 120, but "
+    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 200, but "
     "Operon counts a weighted observation as one.",
     "After the paper's episodes come rounds in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
@@ -71,7 +71,7 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         ),
         Item(
             "Table I",
-            "Top 3 observations by importance for each joint type, boosted trees",
+            "Top 3 observations by importance for each joint type, GBM (boosted trees)",
             "An asterisk marks what the paper lists at the same place.",
             tables=[
                 ("Feature importance (impurity)", _tops(results, "impurity")),
@@ -87,11 +87,11 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         ),
         Item(
             "Figure 2",
-            "Reward and falls against the alternation ratio",
+            "Return and falls against the alternation ratio",
             "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
             "shares compare each robot with the expert's under the same commands and noise.",
             tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
-            figures=_each(results, "reward", "reward against ratio"),
+            figures=_each(results, "reward", "return against ratio"),
         ),
         *(
             _sequences(results, f"Figure {number}", kind)
@@ -99,13 +99,13 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         ),
         Item(
             "Figure 6",
-            "A weak learner of the boosted trees, FL hip",
+            "A weak learner of the GBM, FL hip",
             figures=_each(results, f"{GBM.name}_FL_hip_tree", "decision tree", first="walk"),
             wide=True,
         ),
         Item(
             "Figure 7",
-            "Partial dependence on the top 3 observations, boosted trees, FL hip",
+            "Partial dependence on the top 3 observations, GBM, FL hip",
             figures=_each(
                 results, f"{GBM.name}_FL_hip_partial_dependence", "dependence", first="walk"
             ),
@@ -135,7 +135,7 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         ),
         Item(
             "Figure 11",
-            "Observation importances of the boosted trees, by two methods",
+            "Observation importances of the GBM, by two methods",
             figures=[
                 *_each(results, f"{GBM.name}_impurity", "impurity importance"),
                 *_each(results, f"{GBM.name}_permutation", "permutation importance"),

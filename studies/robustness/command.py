@@ -42,13 +42,13 @@ OUTPUT = Path("runs/robustness")
 
 @dataclass(frozen=True)
 class Robustness(Settings):
-    """Let the expert and every student walk alone in every world, and tell who falls where.
+    """Let the expert and every student walk alone in every scenario, and tell who falls where.
 
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait whose expert ships, and
             of students that are named, any of those. Each gait has a run.
         students: Kinds of students; every one that there is by default.
-        scenario: The worlds: names of scenarios that ship, or `all` of them, and paths of scenario
+        scenario: The scenarios: names of those that ship, or `all` of them, and paths of scenario
             files. `--worlds` is another name for it.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
@@ -160,5 +160,5 @@ def _write_overview(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
 def _write(table: pd.DataFrame, gait: Gait, folder: Path) -> None:
     write_table(readable_table(table), folder / "worlds")
     write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
-    title = f"{gait.name.capitalize()}: who falls where, each policy alone, the worst world first"
+    title = f"{gait.name.capitalize()}: who falls where, each policy alone, worst scenario first"
     save_figure(fall_map(table, title), folder / "worlds")

@@ -12,14 +12,14 @@ from glassgait.studies.students.registry import STUDENTS
 
 TITLES = {
     "policy": "policy",
-    "world": "world",
+    "world": "scenario",
     "robots": "robots",
     "falls": "falls",
     "fall_rate": "share of falls",
     "fall_rate_low": "95 % from",
     "fall_rate_high": "95 % to",
     "points_more": "points more than the expert",
-    "share": "share of the expert's reward",
+    "share": "share of the expert's return",
     "share_ci": "±",
     "speed_error": "speed error (m/s)",
     "yaw_rate_error": "yaw-rate error (rad/s)",
@@ -98,12 +98,12 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append(
             {
                 "policy": policy_title(name),
-                "its worst world": worst["world"] if fell else "–",
+                "its worst scenario": worst["world"] if fell else "–",
                 "falls there": _falls(worst) if fell else "–",
                 "95 % interval": _percents(worst) if fell else "–",
                 "points more than the expert": f"{worst['points_more']:+.0f}" if fell else "–",
-                "falls at home": _falls(home.iloc[0]) if len(home) else "–",
-                "worlds without a fall": f"{(own['falls'] == 0).sum()} of {len(own)}",
+                "falls in training scenario": _falls(home.iloc[0]) if len(home) else "–",
+                "scenarios without a fall": f"{(own['falls'] == 0).sum()} of {len(own)}",
             }
         )
     return pd.DataFrame(rows)

@@ -168,7 +168,7 @@ class ShowRollout(Settings):
             )
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
-            console.print(f"{end} after {rollout.time[-1]:.2f} s, reward {reward:.0f}")
+            console.print(f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}")
         record = yaml.safe_dump(
             {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
         )

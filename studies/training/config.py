@@ -127,7 +127,7 @@ class TrainingConfig(Settings):
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
-        worlds: The worlds that they train in.
+        worlds: The randomised scenarios that they train in.
         friction_updates: Updates between two draws of the frictions.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's

@@ -39,7 +39,7 @@ class Transitions(Settings):
         gait: Names of gaits; `all` for every gait that ships.
         policies: Who walks in every gait: `expert`, or kinds of students. `--policy` is another
             name for it.
-        scenario: The worlds: names of scenarios that ship, or `all` of them, and paths of scenario
+        scenario: The scenarios: names of those that ship, or `all` of them, and paths of scenario
             files. `--worlds` is another name for it.
         transitions: How robots are rolled out, and what eases the change.
         via: A gait on the way between any two others; none by default.
@@ -96,7 +96,7 @@ class Transitions(Settings):
         for name, scenario in scenarios.items():
             if scenario.accuracy is not None:
                 raise InputError(
-                    f"transitions: scenario {name!r} is continuous; name worlds of discrete time"
+                    f"transitions: scenario {name!r} is continuous; name scenarios of discrete time"
                 )
         walkers = {policy: _walkers(policy, there) for policy in self.policies}
         return jobs_of_pairs(gaits, walkers, scenarios, self.transitions, via)

@@ -8,7 +8,7 @@ KEYS = ["policy", "scenario", "from", "to", "speed"]
 
 TITLES = {
     "policy": "policy",
-    "world": "world",
+    "world": "scenario",
     "from": "from",
     "to": "to",
     "speed": "speed (m/s)",
@@ -20,7 +20,7 @@ TITLES = {
     "settling": "rhythm kept after (s)",
     "longest_settling": "at the latest after (s)",
     "unsettled": "never kept",
-    "share": "share of the reward",
+    "share": "share of the return",
 }
 """What people call the columns of `transition_table`."""
 
@@ -86,7 +86,7 @@ def summary_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
         rows.append(
             {
                 "policy": policy_title(str(policy)),
-                "world": titles[str(scenario)],
+                "scenario": titles[str(scenario)],
                 "pairs without a fall": f"{(falls == 0).sum()} of {len(falls)}",
                 "falls": f"{falls.sum()} of {own['robots'].sum()}",
                 "who falls": ", ".join(told) or "–",

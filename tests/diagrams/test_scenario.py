@@ -152,7 +152,7 @@ def test_every_setting_is_in_the_digest():
         ),
         (
             "{station: {time_step: 0}, accuracy: 1.0e-3, pushes: {speed: 1}}",
-            "pushes.speed is 1, but robots are pushed in discrete worlds alone",
+            "pushes.speed is 1, but only discrete scenarios have pushes",
         ),
         ("pushes: {speed: .inf}", "it must be a finite number"),
         ("true_body_state: 1", "key 'true_body_state' is 1; it must be true or false"),

@@ -168,6 +168,20 @@ def test_a_mirrored_file_holds_half_of_the_formulas_and_acts_alike_on_both_sides
     assert np.abs(own - REFLECT_JOINTS(own)).max() > 0.1
 
 
+def test_what_stands_in_a_file_is_explained_in_it():
+    text = "mirror: 1 0\n\ndefinitions\nlate = tanh(0.5*t - 2)\n\nstate 0\n"
+    policy = policy_of(HEAD + text + shared(FL_hip="late*q.FL_hip"))
+    written = policy.to_text()
+    header, legend = written.split("\n\n")[:2]
+    assert "mirror: 1 0    # states 0, 1, ... in a mirror" in header
+    assert legend.split("\n") == [
+        "# Each formula is the target of a joint, in rad.",
+        "# q: angle of a joint, rad.",
+        "# t: control steps since the state began.",
+    ]
+    assert read_formulas(written).mirror == (1, 0)
+
+
 def test_a_formula_that_is_no_mirror_image_stands_in_the_file():
     policy = policy_of(mirrored_text("1 0") + "\nstate 1\nFL_hip = 0.5\n")
     assert "\nstate 1\nFL_hip = 0.5\n" in policy.to_text()

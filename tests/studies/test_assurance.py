@@ -108,10 +108,10 @@ def test_calls_are_counted_by_steps_and_falls_beside_the_experts(table):
     assert readable_table(table)["policy"].tolist() == [
         "Neural expert",
         "Page of formulas",
-        "Assured, 5 % at home",
+        "Assured, 5 % in training",
         "Schedule, as many as assured, 5 %",
     ]
-    assert acting_title("assured_0.015") == "Assured, 1.5 % at home"
+    assert acting_title("assured_0.015") == "Assured, 1.5 % in training"
 
 
 def test_the_figure_sets_falls_against_calls(table):

@@ -175,7 +175,7 @@ def test_b_is_set_against_a_in_the_same_world_robot_by_robot(expert):
                 row = dict.fromkeys(SCORES, 1.0) | {"policy": letter, "scenario": world}
                 rows.append(row | {"robot": robot_index, "fell": False, "reward": reward})
     table = score_table(pd.DataFrame(rows), {"training": "home", "icy": "ice"})
-    assert table[["world", "policy"]].to_numpy().tolist() == [
+    assert table[["scenario", "policy"]].to_numpy().tolist() == [
         ["home", "A"], ["home", "B"], ["ice", "A"], ["ice", "B"],
     ]  # fmt: skip
     assert table["share"].tolist() == pytest.approx([1.0, 19 / 20, 1.0, 16 / 20])
@@ -257,7 +257,7 @@ def test_refuses_what_it_cannot_compare(refused, tmp_path, monkeypatch):
     assert "none" in refused(["compare", "page", other])
     assert "unknown scenario 'mars'" in refused(["compare", "--worlds", "mars"])
     mujoco = ["compare", "--worlds", "mujoco", "training"]
-    assert "targets and replay are of the first world" in refused(mujoco)
+    assert "targets and replay are of the first scenario" in refused(mujoco)
     (tmp_path / "steered.yaml").write_text("command: {sliders: true}\n")
     assert "command is of sliders" in refused(["compare", "--worlds", "steered.yaml"])
     assert "the range of gait 'trot'" in refused(["compare", "--command.speed", "9"])

@@ -296,5 +296,5 @@ def test_gait_figure_is_drawn(expert, tmp_path):
 def test_a_single_robot_has_no_interval():
     scores = score_rollouts(log(n_robots=1)).assign(gait="trot", scenario="training")
     row = scorecard_table(scores, {"training": "training"}).iloc[0]
-    assert row["reward"] == "200"
+    assert row["return"] == "200"
     assert row["cost of transport"] == "–"

@@ -55,6 +55,27 @@ def test_permutation_finds_what_a_joint_depends_on(generator):
     assert not np.delete(mean, [5, 7], axis=1).any()
 
 
+def test_the_machines_state_is_shuffled_as_one(generator):
+    seen = []
+    entries = machine_state_entries(NAMES)
+
+    class Watched(LinearPolicy):
+        def __call__(self, observation):
+            seen.append(observation[:, entries])
+            return super().__call__(observation)
+
+    weights = np.zeros((12, N))
+    weights[:, entries] = [1.0, -1.0]
+    policy = Watched("trot", NAMES, weights, np.zeros(12))
+    samples = samples_of(policy, generator)
+    mean = permutation_importance(policy, samples, generator, repeats=2).mean(axis=0)
+    assert all((states.sum(axis=1) == 1.0).all() for states in seen)
+    np.testing.assert_array_equal(mean[:, entries][:, 0], mean[:, entries][:, 1])
+    # Of two equally frequent states another sample's is wrong half the time: R² falls from 1 to -1.
+    group = merge_importances(mean, NAMES)[0, list(observation_groups(NAMES)).index("RM State")]
+    assert group == pytest.approx(2.0, abs=0.3)
+
+
 def test_permutation_repeats_with_its_seed(generator):
     policy = linear(generator.normal(size=(12, N)))
     samples = samples_of(policy, generator, count=50)

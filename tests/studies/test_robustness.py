@@ -94,17 +94,19 @@ def test_students_are_set_against_the_expert_in_the_same_world(table):
 
 def test_one_fallen_robot_is_no_worst_world_beside_many(table):
     worst = worst_table(table).set_index("policy")
-    assert worst.loc["Linear", "its worst world"] == "ice"
+    assert worst.loc["Linear", "its worst scenario"] == "ice"
     assert worst.loc["Linear", "falls there"] == "8 of 10"
     assert worst.loc["Linear", "points more than the expert"] == "+60"
-    assert worst.loc["Linear", "worlds without a fall"] == "2 of 4"
-    assert worst["falls at home"].tolist() == ["0 of 10"] * 3
+    assert worst.loc["Linear", "scenarios without a fall"] == "2 of 4"
+    assert worst["falls in training scenario"].tolist() == ["0 of 10"] * 3
 
 
 def test_a_policy_that_never_fell_has_no_worst_world():
     scores = scores_of({("expert", "icy"): 0})
     (row,) = worst_table(fall_table(scores, {"icy": "ice"})).to_dict(orient="records")
-    assert row["its worst world"] == row["falls there"] == row["falls at home"] == "–"
+    assert (
+        row["its worst scenario"] == row["falls there"] == row["falls in training scenario"] == "–"
+    )
 
 
 def cells_of(figure):
@@ -213,13 +215,13 @@ def test_command_writes_table_metrics_and_map(run, capsys):
     worlds = {f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")}
     assert written == {"config.yaml", "metrics.json", "rollouts"} | worlds
     table = pd.read_csv(folder / "worlds.csv")
-    assert table[["policy", "world", "robots"]].to_numpy().tolist() == [
+    assert table[["policy", "scenario", "robots"]].to_numpy().tolist() == [
         ["Neural expert", "SAP 10 ms (training)", 2],
         ["Linear", "SAP 10 ms (training)", 2],
         ["Neural expert", "lonely", 1],
         ["Linear", "lonely", 1],
     ]
-    assert table["share of the expert's reward"].tolist()[::2] == [1.0, 1.0]
+    assert table["share of the expert's return"].tolist()[::2] == [1.0, 1.0]
     metrics = pd.DataFrame(json.loads((folder / "metrics.json").read_text()))
     assert policies_of(metrics) == ["expert", "linear"]
     # The map can be drawn anew from what the run wrote.
