@@ -20,15 +20,17 @@ class Check(Settings):
     Attributes:
         certificates: Files of certificates, or folders that hold one; those that ship by default.
         policy: The policy's file, of a certificate of one that does not ship.
+        gait: The gait's file, of a certificate of one that does not ship.
     """
 
     title: ClassVar[str] = "check"
 
     certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
     policy: Path | None = None
+    gait: Path | None = None
 
     def run(self) -> None:
-        """Checks each, and tells what holds."""
+        """Checks each, and reports what holds."""
         try:
             # Imported here: no other command needs what the checker computes with.
             from glassgait.models.certificates.checker import (  # noqa: PLC0415
@@ -37,13 +39,14 @@ class Check(Settings):
             )
         except ImportError as error:
             raise InputError(str(error)) from error
-        if self.policy and len(self.certificates) != 1:
-            raise InputError("--policy: is of one certificate; name one")
+        for option, file in (("--policy", self.policy), ("--gait", self.gait)):
+            if file and len(self.certificates) != 1:
+                raise InputError(f"{option}: is of one certificate; name one")
         for named in self.certificates or shipped_certificates():
             path = named / CERTIFICATE_NAME if named.is_dir() else named
             if not path.is_file():
                 raise InputError(f"{path}: no such file; 'glassgait certify' writes one")
             try:
-                console.print(f"{path}: {check(path, self.policy)}")
+                console.print(f"{path}: {check(path, self.policy, self.gait)}")
             except RefusedError as error:
                 raise InputError(f"{path}: {error}") from error
