@@ -267,6 +267,18 @@ def test_the_front_page_is_short():
     assert max(len(line) for line in lines if not line.startswith(("|", "<img"))) <= LONGEST_LINE
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_have_one_word_for_a_thing(page):
+    prose = re.sub(
+        r"```.*?```|`[^`]*`|\]\([^)]*\)|src=\"[^\"]*\"", "", PAGES[page], flags=re.DOTALL
+    )
+    prose = " ".join(prose.split())
+    assert not re.search(r"\bworlds?\b|\bat home\b", prose, flags=re.IGNORECASE)
+    # GBM is said elsewhere; the first time, what it is.
+    named = re.findall(r"(\S+) \(?boosted trees", prose, flags=re.IGNORECASE)
+    assert named in ([], ["GBM"])
+
+
 def commands_of(page, form):
     """Names of the commands in the table of a page, in the order in which they stand there."""
     (table,) = re.findall(r"## The commands\n\n(.*?)\n\n(?!\|)", PAGES[page], flags=re.DOTALL)

@@ -175,7 +175,7 @@ def test_b_is_set_against_a_in_the_same_world_robot_by_robot(expert):
                 row = dict.fromkeys(SCORES, 1.0) | {"policy": letter, "scenario": world}
                 rows.append(row | {"robot": robot_index, "fell": False, "reward": reward})
     table = score_table(pd.DataFrame(rows), {"training": "home", "icy": "ice"})
-    assert table[["scenario", "policy"]].to_numpy().tolist() == [
+    assert table[["world", "policy"]].to_numpy().tolist() == [
         ["home", "A"], ["home", "B"], ["ice", "A"], ["ice", "B"],
     ]  # fmt: skip
     assert table["share"].tolist() == pytest.approx([1.0, 19 / 20, 1.0, 16 / 20])

@@ -4,25 +4,35 @@ import json
 
 import pandas as pd
 import pytest
+import yaml
 
 from glassgait.models.certificates.certificate import SHIPPED
 from glassgait.models.files import digest
-from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.policies.library import (
+    EXPERT_DIRECTORY,
+    STUDENT_DIRECTORY,
+    shipped_experts,
+)
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.pages import page_template
 from glassgait.studies.report import command
 from glassgait.studies.report.certificates import certified_policies, verdicts_table
 from glassgait.studies.report.config import ReportConfig
-from glassgait.studies.report.contents import contents, r2_by_gait
+from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.students.additive import EbmSettings
 from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
 from glassgait.studies.students.registry import paper_students
 from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
 from glassgait.studies.tables import to_markdown
+from glassgait.studies.training.tables import PAPER_CONTROL_STEPS
+
+EXPERTS = [
+    yaml.safe_load((EXPERT_DIRECTORY / f"{name}.yaml").read_text()) for name in shipped_experts()
+]
 
 TINY = ReportConfig(
     distillation=DistillationConfig(
@@ -149,3 +159,11 @@ def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
     assert "continue it with --resume" in refused(arguments)
     main([*arguments, "--resume"])
     assert (tmp_path / "report.html").read_text() == page
+
+
+def test_the_deviations_are_those_of_what_ships():
+    told = " ".join(DEVIATIONS)
+    shares = [100 * expert["control_steps"] / PAPER_CONTROL_STEPS for expert in EXPERTS]
+    assert f"{min(shares):.0f} to {max(shares):.0f} % of the paper's control steps" in told
+    nodes = max(length for _, length in StatewiseSymbolicSettings().shapes)
+    assert f"one per RM state at most {nodes}" in told
