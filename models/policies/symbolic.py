@@ -41,6 +41,7 @@ class FormulaPolicy(Policy):
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
     suffix = SUFFIX
+    limits_targets = True
 
     def __init__(
         self,
