@@ -123,10 +123,10 @@ class ControllerEnd:
     def _is_wanted(self, message: sensors_t) -> bool:
         """Tells whether sensors are to be answered rather than those that wait for an answer."""
         waiting, before = self._latest, self._answered
-        if before is not None and message.session == before.session:
-            # What came twice or was overtaken is late; what is far behind is a start anew.
-            if -MOST_MADE_UP <= message.sequence - before.sequence <= 0:
-                return False
+        goes_on = before is not None and message.session == before.session
+        # What came twice or was overtaken is late; what is far behind is a start anew.
+        if goes_on and -MOST_MADE_UP <= message.sequence - before.sequence <= 0:
+            return False
         if waiting is None:
             return True
         if message.session == waiting.session:

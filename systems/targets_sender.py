@@ -21,7 +21,8 @@ class TargetsSender(LeafSystem):
         - message
 
     Inputs: action (12), of this control step. sensors (sensors_t), which it answers.
-    Outputs: message (targets_t), targets within the joints' ranges, the nearest there. State: none. Feedthrough: both inputs.
+    Outputs: message (targets_t), targets within the joints' ranges, the nearest there.
+    State: none. Feedthrough: both inputs.
     """
 
     def __init__(self) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import tyro
 
 from glassgait.diagrams.worlds import HARSH, GroupRanges, Worlds
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
@@ -94,6 +95,7 @@ class RefinementConfig(Settings):
             updates=self.updates,
             n_robots=self.n_robots,
             worlds=self.worlds,
+            limit_targets=FormulaPolicy.limits_targets,
             curriculum=FULL_DEMANDS,
             ppo=self.ppo,
         )

@@ -141,9 +141,7 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(
-    rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bool
-) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bool) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],

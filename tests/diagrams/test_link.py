@@ -229,7 +229,11 @@ def test_messages_of_another_kind_are_counted_and_passed_over(trot, page):
 
 def stamped(kind, session, sequence, position=0.0):
     message = kind()
-    message.session, message.sequence, message.utime = session, sequence, min(20_000 * sequence, 2**62)
+    message.session, message.sequence, message.utime = (
+        session,
+        sequence,
+        min(20_000 * sequence, 2**62),
+    )
     message.joint_position = [position] * 12
     return message
 
