@@ -147,7 +147,6 @@ WORLDS = {
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
     "limited targets": replace(CALM, limit_targets=True),
     "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),
-    "free targets": replace(CALM, limit_targets=False),
     "speeds averaged": replace(CALM, weights=RewardWeights(tracking_time=0.3)),
 }
 
