@@ -90,13 +90,13 @@ class ControllerEnd:
 
     def answer(self) -> bool:
         """Answers the latest sensors, if some came since the last answer; tells whether so."""
-        message, before = self._latest, self._answered
+        message = self._latest
         self._latest = None
         if message is None:
             return False
         instant = message.sequence * CONTROL_PERIOD
-        goes_on = before is not None and before.session == message.session and message.followed
-        if goes_on and 0 < message.sequence - before.sequence <= MOST_MADE_UP:
+        steps = self._steps_since_answer(message)
+        if message.followed and steps is not None and 0 < steps <= MOST_MADE_UP:
             self._simulator.AdvanceTo(instant)
         else:
             self._start_anew(instant)
@@ -123,9 +123,9 @@ class ControllerEnd:
     def _is_wanted(self, message: sensors_t) -> bool:
         """Tells whether sensors are to be answered rather than those that wait for an answer."""
         waiting, before = self._latest, self._answered
-        goes_on = before is not None and message.session == before.session
+        steps = self._steps_since_answer(message)
         # What came twice or was overtaken is late; what is far behind is a start anew.
-        if goes_on and -MOST_MADE_UP <= message.sequence - before.sequence <= 0:
+        if steps is not None and -MOST_MADE_UP <= steps <= 0:
             return False
         if waiting is None:
             return True
@@ -133,6 +133,13 @@ class ControllerEnd:
             return message.sequence > waiting.sequence
         # Sensors of the session that goes on wait: those of another one may be a remnant.
         return before is None or waiting.session != before.session
+
+    def _steps_since_answer(self, message: sensors_t) -> int | None:
+        """Counts control steps since the sensors answered last; None in another session."""
+        before = self._answered
+        if before is None or before.session != message.session:
+            return None
+        return message.sequence - before.sequence
 
     def _hear_command(self, message: command_t) -> None:
         before = self._command
