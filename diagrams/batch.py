@@ -167,8 +167,8 @@ class BatchSimulator:
         s, task = self._state, self.task
         moved = self.physics.step(
             s.plant,
-            robot.joint_targets(action),
-            previous_targets=robot.joint_targets(s.action),
+            robot.joint_targets(action, limited=task.limit_targets),
+            previous_targets=robot.joint_targets(s.action, limited=task.limit_targets),
             latency=s.latency,
         )
         plant = moved.states
@@ -195,6 +195,7 @@ class BatchSimulator:
             air_time=s.air_time,
             tracked=s.tracked,
             weights=self._weights,
+            limit_targets=task.limit_targets,
         )
         plain = np.where(lost, 0.0, reward.plain)
         after = TaskState(

@@ -1,5 +1,7 @@
 """The locomotion diagram, driven by a controller that was compiled from C."""
 
+from dataclasses import replace
+
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -34,6 +36,8 @@ def MakeCompiledLocomotion(  # noqa: N802
             "port for; give sensor_noise 0 and contact_flips 0"
         )
     builder = DiagramBuilder()
+    if scenario.limit_targets is None:
+        scenario = replace(scenario, limit_targets=controller.limits_targets)
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
     acting = builder.AddNamedSystem("compiled_controller", CompiledController(controller))
     for name in ("state", "command", "commanded_dwell"):

@@ -1,9 +1,8 @@
 """The two ends of the link, each of which may be a process of its own.
 
-Messages are sent and taken in by hand. A subscriber that plans an update of its own takes a message
-in after the updates of the instant at which it is found, and so lets it act a plant step late; and
-a publisher with a period sends the sensors of an instant as soon as they are computed, ahead of the
-clock on the wall.
+Messages are sent and taken in by hand. One of Drake's subscribers takes whatever came last, be it
+late or useless, and lets it act a plant step late; and a publisher with a period sends the sensors
+of an instant as soon as they are computed, ahead of the clock on the wall.
 """
 
 import struct
@@ -11,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
@@ -23,12 +23,11 @@ from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.a1.robot import Array
-from glassgait.models.errors import InputError
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
-from glassgait.models.link.packing import MICROSECONDS
+from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, unpack_answer
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.tally import Tally
-from glassgait.models.link.watchdog import Phase, Watchdog
+from glassgait.models.link.watchdog import Phase, Watchdog, is_news
 from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -36,6 +35,9 @@ from glassgait.systems.link_watchdog import LinkWatchdog
 
 MOST_MADE_UP = 50
 """Control steps without sensors that a controller makes up for; after more it starts anew."""
+
+LONGEST_SESSION = 10**9
+"""Greatest number of a control step that is believed: more than half a year of walking."""
 
 FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
 
@@ -70,39 +72,36 @@ class ControllerEnd:
         self._simulator = Simulator(self.diagram)
         self._latest: sensors_t | None = None
         self._answered: sensors_t | None = None
-        self._sensors = Listener(lcm, channels.sensors, sensors_t, self._hear)
-        self._command = Listener(lcm, channels.command, command_t)
+        self._command = command_t()
+        self._listeners = (
+            Listener(lcm, channels.sensors, sensors_t, self._hear),
+            Listener(lcm, channels.command, command_t, self._hear_command),
+        )
 
     @property
     def simulator(self) -> Simulator:
         """The simulator, at the instant that was answered last."""
         return self._simulator
 
-    def answer(self) -> bool:
-        """Answers the latest sensors, if some came since the last answer; tells whether so.
+    @property
+    def n_foreign(self) -> int:
+        """Number of messages of another kind, or another version, that came on its channels."""
+        return sum(listener.n_foreign for listener in self._listeners)
 
-        Raises:
-            InputError: if messages of another kind come on its channels.
-        """
-        self._sensors.check()
-        self._command.check()
-        message, before = self._latest, self._answered
+    def answer(self) -> bool:
+        """Answers the latest sensors, if some came since the last answer; tells whether so."""
+        message = self._latest
         self._latest = None
         if message is None:
             return False
         instant = message.sequence * CONTROL_PERIOD
-        steps = None
-        if before is not None and before.session == message.session:
-            steps = message.sequence - before.sequence
-            if steps <= 0:
-                # It came twice, or was overtaken.
-                return False
-        if steps is None or steps > MOST_MADE_UP or not message.followed:
-            self._start_anew(instant)
-        else:
+        steps = self._steps_since_answer(message)
+        if message.followed and steps is not None and 0 < steps <= MOST_MADE_UP:
             self._simulator.AdvanceTo(instant)
-        for name in (linked_controller.SENSORS_SUBSCRIBER, linked_controller.COMMAND_SUBSCRIBER):
-            take_in(self.diagram, self._simulator, name)
+        else:
+            self._start_anew(instant)
+        take_in(self.diagram, self._simulator, "sensors", message)
+        take_in(self.diagram, self._simulator, "command", self._command)
         publish(self.diagram, self._simulator, linked_controller.TARGETS_PUBLISHER)
         self._answered = message
         return True
@@ -114,9 +113,38 @@ class ControllerEnd:
         self._simulator.Initialize()
 
     def _hear(self, message: sensors_t) -> None:
-        if message.sequence >= 0:
-            self.tally.count(message.session, message.sequence)
+        measured = [*message.joint_position, *message.joint_velocity]
+        if not _is_stamped(message) or not np.all(np.isfinite(measured)):
+            return
+        self.tally.count(message.session, message.sequence)
+        if self._is_wanted(message):
             self._latest = message
+
+    def _is_wanted(self, message: sensors_t) -> bool:
+        """Tells whether sensors are to be answered rather than those that wait for an answer."""
+        waiting, before = self._latest, self._answered
+        steps = self._steps_since_answer(message)
+        # What came twice or was overtaken is late; what is far behind is a start anew.
+        if steps is not None and -MOST_MADE_UP <= steps <= 0:
+            return False
+        if waiting is None:
+            return True
+        if message.session == waiting.session:
+            return message.sequence > waiting.sequence
+        # Sensors of the session that goes on wait: those of another one may be a remnant.
+        return before is None or waiting.session != before.session
+
+    def _steps_since_answer(self, message: sensors_t) -> int | None:
+        """Counts control steps since the sensors answered last; None in another session."""
+        before = self._answered
+        if before is None or before.session != message.session:
+            return None
+        return message.sequence - before.sequence
+
+    def _hear_command(self, message: command_t) -> None:
+        before = self._command
+        if message.session != before.session or message.sequence >= before.sequence:
+            self._command = message
 
 
 class RobotEnd:
@@ -167,8 +195,9 @@ class RobotEnd:
         self.n_parts = scenario.station.plant_steps()
         self.step = 0
         self._lcm, self._session = lcm, session
-        self._answered = -1
-        self._targets = Listener(lcm, channels.targets, targets_t, self._hear)
+        self._answered, self._taken = -1, -np.inf
+        take_in(self.diagram, self.simulator, "answer", targets_t())
+        self._listener = Listener(lcm, channels.targets, targets_t, self._hear)
 
     def send(self) -> None:
         """Sends command and sensors of this control instant."""
@@ -180,18 +209,18 @@ class RobotEnd:
         """Whether the sensors of this control instant have been answered."""
         return self._answered >= self.step
 
+    @property
+    def n_foreign(self) -> int:
+        """Number of messages of another kind, or another version, that came on its channel."""
+        return self._listener.n_foreign
+
     def advance(self, part: int) -> None:
         """Takes the latest answer in, and a step of the plant.
 
         Args:
             part: Which of the control period's `n_parts`.
-
-        Raises:
-            InputError: if messages of another kind come on its channel.
         """
         self._lcm.HandleSubscriptions(0)
-        if self._targets.check():
-            take_in(self.diagram, self.simulator, linked_robot.TARGETS_SUBSCRIBER)
         last = part == self.n_parts - 1
         # Between two steps of the plant nothing is due; at an instant itself rounding would decide
         # whether its updates are taken.
@@ -222,23 +251,31 @@ class RobotEnd:
         guard.restart(guard.GetMyMutableContextFromRoot(context))
 
     def _hear(self, message: targets_t) -> None:
-        if message.session != self._session or message.sequence > self.step:
+        sent = message.session == self._session and 0 <= message.sequence <= self.step
+        if not sent or control_step(message.utime / MICROSECONDS) != message.sequence:
             return
         now = self.simulator.get_context().get_time()
         late = now - message.utime / MICROSECONDS > CONTROL_PERIOD + 1.0 / MICROSECONDS
         self.tally.count(message.session, message.sequence, late=late)
-        self._answered = max(self._answered, message.sequence)
+        answer = unpack_answer(message)
+        if is_news(answer, self._taken, now):
+            take_in(self.diagram, self.simulator, "answer", message)
+            self._answered, self._taken = message.sequence, answer.time
 
 
 class Listener:
-    """Hears every message of a channel, also those that a subscriber never takes in."""
+    """Hears every message of a channel, and counts those that are none.
+
+    Attributes:
+        n_foreign: Number of messages of another kind, or another version, that came.
+    """
 
     def __init__(
         self,
         lcm: DrakeLcmInterface,
         channel: str,
         kind: Any,
-        hear: Callable[[Any], None] = lambda message: None,
+        hear: Callable[[Any], None],
     ) -> None:
         """
         Args:
@@ -247,39 +284,27 @@ class Listener:
             kind: Type of the messages.
             hear: Called with each.
         """
-        self._channel, self._kind, self._hear = channel, kind, hear
-        self._news, self._foreign = False, False
+        self._kind, self._hear = kind, hear
+        self.n_foreign = 0
         self._subscription = lcm.Subscribe(channel, self._decode)
-
-    def check(self) -> bool:
-        """Tells whether a message came since the last call.
-
-        Raises:
-            InputError: if one of another kind came, which no subscriber could take in.
-        """
-        if self._foreign:
-            raise InputError(
-                f"channel {self._channel}: a message came that is of another kind, or of another "
-                "version; run both processes of one version, or name other --channels"
-            )
-        news, self._news = self._news, False
-        return news
 
     def _decode(self, data: bytes) -> None:
         try:
             message = self._kind.decode(data)
         except (ValueError, struct.error):
-            self._foreign = True
+            self.n_foreign += 1
             return
-        self._news = True
         self._hear(message)
 
 
-def take_in(diagram: Diagram, simulator: Simulator, name: str) -> None:
-    """Has a subscriber take the latest message in at once."""
-    subscriber = diagram.GetSubsystemByName(name)
-    context = simulator.get_mutable_context()
-    subscriber.ExecuteForcedEvents(subscriber.GetMyMutableContextFromRoot(context))
+def _is_stamped(message: sensors_t) -> bool:
+    return message.session != NOBODY and 0 <= message.sequence <= LONGEST_SESSION
+
+
+def take_in(diagram: Diagram, simulator: Simulator, name: str, message: Any) -> None:
+    """Gives a message to an input port of a diagram."""
+    port = diagram.GetInputPort(name)
+    port.FixValue(simulator.get_mutable_context(), AbstractValue.Make(message))
 
 
 def publish(diagram: Diagram, simulator: Simulator, name: str) -> None:

@@ -2,10 +2,10 @@
 
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.lcm import LcmPublisherSystem
 
 from glassgait.diagrams.controller import AddController, Sensed
-from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.messages import targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task.gait import Gait
@@ -15,7 +15,6 @@ from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.sensors_receiver import SensorsReceiver
 from glassgait.systems.targets_sender import TargetsSender
 
-SENSORS_SUBSCRIBER, COMMAND_SUBSCRIBER = "sensors_subscriber", "command_subscriber"
 TARGETS_PUBLISHER = "targets_publisher"
 
 
@@ -27,14 +26,18 @@ def MakeLinkedController(  # noqa: N802
     .. pydrake_system::
 
         name: LinkedController
+        input_ports:
+        - sensors
+        - command
         output_ports:
         - actions
         - observations
         - rm_state
 
+    Inputs: sensors (sensors_t), which are answered. command (command_t).
     Outputs: actions (12) of this control step, observations (47 + n_states), rm_state (n_states,
-    one-hot). Messages: reads `sensors_t` and `command_t`; `targets_t` is sent when its publisher is
-    forced to; see `glassgait.diagrams.link.ControllerEnd`.
+    one-hot). Messages: `targets_t` is sent when its publisher is forced to; see
+    `glassgait.diagrams.link.ControllerEnd`, which hears the others.
 
     Args:
         gait: The gait whose reward machine runs.
@@ -47,17 +50,10 @@ def MakeLinkedController(  # noqa: N802
         ValueError: if the policy has no estimator.
     """
     builder = DiagramBuilder()
-    subscribe = LcmSubscriberSystem.Make
-    sensors = builder.AddNamedSystem(
-        SENSORS_SUBSCRIBER, subscribe(channels.sensors, sensors_t, lcm)
-    )
-    command = builder.AddNamedSystem(
-        COMMAND_SUBSCRIBER, subscribe(channels.command, command_t, lcm)
-    )
     receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())
-    builder.Connect(sensors.get_output_port(), receiver.get_message_input_port())
+    builder.ExportInput(receiver.get_message_input_port(), "sensors")
     commander = builder.AddNamedSystem("command_receiver", CommandReceiver(gait))
-    builder.Connect(command.get_output_port(), commander.get_message_input_port())
+    builder.ExportInput(commander.get_message_input_port(), "command")
     memory = builder.AddNamedSystem("contact_memory", ContactMemory())
     builder.Connect(receiver.get_touching_output_port(), memory.get_touching_input_port())
     sensed = Sensed(
@@ -70,7 +66,7 @@ def MakeLinkedController(  # noqa: N802
     controller = AddController(builder, gait, sensed, machine=machine, policy=policy)
     sender = builder.AddNamedSystem("targets_sender", TargetsSender())
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())
-    builder.Connect(sensors.get_output_port(), sender.get_sensors_input_port())
+    builder.ConnectInput("sensors", sender.get_sensors_input_port())
     publisher = LcmPublisherSystem.Make(
         channels.targets, targets_t, lcm, publish_triggers={TriggerType.kForced}
     )

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, TriggerType
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
@@ -14,7 +14,7 @@ from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.link.messages import command_t, sensors_t, targets_t
+from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.task.gait import Gait
@@ -24,7 +24,7 @@ from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.sensors_sender import SensorsSender
 
-TARGETS_SUBSCRIBER, WATCHDOG = "targets_subscriber", "link_watchdog"
+WATCHDOG = "link_watchdog"
 PUBLISHERS = ("command_publisher", "sensors_publisher")
 """In the order in which they are to send: who answers sensors has the command by then."""
 
@@ -44,6 +44,8 @@ def MakeLinkedRobot(  # noqa: N802
     .. pydrake_system::
 
         name: LinkedRobot
+        input_ports:
+        - answer
         output_ports:
         - state
         - failures
@@ -51,10 +53,11 @@ def MakeLinkedRobot(  # noqa: N802
         - phase
         - command
 
+    Inputs: answer (targets_t), the controller's latest.
     Outputs: state (37), the plant's. failures (6), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
-    command (2; m/s, rad/s). Messages: reads `targets_t`; `command_t` and `sensors_t` are sent when
-    their publishers are forced to; see `glassgait.diagrams.link.RobotEnd`.
+    command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
+    publishers are forced to; see `glassgait.diagrams.link.RobotEnd`, which hears the answers.
 
     Args:
         gait: The gait that commands are made for.
@@ -77,11 +80,9 @@ def MakeLinkedRobot(  # noqa: N802
     plant, scene_graph, instance = AddA1Station(builder, scenario.station)
     state = plant.get_state_output_port()
 
-    subscriber = LcmSubscriberSystem.Make(channels.targets, targets_t, lcm)
-    builder.AddNamedSystem(TARGETS_SUBSCRIBER, subscriber)
     guard = LinkWatchdog(watchdog, session=session, time_step=scenario.station.time_step)
     builder.AddNamedSystem(WATCHDOG, guard)
-    builder.Connect(subscriber.get_output_port(), guard.get_message_input_port())
+    builder.ExportInput(guard.get_message_input_port(), "answer")
     builder.Connect(state, guard.get_state_input_port())
     # The plant's joints stand in its own order, and are to come to rest at their targets.
     order = [robot.JOINTS.index(name) for name in actuated_joints(plant)]
@@ -142,6 +143,10 @@ def _check(scenario: Scenario) -> None:
         "station.time_step": (scenario.station.time_step == 0, "a step such as 0.01"),
         "contact_flips": (scenario.contact_flips > 0, "0"),
         "latency": (scenario.latency > 0, "0: messages take their own time"),
+        "limit_targets": (
+            scenario.limit_targets is False,
+            "true: the robot's own end keeps targets within the joints' ranges",
+        ),
         "true_body_state": (scenario.true_body_state, "false: sensors do not tell it"),
     }
     for name, (wrong, remedy) in refused.items():

@@ -130,11 +130,13 @@ def MakeLocomotion(  # noqa: N802
         builder.ExportInput(hold.get_action_input_port(), "actions")
     for name, port in controller.acting.items():
         builder.ExportOutput(port, name)
-    targets = builder.AddNamedSystem("joint_targets", JointTargets(actuated_joints(plant)))
+    limited = scenario.limits_targets(policy)
+    targets = JointTargets(actuated_joints(plant), limited=limited)
+    builder.AddNamedSystem("joint_targets", targets)
     desired_state = plant.get_desired_state_input_port(instance)
     builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
     builder.Connect(targets.get_desired_state_output_port(), desired_state)
-    judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold)
+    judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold, limited)
     if meshcat is not None:
         AddLocomotionDisplay(
             builder,
@@ -210,8 +212,10 @@ def _add_judges(
     foot_sensor: FootSensor,
     machine: RewardMachineSystem,
     hold: ActionHold,
+    limited: bool,
 ) -> dict[str, OutputPort]:
-    reward = builder.AddNamedSystem("reward", RewardSystem(scenario.weights))
+    reward = RewardSystem(scenario.weights, limit_targets=limited)
+    builder.AddNamedSystem("reward", reward)
     monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(scenario.limits))
     connect = builder.Connect
     for system in (reward, monitor):

@@ -15,6 +15,8 @@ from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedComma
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import (
@@ -67,6 +69,8 @@ class Scenario(Settings):
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
         pushes: Pushes of the trunk; of discrete plants alone.
+        limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
+            there; by default they do where the policy is to be run so, as formulas are.
         true_body_state: Whether policies observe the true body state, and the reward machine reads
             the true heights of the feet. Both are the estimator's otherwise: the loop is closed on
             sensors only.
@@ -83,6 +87,7 @@ class Scenario(Settings):
     contact_flips: ContactFlips = 0.0
     latency: Latency = 0.0
     pushes: Pushes = field(default_factory=Pushes)
+    limit_targets: bool | None = None
     true_body_state: bool = False
     max_robots: Count | None = None
     weights: RewardWeights = field(default_factory=RewardWeights)
@@ -130,6 +135,12 @@ class Scenario(Settings):
             )
         if told:
             raise InputError(f"{self.refused_as()}: {told}")
+
+    def limits_targets(self, policy: ActingPolicy | Policy | None) -> bool:
+        """Tells whether joints follow targets within their ranges alone where a policy acts."""
+        if self.limit_targets is not None:
+            return self.limit_targets
+        return policy is not None and policy.limits_targets
 
     @property
     def names_a_command(self) -> bool:

@@ -10,6 +10,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1.robot import Array
+from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import FootSense
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -34,6 +35,7 @@ class SwitchingSimulator(BatchSimulator):
         n_robots: int,
         generator: np.random.Generator,
         estimator: Callable[[Array], Array] | None = None,
+        policy: Policy | None = None,
     ) -> None:
         """
         Args:
@@ -44,6 +46,7 @@ class SwitchingSimulator(BatchSimulator):
             generator: Source of all randomness.
             estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7); as
                 `BatchSimulator` takes it.
+            policy: Who acts, as `TaskConfig.of_scenario` takes it.
 
         Raises:
             InputError: if commands come from sliders, or a gait is not made for them.
@@ -51,7 +54,7 @@ class SwitchingSimulator(BatchSimulator):
         self.switch = switch
         self.requested: IntArray = np.zeros(n_robots, dtype=np.int64)
         super().__init__(
-            TaskConfig.of_scenario(switch.gait, scenario),
+            TaskConfig.of_scenario(switch.gait, scenario, policy),
             physics,
             n_robots=n_robots,
             generator=generator,

@@ -8,6 +8,8 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
+from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -32,6 +34,7 @@ class TaskConfig(Settings):
         limits: Bounds of the termination.
         episode_steps: Control steps of an episode.
         command: Where commands come from.
+        limit_targets: Whether joints follow targets within their ranges alone.
     """
 
     title: ClassVar[str] = "task"
@@ -42,12 +45,25 @@ class TaskConfig(Settings):
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
+    limit_targets: bool = False
 
     @classmethod
     def of_scenario(
-        cls, gait: Gait, scenario: Scenario, *, episode_steps: int = EPISODE_STEPS
+        cls,
+        gait: Gait,
+        scenario: Scenario,
+        policy: ActingPolicy | Policy | None = None,
+        *,
+        episode_steps: int = EPISODE_STEPS,
     ) -> "TaskConfig":
         """Returns the task of a gait in a scenario.
+
+        Args:
+            gait: The gait.
+            scenario: The scenario.
+            policy: Who acts, where the scenario leaves it to the policy whether targets are kept
+                within the joints' ranges.
+            episode_steps: Control steps of an episode.
 
         Raises:
             InputError: if commands come from sliders, or the gait is not made for them.
@@ -63,4 +79,5 @@ class TaskConfig(Settings):
             limits=scenario.limits,
             episode_steps=episode_steps,
             command=command,
+            limit_targets=scenario.limits_targets(policy),
         )

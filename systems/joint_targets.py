@@ -26,10 +26,11 @@ class JointTargets(FunctionSystem):
     the plant's actuators. State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
 
-    def __init__(self, actuated_joints: Sequence[str]) -> None:
+    def __init__(self, actuated_joints: Sequence[str], *, limited: bool = False) -> None:
         """
         Args:
             actuated_joints: Names of the joints in the order of the plant's actuators.
+            limited: Whether targets are kept within the joints' ranges.
 
         Raises:
             ValueError: if the names are not those of `robot.JOINTS`.
@@ -39,7 +40,7 @@ class JointTargets(FunctionSystem):
         order = [robot.JOINTS.index(name) for name in actuated_joints]
 
         def desired_state(action: Array) -> Array:
-            targets = robot.joint_targets(action)[order]
+            targets = robot.joint_targets(action, limited=limited)[order]
             return np.concatenate([targets, 0.0 * targets])
 
         super().__init__(

@@ -45,9 +45,17 @@ class RewardSystem(LeafSystem):
     all inputs; reward_multiplier to reward alone.
     """
 
-    def __init__(self, weights: RewardWeights | None = None) -> None:
+    def __init__(
+        self, weights: RewardWeights | None = None, *, limit_targets: bool = False
+    ) -> None:
+        """
+        Args:
+            weights: Weights of the terms.
+            limit_targets: Whether the joints follow targets within their ranges alone.
+        """
         super().__init__()
         self._weights = weights or RewardWeights()
+        self._limit_targets = limit_targets
         self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(robot.N_LEGS, -CONTROL_PERIOD))
@@ -148,6 +156,7 @@ class RewardSystem(LeafSystem):
             air_time=context.get_discrete_state(self._air_time).value(),
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
+            limit_targets=self._limit_targets,
         )
         output.set_value(reward)
 

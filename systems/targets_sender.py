@@ -21,7 +21,8 @@ class TargetsSender(LeafSystem):
         - message
 
     Inputs: action (12), of this control step. sensors (sensors_t), which it answers.
-    Outputs: message (targets_t). State: none. Feedthrough: both inputs.
+    Outputs: message (targets_t), targets within the joints' ranges, the nearest there.
+    State: none. Feedthrough: both inputs.
     """
 
     def __init__(self) -> None:
@@ -50,5 +51,5 @@ class TargetsSender(LeafSystem):
         return self._message_port
 
     def _calc_message(self, context: Context, output: AbstractValue) -> None:
-        targets = robot.joint_targets(self._action_port.Eval(context))
+        targets = robot.joint_targets(self._action_port.Eval(context), limited=True)
         output.set_value(pack_targets(self._sensors_port.Eval(context), targets))

@@ -89,9 +89,16 @@ def joint_index(joint: str | int) -> int:
     return int(joint)
 
 
-def joint_targets(action: Array) -> Array:
-    """Returns the joint position targets (..., 12; rad) that an action (..., 12) asks for."""
-    return DEFAULT_STANCE + ACTION_SCALE * action
+def joint_targets(action: Array, *, limited: bool = False) -> Array:
+    """Returns the joint position targets (..., 12; rad) that an action (..., 12) asks for.
+
+    Args:
+        action: Actions (..., 12).
+        limited: Whether to return what joints follow that are kept within their ranges: the
+            nearest targets there. NaN stays NaN.
+    """
+    targets = DEFAULT_STANCE + ACTION_SCALE * action
+    return np.clip(targets, LOWER_LIMITS, UPPER_LIMITS) if limited else targets
 
 
 def joint_torque(*, target: Array, position: Array, velocity: Array) -> Array:

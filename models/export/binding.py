@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
-from glassgait.models.export.controller import ControllerSource
+from glassgait.models.export.controller import INITIALISED, ControllerSource
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import touches_ground
 
-OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED = 0, 1, 2, 4
+OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
 """What a step returns: the sum of what happened."""
 
 NO_GAIT = -1
@@ -39,7 +39,7 @@ class Step(NamedTuple):
             touch (4), and the machine's state, iterations and age. States of several gaits are
             counted as `GaitSwitch` counts them, those of the first gait first.
         targets: Joint position targets (12; rad).
-        status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET` and `COMMAND_LIMITED`.
+        status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
     """
 
     memory: Array
@@ -77,6 +77,7 @@ class LoadedController:
     Attributes:
         name: Its name.
         n_gaits: Number of its gaits; of several, one is requested at each step.
+        limits_targets: Whether its targets stay within the joints' ranges.
     """
 
     def __init__(self, path: Path, written: ControllerSource) -> None:
@@ -93,9 +94,11 @@ class LoadedController:
         feet, flags = real * robot.N_LEGS, ctypes.c_int * robot.N_LEGS
         number = ctypes.c_int
         self.n_gaits = len(written.n_states)
+        self.limits_targets = written.limits_targets
         self._first_states = np.cumsum([0, *written.n_states[:-1]])
         several: dict[str, Any] = {"gait": number} if self.n_gaits > 1 else {}
         self._memory = _struct(
+            initialised=ctypes.c_uint,
             action=joints,
             foot_height=feet,
             touched=flags,
@@ -154,6 +157,7 @@ class LoadedController:
         gait = self.gait_of(memory)
         running = (gait,) if self.n_gaits > 1 else ()
         return self._memory(
+            INITIALISED,
             tuple(memory[ACTION]),
             tuple(memory[FOOT_HEIGHT]),
             tuple(memory[TOUCHED].astype(int).tolist()),

@@ -18,6 +18,9 @@ from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
 MOST_NAME = 40
 """Greatest number of characters of a controller's name, with which all its names begin."""
 
+INITIALISED = 0x0A1C0DE5
+"""What a controller holds that was initialised: memory that was not hardly holds it by chance."""
+
 _GROUPS: dict[Group, tuple[str, str]] = {
     "joint position": ("JOINT_POSITION", "12: rad, from the default stance"),
     "joint velocity": ("JOINT_VELOCITY", "12: 0.05 * rad/s"),
@@ -40,6 +43,7 @@ class ControllerSource:
         real: The type that it computes in.
         n_states: Number of states of each gait's machine.
         takes_state: Whether its policy's function takes the machine's state first.
+        limits_targets: Whether its targets stay within the joints' ranges.
         source: The C file.
         header: Its header.
     """
@@ -48,6 +52,7 @@ class ControllerSource:
     real: Real
     n_states: tuple[int, ...]
     takes_state: bool
+    limits_targets: bool
     source: str
     header: str
 
@@ -84,8 +89,9 @@ def write_controller(
     constants = state_constants(gait)
     estimator = network_code(expert.estimator, "estimator", "estimate", real)
     acting = policy_code(policy, constants, real)
+    limits_targets = policy.limits_targets or expert.limits_targets
     values: dict[str, Any] = {
-        **common_values(gait, name, policy_name, version),
+        **common_values(gait, name, policy_name, version, limits_targets=limits_targets),
         "title": f"the {commented(gait.name)}'s controller: {described(policy, policy_name)}",
         "gait_name": commented(gait.name),
         "digests": {
@@ -106,10 +112,14 @@ def write_controller(
         "arrays": [*acting.arrays, *estimator.arrays],
     }
     source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
-    return ControllerSource(name, real, (gait.n_states,), acting.takes_state, source, header)
+    return ControllerSource(
+        name, real, (gait.n_states,), acting.takes_state, limits_targets, source, header
+    )
 
 
-def common_values(gait: Gait, name: str, policy_name: str, version: str) -> dict[str, Any]:
+def common_values(
+    gait: Gait, name: str, policy_name: str, version: str, *, limits_targets: bool
+) -> dict[str, Any]:
     """Returns what the templates of every controller ask for.
 
     Args:
@@ -117,6 +127,7 @@ def common_values(gait: Gait, name: str, policy_name: str, version: str) -> dict
         name: What the names of its files, functions and types begin with.
         policy_name: What its comments call the policy.
         version: Version of this project.
+        limits_targets: Whether targets stay within the joints' ranges.
     """
     return {
         "name": name,
@@ -126,6 +137,10 @@ def common_values(gait: Gait, name: str, policy_name: str, version: str) -> dict
         "version": commented(version),
         "legs": list(robot.LEGS),
         "stance": robot.DEFAULT_STANCE.tolist(),
+        "limits_targets": limits_targets,
+        "lowest": robot.LOWER_LIMITS[: len(robot.LEG_JOINTS)].tolist(),
+        "highest": robot.UPPER_LIMITS[: len(robot.LEG_JOINTS)].tolist(),
+        "mark": INITIALISED,
         "action_scale": robot.ACTION_SCALE,
         "stiffness": robot.STIFFNESS,
         "damping": robot.DAMPING,

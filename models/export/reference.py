@@ -41,6 +41,7 @@ class PythonController:
         self._machine = RewardMachine(gait)
         self._policy = policy
         self._estimator = expert.estimator
+        self._limits_targets = policy.limits_targets or expert.limits_targets
 
     def initial(self) -> Array:
         """Returns what it remembers before its first step (23)."""
@@ -78,7 +79,7 @@ class PythonController:
         after = np.empty(N_MEMORY)
         after[ACTION], after[FOOT_HEIGHT] = action, body[-robot.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
-        return Step(after, robot.joint_targets(action), OK)
+        return Step(after, robot.joint_targets(action, limited=self._limits_targets), OK)
 
     def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
         return self._machine.step(machine, **senses)

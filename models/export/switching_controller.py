@@ -93,7 +93,9 @@ def write_switching_controller(
     codes = [code for gait in gaits for code in (gait.policy, gait.estimator)]
     first = switch.gaits[0]
     values = {
-        **common_values(switch.gait, name, policy_name, version),
+        **common_values(
+            switch.gait, name, policy_name, version, limits_targets=switched.limits_targets
+        ),
         "title": f"a controller that changes its gait: policy {commented(policy_name)}",
         "gaits": gaits,
         "named": "estimators and policies",
@@ -112,7 +114,9 @@ def write_switching_controller(
     }
     source, header = (rendered(f"switching_controller.{end}", real, **values) for end in "ch")
     n_states = tuple(gait.n_states for gait in switch.gaits)
-    return ControllerSource(name, real, n_states, bool(values["takes_state"]), source, header)
+    return ControllerSource(
+        name, real, n_states, values["takes_state"], switched.limits_targets, source, header
+    )
 
 
 def gait_identifiers(gaits: tuple[Gait, ...]) -> list[str]:

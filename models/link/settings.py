@@ -13,7 +13,9 @@ LOCAL_URL = "udpm://239.255.76.67:7667?ttl=0"
 LONGEST_PREFIX = 32
 """Greatest length of the channels' prefix; LCM takes names of 63 characters."""
 
-_URL = re.compile(r"(udpm|tcpq)://[^\s/?#]+:\d{1,5}(\?\S*)?")
+GREATEST_PORT = 65535
+
+_URL = re.compile(r"(udpm|tcpq)://[^\s/?#]+:(?P<port>\d{1,5})(\?\S*)?")
 _PREFIX = re.compile(r"[A-Za-z0-9_.-]*")
 
 
@@ -34,9 +36,15 @@ class LinkSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not _URL.fullmatch(self.lcm_url):
+        url = _URL.fullmatch(self.lcm_url)
+        if url is None:
             raise InputError(
                 f"link: lcm_url is {shown(self.lcm_url)}; write {LOCAL_URL}, or tcpq://host:port"
+            )
+        if not 1 <= int(url["port"]) <= GREATEST_PORT:
+            raise InputError(
+                f"link: lcm_url is {shown(self.lcm_url)}, whose port is {url['port']}; give one "
+                f"from 1 to {GREATEST_PORT}"
             )
         if len(self.channels) > LONGEST_PREFIX or not _PREFIX.fullmatch(self.channels):
             raise InputError(

@@ -52,6 +52,13 @@ CROUCH = spread_pose(-2.4)
 FOLDING, BRACING = 0.05, 0.1
 """Times in which the targets go to the former two (s)."""
 
+FARTHEST = robot.EFFORT_LIMIT / robot.STIFFNESS
+"""Greatest distance of targets from the joints' ranges in an answer that is one (rad).
+
+Within its range a joint would be given all of its motor's torque for a target as far as that: one
+beyond asks for no more, and is a mistake.
+"""
+
 _ROUNDING = 1e-6
 """Times in messages are whole microseconds (s)."""
 
@@ -154,10 +161,11 @@ def step_watch(
         lean: Angle between the trunk's vertical axis and the world's (°).
 
     Returns:
-        The watch now. An answer that is not newer, of the future, or not finite changes nothing.
+        The watch now. An answer that is no news (see `is_news`) changes nothing. Of one that is,
+        joints follow the nearest targets within their ranges.
     """
-    if answer is not None and _is_news(watch, answer, now):
-        watch = watch._replace(answered=answer.time, newest=answer.targets)
+    if answer is not None and is_news(answer, watch.answered, now):
+        watch = watch._replace(answered=answer.time, newest=_within_ranges(answer.targets))
     age = now - watch.answered
     in_time = age <= CONTROL_PERIOD + _ROUNDING
     if not in_time:
@@ -179,10 +187,25 @@ def step_watch(
     return watch._replace(targets=targets)
 
 
-def _is_news(watch: Watch, answer: Answer, now: float) -> bool:
-    # What answers sensors that were not sent yet is no answer.
-    of_the_past = watch.answered < answer.time <= now + _ROUNDING
-    return of_the_past and bool(np.all(np.isfinite(answer.targets)))
+def is_news(answer: Answer, answered: float, now: float) -> bool:
+    """Tells whether joints are to follow an answer.
+
+    Args:
+        answer: An answer to this session's sensors.
+        answered: Time of the sensors that the newest answer so far is to (s).
+        now: Time by the robot's clock (s).
+
+    Returns:
+        Whether it is newer, answers sensors that were sent already, and asks for targets that can
+        be meant: finite, and no farther than `FARTHEST` from the joints' ranges.
+    """
+    of_the_past = answered < answer.time <= now + _ROUNDING
+    beyond = np.abs(answer.targets - _within_ranges(answer.targets))
+    return of_the_past and bool(np.all(beyond <= FARTHEST))
+
+
+def _within_ranges(targets: Array) -> Array:
+    return np.clip(targets, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
 
 
 def lowering_targets(begin: Array, elapsed: float, settings: Watchdog) -> Array:

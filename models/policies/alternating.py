@@ -76,6 +76,15 @@ class AlternatingPolicy:
         """Maps proprioception to the body state; None where the expert observes the true one."""
         return getattr(self.expert, "estimator", None)
 
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone.
+
+        They do if the expert learned so, and if a student acts alone that is to be run so.
+        """
+        alone = self.acting_expert is None and self.student is not None
+        return self.expert.limits_targets or (alone and self.student.limits_targets)
+
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {"period": self.period}

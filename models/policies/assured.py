@@ -68,6 +68,11 @@ class AssuredPolicy:
         """Maps proprioception to the body state; None where the expert observes the true one."""
         return getattr(self.expert, "estimator", None)
 
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone: if the expert learned so."""
+        return self.expert.limits_targets
+
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         corners = np.ascontiguousarray([self.region.lower, self.region.upper])

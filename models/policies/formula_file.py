@@ -19,6 +19,8 @@ but for times, which are in control steps, and of what is defined above it. An i
 with the one before. Formulas that serve all states of the machine stand under `every state`. Where
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
+`targets: limited` says that joints follow the nearest targets within their ranges, where a formula
+asks for one beyond.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
@@ -26,6 +28,7 @@ with a space goes on with the line before.
 
     file       = header [ "definitions" { name "=" formula } ] targets
     header     = "format: 1" "gait: " text "states: " number [ "mirror: " { number } ]
+                 [ "targets: limited" ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
@@ -48,6 +51,8 @@ FORMAT = 1
 
 SUFFIX = ".formulas"
 
+LIMITED = "limited"
+
 EVERY_STATE = "every state"
 DEFINITIONS = "definitions"
 
@@ -62,12 +67,14 @@ class FormulaFile:
         formulas: The formula of each state and joint, or of each joint where it serves all states;
             mirror images included.
         mirror: State that each state is in the mirror; none where no formula has a mirror image.
+        limits_targets: Whether joints follow targets within their ranges alone.
     """
 
     gait: str
     vocabulary: Vocabulary
     formulas: Mapping[Place, Expression]
     mirror: tuple[int, ...] | None = None
+    limits_targets: bool = False
 
     @property
     def n_states(self) -> int | None:
@@ -118,6 +125,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield f"states: {n_states}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
+    if file.limits_targets:
+        yield f"targets: {LIMITED}"
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)

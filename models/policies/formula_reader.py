@@ -8,7 +8,13 @@ from keyword import iskeyword
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.formula_file import DEFINITIONS, EVERY_STATE, FORMAT, FormulaFile
+from glassgait.models.policies.formula_file import (
+    DEFINITIONS,
+    EVERY_STATE,
+    FORMAT,
+    LIMITED,
+    FormulaFile,
+)
 from glassgait.models.policies.formula_language import (
     TextError,
     parse_formula,
@@ -24,7 +30,7 @@ MAX_TEXT = 1_000_000
 
 MAX_DEFINITIONS = 200
 
-HEADER = ("format", "gait", "states", "mirror")
+HEADER = ("format", "gait", "states", "mirror", "targets")
 """Keys of a file's header."""
 
 _SECTION = re.compile(r"state (\d{1,3})")
@@ -125,6 +131,8 @@ class _Reader:
         self.observed = Vocabulary(self.names).symbols
         if "mirror" in self.header:
             self.mirror = self._mirror(self.header["mirror"], line)
+        if self.header.get("targets", LIMITED) != LIMITED:
+            raise TextError(f"targets: must be {LIMITED!r}, or be left out", line, 1)
 
     def _mirror(self, text: str, line: int) -> tuple[int, ...]:
         images = text.split()
@@ -194,7 +202,8 @@ class _Reader:
                 joint = robot.JOINTS[place[-1]]
                 raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
         ordered = {place: formulas[place] for place in wanted}
-        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror)
+        limited = "targets" in self.header
+        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited)
 
 
 def _is_title(line: str) -> bool:

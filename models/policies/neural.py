@@ -112,6 +112,8 @@ class NeuralPolicy(Policy):
         estimator: Maps proprioception to the last seven entries of the observation.
         mirrored_states: What the machine's states stand for in the mirror, if both networks treat
             left and right alike.
+        limits_targets: Whether it learned with joints that follow targets within their ranges
+            alone.
     """
 
     kind = "neural"
@@ -123,6 +125,8 @@ class NeuralPolicy(Policy):
         actor: Network,
         estimator: Network,
         mirrored_states: tuple[int, ...] | None = None,
+        *,
+        limits_targets: bool = False,
     ) -> None:
         """
         Args:
@@ -132,6 +136,8 @@ class NeuralPolicy(Policy):
             estimator: Network from proprioception to the last seven entries of the observation.
             mirrored_states: `symmetry.mirrored_states` of the gait, for networks that are to treat
                 left and right alike.
+            limits_targets: Whether it learned with joints that follow targets within their ranges
+                alone.
 
         Raises:
             InputError: if a layer is not what it must be, or the states are no mirror images.
@@ -140,6 +146,7 @@ class NeuralPolicy(Policy):
         self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
         self._networks = actor, estimator
         self.mirrored_states = self._checked_states(mirrored_states)
+        self.limits_targets = self._checked_limits(limits_targets)
         self.actor: Network | MirroredNetwork = actor
         self.estimator: Network | MirroredNetwork = estimator
         if self.mirrored_states is not None:
@@ -154,8 +161,12 @@ class NeuralPolicy(Policy):
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         actor, estimator = self._networks
         layers = actor.to_arrays("actor") | estimator.to_arrays("estimator")
-        states = self.mirrored_states
-        return layers, {} if states is None else {"mirrored_states": list(states)}
+        states, values = self.mirrored_states, {}
+        if states is not None:
+            values["mirrored_states"] = list(states)
+        if self.limits_targets:
+            values["limits_targets"] = True
+        return layers, values
 
     @classmethod
     def from_arrays(
@@ -167,7 +178,23 @@ class NeuralPolicy(Policy):
     ) -> Self:
         layers = cls._taken(arrays, observation_names)
         actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
-        return cls(gait, observation_names, actor, estimator, values.get("mirrored_states"))
+        return cls(
+            gait,
+            observation_names,
+            actor,
+            estimator,
+            values.get("mirrored_states"),
+            limits_targets=values.get("limits_targets", False),
+        )
+
+    def _checked_limits(self, limits: bool) -> bool:
+        if not isinstance(limits, bool):
+            with self._naming_this_kind():
+                raise InputError(
+                    f"limits_targets is {shown(limits)}; it must be true or false, so train the "
+                    "expert anew"
+                )
+        return limits
 
     def _checked_states(self, states: Sequence[int] | None) -> tuple[int, ...] | None:
         if states is None:

@@ -76,9 +76,13 @@ class Policy(ABC):
         kind: Name of the sort of policy, as in files and on the command line.
         gait: Name of the gait it was made for.
         observation_names: Names of the observations, in order.
+        limits_targets: Whether the joints that it moves follow its targets within their ranges
+            alone: where it asks for more, they follow the nearest target there. It is shown its
+            previous action as it asked for it all the same.
     """
 
     kind: ClassVar[str]
+    limits_targets: bool = False
     suffix: ClassVar[str] = ".safetensors"
     """How the names of its files end."""
     array_specs: ClassVar[Mapping[str, ArraySpec]] = {}

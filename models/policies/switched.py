@@ -74,6 +74,7 @@ class SwitchedPolicy(Policy):
             names = ObservationLayout(gait.n_states).names
             policy.check(gait=gait.name, observation_names=names)
         self.experts = [walker.expert for walker in walkers]
+        self.limits_targets = all(walker.limits_targets for walker in walkers)
         self._digests = [expert.digest() for expert in self.experts]
         self._digests += [policy.digest() for policy in self.policies]
         self._estimates = [_estimator(walker) for walker in walkers]

@@ -50,8 +50,10 @@ class FormulaPolicy(Policy):
         *,
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
+        limits_targets: bool = False,
     ) -> None:
         super().__init__(gait, observation_names)
+        self.limits_targets = limits_targets
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
             shape = self._refuse_other_shape(expressions)
@@ -92,7 +94,7 @@ class FormulaPolicy(Policy):
             place: reduce(lambda entries, index: entries[index], place, self.expressions)
             for place in np.ndindex(*shape)
         }
-        return FormulaFile(self.gait, self.vocabulary, formulas, self.mirror)
+        return FormulaFile(self.gait, self.vocabulary, formulas, self.mirror, self.limits_targets)
 
     def to_text(self) -> str:
         """Writes the policy as text, from which `from_file` builds the same policy.
@@ -116,7 +118,14 @@ class FormulaPolicy(Policy):
             )
         definitions = file.vocabulary.definitions
         names = file.vocabulary.names
-        return kind(file.gait, names, expressions, definitions=definitions, mirror=file.mirror)
+        return kind(
+            file.gait,
+            names,
+            expressions,
+            definitions=definitions,
+            mirror=file.mirror,
+            limits_targets=file.limits_targets,
+        )
 
     def save(self, path: Path) -> None:
         """Writes the policy's text to a file, atomically.
@@ -133,7 +142,8 @@ class FormulaPolicy(Policy):
             for definition in self.vocabulary.definitions
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
-        whole = json.dumps([self.kind, self.gait, self.observation_names, definitions, formulas])
+        own = [self.kind, self.gait, self.observation_names, definitions, formulas]
+        whole = json.dumps([*own, "limited"] if self.limits_targets else own)
         return hashlib.sha256(whole.encode()).hexdigest()[:16]
 
     def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:

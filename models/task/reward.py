@@ -114,6 +114,7 @@ def step_reward(
     air_time: Array,
     tracked: Array,
     weights: RewardWeights,
+    limit_targets: bool = False,
 ) -> Reward:
     """Rewards the step that led to `state`.
 
@@ -127,12 +128,15 @@ def step_reward(
         air_time: Time each foot had been in the air before the step (..., 4; s).
         tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
+        limit_targets: Whether the joints follow targets within their ranges alone.
     """
     linear, angular = kinematics.base_velocity(state)
     joint_position = state[..., robot.JOINT_POSITION]
     joint_velocity = state[..., robot.JOINT_VELOCITY]
     torque = robot.joint_torque(
-        target=robot.joint_targets(action), position=joint_position, velocity=joint_velocity
+        target=robot.joint_targets(action, limited=limit_targets),
+        position=joint_position,
+        velocity=joint_velocity,
     )
     acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
     excursion = np.abs(joint_position - _MIDDLE) - SOFT_LIMIT_FRACTION * _HALF_RANGE

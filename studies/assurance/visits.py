@@ -53,7 +53,7 @@ def make_batch(
 ) -> BatchSimulator:
     """Makes a simulator of a scenario, closed on the sensors that the policy observes with."""
     return BatchSimulator(
-        TaskConfig.of_scenario(gait, scenario),
+        TaskConfig.of_scenario(gait, scenario, policy),
         make_physics(scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),

@@ -98,7 +98,7 @@ def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
     scenario = job.config.commanding(job.scenario)
     simulator = BatchSimulator(
-        TaskConfig.of_scenario(job.gait, scenario, episode_steps=job.config.n_steps),
+        TaskConfig.of_scenario(job.gait, scenario, job.policy, episode_steps=job.config.n_steps),
         make_physics(scenario.station),
         n_robots=min(job.config.n_robots, scenario.max_robots or job.config.n_robots),
         generator=np.random.default_rng(job.config.seed),

@@ -1,5 +1,7 @@
 """Interventions: formula files in which one term sees another input, or none."""
 
+from dataclasses import replace
+
 from glassgait.models.policies.canonical import canonical
 from glassgait.models.policies.expression import Expression, constant, plus
 from glassgait.models.policies.formula_file import FormulaFile
@@ -50,7 +52,7 @@ def _with_added(file: FormulaFile, term: Term, added: Expression) -> FormulaFile
         assert file.mirror is not None
         mirror = FormulaMirror.of(file.vocabulary, file.mirror)
         formulas[mirror.place(term.place)] = mirror.formula(edited, term.joint)
-    return FormulaFile(file.gait, file.vocabulary, formulas, file.mirror)
+    return replace(file, formulas=formulas)
 
 
 def _short(value: float) -> float:

@@ -48,14 +48,19 @@ def collect(
         InputError: if a sample is not finite.
     """
     n = len(plan.episodes)
+    policy = AlternatingPolicy(expert, student, plan.period)
     if isinstance(worlds, Scenario):
-        task = TaskConfig.of_scenario(gait, worlds, episode_steps=plan.steps)
+        task = TaskConfig.of_scenario(gait, worlds, policy, episode_steps=plan.steps)
         stations, blind = [worlds.station], not worlds.true_body_state
     else:
-        task = TaskConfig(gait, worlds.randomization, episode_steps=plan.steps)
+        task = TaskConfig(
+            gait,
+            worlds.randomization,
+            episode_steps=plan.steps,
+            limit_targets=policy.limits_targets,
+        )
         drawn, blind = worlds.stations(generator), True
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
-    policy = AlternatingPolicy(expert, student, plan.period)
     episodes = np.array(plan.episodes)
     own_speeds = speeds[(episodes - 1) % len(speeds)]
     simulator = BatchSimulator(

@@ -9,6 +9,7 @@ from pydrake.lcm import DrakeLcmInterface
 
 from glassgait.diagrams.link import ControllerEnd
 from glassgait.studies.console import say
+from glassgait.studies.drive.foreign import ForeignMessages
 from glassgait.studies.drive.pace import KEPT, spread
 from glassgait.studies.drive.simulator import Record
 
@@ -31,14 +32,12 @@ def control(
 
     Returns:
         What was counted, by name.
-
-    Raises:
-        InputError: if messages of another kind come.
     """
     taken: deque[float] = deque(maxlen=KEPT)
-    answered, last, hears = 0, time.monotonic(), False
+    answered, last, hears, foreign = 0, time.monotonic(), False, ForeignMessages()
     while not stopped():
         lcm.HandleSubscriptions(LISTENING)
+        foreign.say(controller.n_foreign)
         now = time.monotonic()
         if controller.answer():
             answered, last = answered + 1, time.monotonic()
@@ -52,6 +51,7 @@ def control(
     return {
         "answers sent": answered,
         **{f"sensors {name}": count for name, count in controller.tally.rows().items()},
+        "messages of another kind": controller.n_foreign,
         "robots heard": controller.tally.sessions,
         **spread("time of a step", np.array(taken)),
     }

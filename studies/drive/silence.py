@@ -85,7 +85,7 @@ def walk_until_silent(
     generator = np.random.default_rng(seed)
     drawn = sample_commands(gait, len(speed), generator)
     command = Command(np.stack([speed, drawn.velocity[:, 1]], axis=1), drawn.dwell)
-    task = TaskConfig.of_scenario(gait, replace(scenario, command=DrawnCommands()))
+    task = TaskConfig.of_scenario(gait, replace(scenario, command=DrawnCommands()), policy)
     simulator = BatchSimulator(
         task,
         make_physics(scenario.station),
@@ -102,7 +102,7 @@ def walk_until_silent(
         guard = turn.guard
         now = moment == step
         states[now] = simulator.state.plant[now]
-        targets[now] = robot.joint_targets(turn.action[now])
+        targets[now] = robot.joint_targets(turn.action[now], limited=task.limit_targets)
         walked[now] = ~fallen[now]
         fallen |= simulator.step(np.where(fallen[:, None], 0.0, turn.action)).terminated
         # Every 10 s another one would be drawn.

@@ -12,6 +12,7 @@ from glassgait.diagrams.link import RobotEnd
 from glassgait.models.link.watchdog import Phase
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.console import say
+from glassgait.studies.drive.foreign import ForeignMessages
 from glassgait.studies.drive.pace import KEPT, Pace, spread
 
 Record = dict[str, float]
@@ -53,6 +54,7 @@ class RobotProcess:
         self._steps = Counter[Phase]()
         self._changes = Counter[tuple[Phase, Phase]]()
         self._falls = 0
+        self._foreign = ForeignMessages()
 
     def run(self, n_steps: int | None, stopped: Callable[[], bool]) -> Record:
         """Simulates until it is asked to end.
@@ -63,9 +65,6 @@ class RobotProcess:
 
         Returns:
             What was counted, by name.
-
-        Raises:
-            InputError: if messages of another kind come.
         """
         robot, begun = self._robot, time.monotonic()
         phase = robot.phase
@@ -95,6 +94,7 @@ class RobotProcess:
                 self._listen_for(self._patience)
             robot.advance(part)
             self._note_answer()
+            self._foreign.say(robot.n_foreign)
 
     def _listen_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -124,7 +124,8 @@ class RobotProcess:
         return phase
 
     def _record(self, wall: float) -> Record:
-        tally, pace, n_steps = self._robot.tally, self._pace, self._robot.step
+        robot, tally, pace = self._robot, self._robot.tally, self._pace
+        n_steps = robot.step
         began = Counter[Phase]()
         for (_, after), count in self._changes.items():
             began[after] += count
@@ -133,6 +134,7 @@ class RobotProcess:
             "on the wall (s)": wall,
             "sensors sent": n_steps,
             **{f"answers {name}": count for name, count in tally.rows().items()},
+            "messages of another kind": robot.n_foreign,
             "share of steps held": self._steps[Phase.HOLDING] / max(n_steps, 1),
             "times lowered": began[Phase.LOWERED],
             "times kept down": began[Phase.TIPPED],

@@ -73,6 +73,7 @@ def recorded_switching_sequences(
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=switched.estimator,
+        policy=switched,
     )
     sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
     for requested in drawn_requests(switched.switch, n_robots, own_steps, REQUEST_STEPS, seed):

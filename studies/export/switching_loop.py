@@ -99,6 +99,7 @@ def _changing(
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=switched.estimator,
+        policy=switched,
     )
     act, alone = make(simulator), np.zeros(n_robots, dtype=bool)
     visited = []

@@ -82,8 +82,12 @@ class RefinementConfig(Settings):
         due = update % self.candidate_updates == 0 or update == self.updates
         return due and (self.terms is None or n_terms <= self.terms)
 
-    def training(self, gait: str) -> TrainingConfig:
+    def training(self, gait: str, *, limit_targets: bool = False) -> TrainingConfig:
         """Returns the settings as those of a run that learns.
+
+        Args:
+            gait: Name of the gait.
+            limit_targets: Whether joints follow targets within their ranges alone.
 
         Raises:
             InputError: if there are too few robots for an update, or for the worlds' groups.
@@ -94,6 +98,7 @@ class RefinementConfig(Settings):
             updates=self.updates,
             n_robots=self.n_robots,
             worlds=self.worlds,
+            limit_targets=limit_targets,
             curriculum=FULL_DEMANDS,
             ppo=self.ppo,
         )

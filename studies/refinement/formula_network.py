@@ -1,6 +1,7 @@
 """Formulas as a network: PPO changes their numbers, and nothing else."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -9,7 +10,6 @@ from torch import nn
 from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.expression import ZERO, Expression, constant, negated, plus
-from glassgait.models.policies.formula_file import FormulaFile
 from glassgait.models.policies.formula_mirror import FormulaMirror, Place
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -158,9 +158,7 @@ class FormulaNetwork(nn.Module):
         places = sorted(every)
         vocabulary, formulas = self._file.vocabulary.using(every[place] for place in places)
         whole = dict(zip(places, formulas, strict=True))
-        return FormulaPolicy.from_file(
-            FormulaFile(self._file.gait, vocabulary, whole, self._file.mirror)
-        )
+        return FormulaPolicy.from_file(replace(self._file, vocabulary=vocabulary, formulas=whole))
 
     def _numbers(self) -> torch.Tensor:
         return self.kept * (self.start + self.unit @ self.changes)

@@ -9,6 +9,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from glassgait.models.a1.robot import Array
+from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -64,7 +65,9 @@ class RefinementRun(LearningRun):
         self._expert = expert
         self._policy = policy
         self._name = name
-        super().__init__(config.training(gait.name), gait, folder, resume=resume)
+        limited = AlternatingPolicy(expert, policy, period=0).limits_targets
+        training = config.training(gait.name, limit_targets=limited)
+        super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:
         """Collects one batch of steps, learns from it, and returns the row of the curve."""

@@ -43,7 +43,7 @@ def _roll_out_batch(
     gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
-    task = TaskConfig.of_scenario(gait, scenario, episode_steps=config.n_steps)
+    task = TaskConfig.of_scenario(gait, scenario, policy, episode_steps=config.n_steps)
     generator = np.random.default_rng(config.seed)
     simulator = BatchSimulator(
         task,
@@ -86,7 +86,13 @@ def log_batch(
         outcome = simulator.step(action)
         failed |= outcome.failures.any(axis=-1, keepdims=True)
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
-        log["power"].append(_power(simulator.state.plant, simulator.state.action))
+        log["power"].append(
+            _power(
+                simulator.state.plant,
+                simulator.state.action,
+                limited=simulator.task.limit_targets,
+            )
+        )
         log["action"].append(action)
         log["expert_acts"].append(expert_acts)
         log["command"].append(command)
@@ -119,7 +125,14 @@ def _roll_out_diagrams(
         simulator = make_simulator(
             diagram, state=state, seed=config.seed * n + index, accuracy=scenario.accuracy
         )
-        logs.append(_to_log(record(simulator, config.n_steps), config.n_steps, policy))
+        logs.append(
+            _to_log(
+                record(simulator, config.n_steps),
+                config.n_steps,
+                policy,
+                limited=scenario.limits_targets(policy),
+            )
+        )
     return RolloutLog(
         **{
             name: np.stack([getattr(log, name) for log in logs], axis=1)
@@ -128,11 +141,11 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bool) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=_power(rollout["state"][1:], rollout["actions"][:-1]),
+        power=_power(rollout["state"][1:], rollout["actions"][:-1], limited=limited),
         action=rollout["actions"][:-1],
         expert_acts=_expert_acts(rollout, policy),
         reward=rollout["reward"][1:, 0],
@@ -166,9 +179,9 @@ def _forward_and_yaw(plant: Array) -> Array:
     return np.stack([linear[..., 0], angular[..., 2]], axis=-1)
 
 
-def _power(plant: Array, action: Array) -> Array:
+def _power(plant: Array, action: Array, *, limited: bool) -> Array:
     velocity = plant[..., robot.JOINT_VELOCITY]
-    targets = robot.joint_targets(action)
+    targets = robot.joint_targets(action, limited=limited)
     position = plant[..., robot.JOINT_POSITION]
     torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
     return np.abs(torque * velocity).sum(axis=-1)

@@ -84,7 +84,7 @@ class StrideMap:
         self.command = command
         self.policy = policy
         scenario = replace(Scenario(), sensor_noise=0.0, command=FixedCommand(0.0, 0.0, 8))
-        self._task = TaskConfig.of_scenario(gait, scenario)
+        self._task = TaskConfig.of_scenario(gait, scenario, policy)
         self._physics = make_physics(scenario.station)
         self._entered = gait.states.index(gait.initial)
 

@@ -132,6 +132,8 @@ class TrainingConfig(Settings):
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.
+        limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
+            there. The expert's file says so, and it and its students are run so from then on.
         weights: Weights of the reward.
         limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
@@ -149,6 +151,7 @@ class TrainingConfig(Settings):
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     mirrored: bool = True
+    limit_targets: bool = False
     weights: RewardWeights = EXACT
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)

@@ -78,6 +78,7 @@ class TrainingEnvironment:
                 weights=config.weights,
                 limits=config.limits,
                 command=DrawnCommands(speed_range),
+                limit_targets=config.limit_targets,
             ),
             BatchPhysics(*stations),
             n_robots=config.n_robots,

@@ -43,5 +43,6 @@ class TrainingRun(LearningRun):
             network_of(self.learner.ppo.actor.mlp),
             self.estimator.to_network(),
             self._mirrored_states,
+            limits_targets=self.config.limit_targets,
         )
         write_learned(policy, self.gait.name, self.config, self.progress, self.folder)

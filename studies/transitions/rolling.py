@@ -81,6 +81,7 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
         n_robots=n,
         generator=generator,
         estimator=None if job.world.true_body_state else policy.estimator,
+        policy=policy,
     )
     requests = Requests(request, last=len(job.path) - 1)
     n_steps = int(request.max()) + AFTER_STEPS

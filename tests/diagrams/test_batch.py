@@ -8,6 +8,7 @@ import pytest
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
+from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
@@ -16,6 +17,7 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
+from glassgait.models.task.observation import indices_of
 from glassgait.models.task.randomization import NOMINAL, Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import FAILURES, TerminationLimits
@@ -43,6 +45,31 @@ def test_a_lost_robot_is_reported_and_keeps_a_sound_state(trot):
     assert step.reward[2] == 0
     assert all(np.isfinite(values).all() for values in simulator.state.as_arrays().values())
     assert np.isfinite(simulator.observe()).all()
+
+
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+@pytest.mark.parametrize("limited", [True, False])
+def test_either_engine_follows_the_nearest_targets_within_the_joints_ranges(
+    trot, engine, limited, generator
+):
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    task = TaskConfig(trot, NOMINAL, limit_targets=limited)
+    physics = make_physics(StationConfig(time_step=0.01, engine=engine))
+    simulator = BatchSimulator(task, physics, n_robots=3, generator=np.random.default_rng(0))
+    asked = generator.normal(size=(3, 12), scale=6.0)
+    before = simulator.state.plant
+    targets = robot.joint_targets(asked)
+    assert np.any(targets > robot.UPPER_LIMITS)
+    if limited:
+        targets = np.clip(targets, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+    expected = physics.step(before, targets, previous_targets=targets).states
+    simulator.step(asked)
+    np.testing.assert_array_equal(simulator.state.plant, expected)
+    # The robot is shown what its policy asked for.
+    own = simulator.proprioception()
+    shown = indices_of("previous action", simulator.layout.names[: own.shape[1]])
+    np.testing.assert_array_equal(own[:, list(shown)], asked)
 
 
 def test_reset_starts_the_given_robots_alone(trot, generator):

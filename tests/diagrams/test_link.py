@@ -17,7 +17,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
-from glassgait.models.link.messages import targets_t
+from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.alternating import AlternatingPolicy
@@ -71,7 +71,7 @@ def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
     world = replace(scenario, latency=late * time_step)
     one = record(make_simulator(MakeLocomotion(trot, world, policy=page), seed=3), N_STEPS)
     np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-12)
-    expected = robot.joint_targets(one["actions"][:-1])
+    expected = robot.joint_targets(one["actions"][:-1], limited=True)
     np.testing.assert_allclose(targets, expected, rtol=0, atol=1e-12)
     # It walks: a foot was lifted.
     assert kinematics.foot_heights(states).max() > 0.02
@@ -190,17 +190,112 @@ def test_answers_every_message_once(trot, page):
     assert ends.controller.tally.doubled == 2
 
 
-def test_messages_of_another_kind_are_told(trot, page):
-    ends = Ends(trot, page, Scenario())
-    ends.lcm.Publish(CHANNELS.targets, b"nonsense")
-    with pytest.raises(InputError, match="channel TEST_TARGETS: a message came that is of another"):
-        ends.robot.advance(0)
-    ends = Ends(trot, page, Scenario())
-    ends.robot.send()
-    ends.lcm.Publish(CHANNELS.command, targets_t().encode())
-    ends.lcm.HandleSubscriptions(0)
-    with pytest.raises(InputError, match="channel TEST_COMMAND"):
+def disturbed(trot, page, published, n_steps=25):
+    """Returns ends whose channels carry more, and what honest ones alone do from the same seed."""
+    ends, alone = (Ends(trot, page, Scenario(command=FixedCommand())) for _ in range(2))
+    honest_states, honest_targets = alone.run(n_steps)
+    states, targets = [], []
+    for _ in range(n_steps):
+        states.append(ends.robot.output("state").copy())
+        ends.robot.send()
+        published(ends, "sensors")
+        ends.lcm.HandleSubscriptions(0)
         ends.controller.answer()
+        published(ends, "targets")
+        for part in range(ends.robot.n_parts):
+            ends.robot.advance(part)
+        targets.append(ends.robot.output("targets").copy())
+    np.testing.assert_array_equal(states, honest_states)
+    np.testing.assert_array_equal(targets, honest_targets)
+    return ends
+
+
+def test_messages_of_another_kind_are_counted_and_passed_over(trot, page):
+    def published(ends, when):
+        own, others = {
+            "sensors": (CHANNELS.sensors, [CHANNELS.command]),
+            "targets": (CHANNELS.targets, []),
+        }[when]
+        for channel in (own, *others):
+            ends.lcm.Publish(channel, b"nonsense")
+            ends.lcm.Publish(channel, b"")
+        # Of the right kind at its begin, and then cut short.
+        ends.lcm.Publish(own, {"sensors": sensors_t, "targets": targets_t}[when]().encode()[:50])
+
+    ends = disturbed(trot, page, published)
+    assert ends.controller.n_foreign == 25 * 5
+    assert ends.robot.n_foreign == 25 * 3
+
+
+def stamped(kind, session, sequence, position=0.0):
+    message = kind()
+    message.session, message.sequence, message.utime = (
+        session,
+        sequence,
+        min(20_000 * sequence, 2**62),
+    )
+    message.joint_position = [position] * 12
+    return message
+
+
+USELESS = {
+    "late": lambda kind, step: stamped(kind, 4, max(step - 3, 0)),
+    # Before any was answered, nothing tells that this one is a remnant.
+    "of another session": lambda kind, step: stamped(kind, 3 if step else 0, step + 100),
+    "of nobody": lambda kind, step: stamped(kind, 0, step),
+    "of a time that never comes": lambda kind, step: stamped(kind, 4, 2**62),
+    "of a time before all": lambda kind, step: stamped(kind, 4, -1),
+    "not finite": lambda kind, step: stamped(kind, 4, step, np.nan),
+}
+
+
+@pytest.mark.parametrize("useless", USELESS)
+def test_a_useless_message_does_not_take_the_place_of_the_honest_one(trot, page, useless):
+    def published(ends, when):
+        kind = {"sensors": sensors_t, "targets": targets_t}[when]
+        message = USELESS[useless](kind, ends.robot.step)
+        ends.lcm.Publish(getattr(CHANNELS, when), message.encode())
+
+    assert disturbed(trot, page, published).robot.tally.heard == 25
+
+
+def test_a_command_that_was_overtaken_is_not_taken(trot, page):
+    ends = Ends(trot, page, Scenario(command=FixedCommand(speed=0.5)))
+    ends.run(2)
+    ends.robot.send()
+    late = command_t()
+    late.session, late.sequence, late.speed = 4, 1, -0.5
+    ends.lcm.Publish(CHANNELS.command, late.encode())
+    ends.lcm.HandleSubscriptions(0)
+    ends.controller.answer()
+    context = ends.controller.simulator.get_context()
+    observation = ends.controller.diagram.GetOutputPort("observations").Eval(context)
+    assert observation[0] == 0.5
+
+
+def test_a_controller_hears_a_robot_again_whose_time_leapt(trot, page):
+    ends = Ends(trot, page, Scenario())
+    ends.run(3)
+    ends.lcm.Publish(CHANNELS.sensors, stamped(sensors_t, 4, 10**6).encode())
+    ends.lcm.HandleSubscriptions(0)
+    assert ends.controller.answer()
+    ends.robot.send()
+    ends.lcm.HandleSubscriptions(0)
+    assert ends.controller.answer()
+    assert ends.controller.simulator.get_context().get_time() == pytest.approx(3 * 0.02)
+
+
+def test_targets_far_beyond_the_joints_ranges_are_not_followed(trot, page):
+    ends = Ends(trot, page, Scenario())
+    ends.run(5)
+    before = ends.robot.output("targets").copy()
+    ends.robot.send()
+    for position in (1e308, -1e308, 5.9):
+        message = stamped(targets_t, 4, ends.robot.step, position)
+        ends.lcm.Publish(CHANNELS.targets, message.encode())
+        ends.robot.advance(0)
+        np.testing.assert_array_equal(ends.robot.output("targets"), before)
+    assert not ends.robot.answered
 
 
 def test_answers_to_another_session_are_not_heard(trot, page):
@@ -220,6 +315,7 @@ def test_answers_to_another_session_are_not_heard(trot, page):
         ({"latency": 0.01}, "latency"),
         ({"contact_flips": 0.01}, "contact_flips"),
         ({"true_body_state": True}, "true_body_state"),
+        ({"limit_targets": False}, "limit_targets"),
         ({"station": StationConfig(time_step=0.0), "accuracy": 1e-5}, "station.time_step"),
     ],
 )

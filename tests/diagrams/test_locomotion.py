@@ -15,10 +15,12 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import AssuredPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
@@ -48,9 +50,9 @@ transitions:
 TOLERANCE = 1e-9
 
 
-def batch_of_one(gait, state, command, scenario, estimator):
+def batch_of_one(gait, state, command, scenario, estimator, policy=None):
     """Starts one robot in a state (37) with a command."""
-    task = TaskConfig.of_scenario(gait, scenario)
+    task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         task,
         BatchPhysics(scenario.station),
@@ -69,7 +71,7 @@ def assert_agreement(gait, policy, scenario=CALM):
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     estimator = getattr(policy, "estimator", None)
-    simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, estimator)
+    simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, estimator, policy)
     return assert_same_steps(simulator, rollout, policy)
 
 
@@ -143,6 +145,8 @@ WORLDS = {
     ),
     "slope": replace(CALM, station=StationConfig(slope=6.0)),
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
+    "limited targets": replace(CALM, limit_targets=True),
+    "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),
     "speeds averaged": replace(CALM, weights=RewardWeights(tracking_time=0.3)),
 }
 
@@ -150,6 +154,29 @@ WORLDS = {
 @pytest.mark.parametrize("world", WORLDS)
 def test_they_agree_in_every_world(world):
     assert assert_agreement(load_gait("trot"), load_expert("trot"), WORLDS[world]) > 5
+
+
+@pytest.mark.parametrize(("limit_targets", "limited"), [(None, True), (True, True), (False, False)])
+def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
+    trot, make_policy, limit_targets, limited
+):
+    # It kicks: every joint is at an end of its range again and again.
+    page = load_student("trot", "page")
+    wild = LinearPolicy(
+        "trot", page.observation_names, 4.0 * make_policy(trot).weights, np.ones(12)
+    )
+    wild.limits_targets = page.limits_targets
+    scenario = replace(CALM, true_body_state=True, limit_targets=limit_targets)
+    assert_agreement(trot, wild, scenario)
+    diagram = MakeLocomotion(trot, scenario, policy=wild)
+    rollout = record(make_simulator(diagram), 20, stop_on_failure=False)
+    asked = robot.joint_targets(rollout["actions"])
+    assert np.any(asked > robot.UPPER_LIMITS)
+    system = diagram.GetSubsystemByName("joint_targets")
+    context = system.CreateDefaultContext()
+    system.get_input_port().FixValue(context, rollout["actions"][-1])
+    followed = system.get_output_port().Eval(context)[:12]
+    assert np.array_equal(np.sort(followed), np.sort(asked[-1])) is not limited
 
 
 def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):

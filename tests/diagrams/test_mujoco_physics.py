@@ -14,7 +14,10 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'")
+mujoco = pytest.importorskip(
+    "mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'"
+)
+from glassgait.diagrams.mujoco_physics import make_model  # noqa: E402
 
 STATION = StationConfig(time_step=0.002, engine="mujoco")
 DRAKE = StationConfig(time_step=0.002)
@@ -113,6 +116,17 @@ def test_slippery_groups_slide_further():
     for _ in range(15):
         states = physics.step(states, targets).states
     assert states[0, 4] == states[1, 4] > states[2, 4] + 0.05
+
+
+@pytest.mark.parametrize("strength", [1.0, 0.8])
+def test_its_motors_give_no_more_than_their_effort(strength):
+    model = make_model(StationConfig(time_step=0.002, engine="mujoco", motor_strength=strength))
+    data = mujoco.MjData(model)
+    data.ctrl[:] = np.tile([30.0, -30.0], robot.N_JOINTS // 2)
+    mujoco.mj_forward(model, data)
+    torque = np.sign(data.ctrl) * strength * robot.EFFORT_LIMIT
+    np.testing.assert_allclose(data.actuator_force, torque)
+    np.testing.assert_allclose(np.sort(data.qfrc_actuator[6:]), np.sort(torque))
 
 
 def test_an_expert_trots_there(trot):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.alternation import expert_acts, ratio_title
+
+PAGES = ("trot", "pace", "bound", "walk")
 
 
 @pytest.mark.parametrize(
@@ -43,3 +45,30 @@ def test_the_experts_estimator_observes_for_both(trot, make_policy):
     expert = load_expert("trot")
     assert AlternatingPolicy(expert, make_policy(trot), 0).estimator is expert.estimator
     assert AlternatingPolicy(make_policy(trot)).estimator is None
+
+
+@pytest.mark.parametrize(
+    ("expert_limits", "student_limits", "period", "limited"),
+    [
+        (False, True, 0, True),
+        (False, True, 1, False),
+        (False, True, 3, False),
+        (False, False, 0, False),
+        (True, False, 0, True),
+        (True, False, 1, True),
+        (True, False, 3, True),
+    ],
+)
+def test_targets_are_limited_by_the_expert_or_by_a_student_that_acts_alone(
+    trot, make_policy, expert_limits, student_limits, period, limited
+):
+    expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
+    expert.limits_targets, student.limits_targets = expert_limits, student_limits
+    assert AlternatingPolicy(expert, student, period).limits_targets is limited
+    assert AlternatingPolicy(expert).limits_targets is expert_limits
+
+
+def test_shipped_pages_that_lose_nothing_by_it_are_limited():
+    limits = {gait: load_student(gait, "page").limits_targets for gait in PAGES}
+    assert limits == {"trot": True, "pace": True, "bound": True, "walk": False}
+    assert not any(load_expert(gait).limits_targets for gait in PAGES)

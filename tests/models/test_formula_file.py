@@ -115,6 +115,17 @@ def test_a_mirror_that_is_none_is_refused(symbolic):
             SymbolicPolicy("trot", NAMES, symbolic.expressions, mirror=mirror)
 
 
+def test_a_file_says_whether_targets_are_limited(symbolic):
+    free = policy_of(symbolic.to_text())
+    limited = policy_of(symbolic.to_text().replace("states: 2\n", "states: 2\ntargets: limited\n"))
+    assert (free.limits_targets, limited.limits_targets) == (False, True)
+    assert "targets: limited\n" in limited.to_text()
+    assert policy_of(limited.to_text()).limits_targets
+    # What the formulas ask for is the same; what the robot does is not.
+    assert limited.expressions == free.expressions
+    assert limited.digest() != free.digest() == symbolic.digest()
+
+
 def test_a_number_keeps_all_its_digits():
     numbers = (np.random.default_rng(0).normal(size=12) * 10.0 ** np.arange(-6, 6)).tolist()
     formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(robot.JOINTS)}
@@ -284,6 +295,8 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}mirror: 1 1\n{EVERY}", 5, "mirror: must name"),
         (f"{HEAD}mirror: 2 1\n{EVERY}", 5, "mirror: must name"),
         (f"{HEAD}mirror:\n{EVERY}", 5, "mirror: must name"),
+        (f"{HEAD}targets: free\n{EVERY}", 5, "targets: must be 'limited', or be left out"),
+        (f"{HEAD}targets:\n{EVERY}", 5, "targets: must be 'limited'"),
         (f"{HEAD}kind: symbolic\n{EVERY}", 4, "'kind: symbolic' is no line"),
         (f"{HEAD}FL_hip = 0.1\n", 4, "stands under 'state 0'"),
         (f"{HEAD}{EVERY}gait: pace\n", 17, "no line of a formula file"),

@@ -11,6 +11,7 @@ from glassgait.models.link.watchdog import (
     BRACED,
     BRACING,
     CROUCH,
+    FARTHEST,
     FOLDED,
     FOLDING,
     Answer,
@@ -27,7 +28,7 @@ STEP = 0.01
 
 
 def targets(time):
-    return np.full(12, time)
+    return robot.DEFAULT_STANCE + 0.01 * time
 
 
 class Robot:
@@ -184,8 +185,10 @@ def test_all_legs_are_alike_once_they_are_folded(begin):
         Answer(1, 1.5, targets(7.0)),
         Answer(1, 1.0, np.full(12, np.nan)),
         Answer(1, np.nan, targets(7.0)),
+        Answer(1, 1.0, np.full(12, 1e308)),
+        Answer(1, 1.0, robot.LOWER_LIMITS - FARTHEST * np.eye(12)[5] - 1e-6),
     ],
-    ids=["old", "of the future", "not finite", "of no time"],
+    ids=["old", "of the future", "not finite", "of no time", "far beyond", "too far of one joint"],
 )
 def test_an_answer_that_is_none_changes_nothing(answer):
     one = Robot()
@@ -193,6 +196,15 @@ def test_an_answer_that_is_none_changes_nothing(answer):
     watch = step_watch(one.watch, answer, 1.0, SETTINGS)
     np.testing.assert_array_equal(watch.targets, one.watch.targets)
     assert watch.answered == one.watch.answered
+
+
+def test_targets_a_little_beyond_a_joints_range_are_followed_to_its_end():
+    one = Robot()
+    one.run(1.0)
+    asked = np.where(np.arange(12) % 2, robot.UPPER_LIMITS + FARTHEST, robot.LOWER_LIMITS - 0.1)
+    watch = step_watch(one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)
+    ends = np.where(np.arange(12) % 2, robot.UPPER_LIMITS, robot.LOWER_LIMITS)
+    np.testing.assert_array_equal(watch.targets, ends)
 
 
 @given(st.lists(st.sampled_from([None, 0.0, 0.01, 0.02, 0.03, 0.2, -1.0, np.nan]), max_size=200))

@@ -131,3 +131,14 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
 def test_a_weight_that_is_not_finite_is_refused():
     with pytest.raises(InputError, match="reward weights: torque is nan"):
         RewardWeights(torque=np.nan)
+
+
+def test_torque_is_that_of_the_targets_that_joints_follow(standing):
+    action = np.full(12, 8.0)
+    _, free = reward(standing, action=action)
+    _, limited = reward(standing, action=action, limit_targets=True)
+    followed = robot.UPPER_LIMITS - standing[robot.JOINT_POSITION]
+    within = np.minimum(robot.ACTION_SCALE * action, followed)
+    torque = np.minimum(robot.STIFFNESS * within, robot.EFFORT_LIMIT)
+    assert limited["torque"] == pytest.approx(-2e-4 * np.sum(torque**2))
+    assert free["torque"] < limited["torque"]

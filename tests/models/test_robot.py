@@ -26,6 +26,18 @@ def test_zero_action_asks_for_the_stance():
     np.testing.assert_array_equal(robot.joint_targets(np.zeros(12)), robot.DEFAULT_STANCE)
 
 
+def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
+    action = generator.normal(size=(50, 12), scale=8.0)
+    asked = robot.joint_targets(action)
+    followed = robot.joint_targets(action, limited=True)
+    assert np.any(followed != asked)
+    within = (asked >= robot.LOWER_LIMITS) & (asked <= robot.UPPER_LIMITS)
+    np.testing.assert_array_equal(followed[within], asked[within])
+    ends = np.where(asked < robot.LOWER_LIMITS, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+    np.testing.assert_array_equal(followed[~within], ends[~within])
+    assert np.all(np.isnan(robot.joint_targets(np.full(12, np.nan), limited=True)))
+
+
 def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
     torque = robot.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)

@@ -10,6 +10,8 @@ from glassgait.studies.drive import command
 REFUSED = {
     "controller --gait gallop": "unknown gait 'gallop'",
     "controller --lcm-url nonsense": "lcm_url is 'nonsense'; write udpm://",
+    "controller --lcm-url tcpq://localhost:65536": "whose port is 65536; give one from 1 to 65535",
+    "simulator --lcm-url udpm://239.255.76.67:0": "whose port is 0; give one from 1",
     "simulator --scenario latency_20ms --channels T1_": "latency is not made for two processes",
     "simulator --watchdog.hold 0": "hold is 0.0",
     "losses --n-robots 0": "n_robots is 0",

@@ -11,9 +11,12 @@ from glassgait.models.errors import InputError
 from glassgait.models.export.binding import (
     ACTION,
     BAD_INPUT,
+    BAD_MEMORY,
     BAD_TARGET,
     COMMAND_LIMITED,
+    FOOT_HEIGHT,
     MACHINE,
+    NOT_INITIALISED,
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
@@ -35,6 +38,7 @@ DRIVER = """
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static const double ODD[] = {{NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e7, 1e6, -1e6, 1e-320, 0}};
 
@@ -43,17 +47,32 @@ static double drawn(void)
     return rand() % 40 == 0 ? ODD[rand() % 10] : 6.0 * rand() / RAND_MAX - 3.0;
 }}
 
+static int targets_beyond(const {name}_targets *targets)
+{{
+    for (int joint = 0; joint < 12; joint++) {{
+        const double hip = joint % 3 == 0, calf = joint % 3 == 2;
+        const double least = hip ? -0.8029 : calf ? -2.6965 : -1.0472;
+        const double greatest = hip ? 0.8029 : calf ? -0.9163 : 4.1888;
+        const double target = targets->joint_position[joint];
+        if ({limited} && !(target >= least && target <= greatest))
+            return 1;
+    }}
+    return 0;
+}}
+
 int main(void)
 {{
-    {name}_controller controller;
+    {name}_controller controller, before;
     {name}_sensors sensors;
     {name}_command command;
     {name}_targets targets;
-    int count[8] = {{0}};
+    int count[32] = {{0}};
 
     {name}_init(&controller);
     for (int k = 0; k < 4000; k++) {{
-        const {name}_controller before = controller;
+        if (rand() % 50 == 0)
+            ((unsigned char *)&controller)[rand() % sizeof controller] ^= 1 << rand() % 8;
+        memcpy(&before, &controller, sizeof before);
         for (int joint = 0; joint < 12; joint++) {{
             sensors.joint_position[joint] = drawn();
             sensors.joint_velocity[joint] = drawn();
@@ -65,7 +84,7 @@ int main(void)
         command.dwell = 4.0 * drawn();
         {request}
         const int status = {name}_step(&controller, &sensors, &command, &targets);
-        if (status < 0 || status > 7)
+        if (status < 0 || status > 16 || (status > 7 && status != 8 && status != 16))
             return 2;
         count[status]++;
         for (int joint = 0; joint < 12; joint++) {{
@@ -74,10 +93,14 @@ int main(void)
             if ((status & 3) && controller.action[joint] != before.action[joint])
                 return 4;
         }}
-        if (rand() % 200 == 0)
+        if (status >= 8 && memcmp(&controller, &before, sizeof before))
+            return 5;
+        if (targets_beyond(&targets))
+            return 6;
+        if (status >= 8 || rand() % 200 == 0)
             {name}_init(&controller);
     }}
-    printf("%d %d", count[0] + count[4], count[1]);
+    printf("%d %d %d %d", count[0] + count[4], count[1], count[8], count[16]);
     return 0;
 }}
 """
@@ -91,10 +114,15 @@ def written(gait, kind):
 
 
 def sound_and_bad(source, folder, request=""):
-    """Takes steps with input of any kind, and counts those that were sound or had bad input."""
+    """Takes steps with input and memory of any kind.
+
+    Returns:
+        Counts of steps that were sound, of bad input, of lost and of bad memory.
+    """
     path = write_source(source, folder)
     driver, program = folder / "driver.c", folder / "driver"
-    driver.write_text(DRIVER.format(name=source.name, request=request))
+    limited = int(source.limits_targets)
+    driver.write_text(DRIVER.format(name=source.name, request=request, limited=limited))
     try:
         compile_c(driver, program, (*SANITIZED, SANITIZERS, str(path)))
     except InputError as error:
@@ -110,14 +138,18 @@ def sound_and_bad(source, folder, request=""):
     ("gait", "kind"), [("trot", "page"), pytest.param("walk", "ebm", marks=pytest.mark.slow)]
 )
 def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
-    sound, bad = sound_and_bad(written(gait, kind), tmp_path)
+    sound, bad, lost, damaged = sound_and_bad(written(gait, kind), tmp_path)
     assert sound > 1000
     assert bad > 500
+    assert lost > 0
+    assert damaged > 0
 
 
 def test_no_requested_gait_leads_to_undefined_behaviour(written_pages, tmp_path):
     odd = "rand() % 40 == 0 ? rand() - RAND_MAX / 2 : k / 30 % 3"
-    sound, bad = sound_and_bad(written_pages, tmp_path, f"command.gait = {odd};")
+    sound, bad, lost, damaged = sound_and_bad(written_pages, tmp_path, f"command.gait = {odd};")
+    assert lost > 0
+    assert damaged > 0
     assert sound > 1000
     assert bad > 500
 
@@ -203,7 +235,63 @@ def test_bad_input_changes_nothing_and_is_told(value, where, moving, compiled_pa
     step = compiled_page.step(memory, broken, Command(speeds, dwell))
     assert step.status == BAD_INPUT
     np.testing.assert_array_equal(step.memory, memory)
-    np.testing.assert_array_equal(step.targets, robot.joint_targets(memory[ACTION]))
+    kept = robot.joint_targets(memory[ACTION], limited=True)
+    np.testing.assert_array_equal(step.targets, kept)
+
+
+FORGETFUL = """
+#include "trot_page.h"
+#include <stdio.h>
+#include <string.h>
+
+int main(void)
+{
+    trot_page_controller controller;
+    const trot_page_sensors sensors = {.foot_contact = {1, 1, 1, 1}};
+    const trot_page_command command = {.speed = 0.5, .dwell = 8.0};
+    trot_page_targets targets;
+
+    for (int byte = 0; byte < 256; byte++) {
+        memset(&controller, byte, sizeof controller);
+        printf("%d ", trot_page_step(&controller, &sensors, &command, &targets));
+        for (int joint = 0; joint < 12; joint++)
+            printf("%g ", targets.joint_position[joint]);
+    }
+    return 0;
+}
+"""
+
+
+def test_a_controller_that_was_not_initialised_says_so_and_stands(written_page, tmp_path):
+    source, program = tmp_path / "forgetful.c", tmp_path / "forgetful"
+    source.write_text(FORGETFUL)
+    compile_c(source, program, ("-std=c99", str(write_source(written_page, tmp_path))))
+    done = subprocess.run([program], capture_output=True, text=True, check=True)
+    rows = np.array(done.stdout.split(), dtype=float).reshape(256, 13)
+    np.testing.assert_array_equal(rows[:, 0], NOT_INITIALISED)
+    np.testing.assert_array_equal(rows[:, 1:], np.tile(robot.DEFAULT_STANCE, (256, 1)))
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (ACTION.start + 7, np.nan),
+        (ACTION.start, 1e7),
+        (FOOT_HEIGHT.stop - 1, np.inf),
+        (MACHINE.start, -1),
+        (MACHINE.start, 2),
+        (MACHINE.start + 1, -3),
+        (MACHINE.start + 2, 2_000_000_000),
+    ],
+)
+def test_memory_that_no_step_leaves_is_refused_and_kept(where, value, moving, compiled_page):
+    memory, sensors, command = moving
+    damaged = memory.copy()
+    damaged[where] = value
+    step = compiled_page.step(damaged, sensors, command)
+    assert step.status == BAD_MEMORY
+    np.testing.assert_array_equal(step.memory, damaged)
+    np.testing.assert_array_equal(step.targets, robot.DEFAULT_STANCE)
 
 
 def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):

@@ -123,6 +123,15 @@ def test_the_expert_acts_as_the_network_that_was_trained(gait, mirrored, states,
     np.testing.assert_allclose(policy(seen), expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("limited", [True, False])
+def test_an_expert_says_whether_it_learned_with_limited_targets(limited, tmp_path):
+    run = training_run(replace(TINY, limit_targets=limited), tmp_path)
+    assert run.environment.simulator.task.limit_targets is limited
+    run.update()
+    run.save()
+    assert load_policy(tmp_path / "trot.safetensors").limits_targets is limited
+
+
 @pytest.mark.parametrize("mirrored", [True, False])
 def test_a_trained_experts_image_acts_as_it_does_only_if_it_is_mirrored(mirrored, tmp_path):
     run = training_run(replace(TINY, mirrored=mirrored), tmp_path)

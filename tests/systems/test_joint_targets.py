@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from glassgait.models.a1 import robot
 from glassgait.systems.joint_targets import JointTargets
@@ -21,6 +22,26 @@ def test_targets_follow_the_actuators_order(fix_inputs):
     desired = system.get_desired_state_output_port().Eval(context)
     np.testing.assert_allclose(desired[:12], (robot.DEFAULT_STANCE + 0.25 * action)[::-1])
     np.testing.assert_array_equal(desired[12:], 0)
+
+
+def test_targets_are_kept_within_the_joints_ranges(fix_inputs):
+    system = JointTargets(robot.JOINTS[::-1], limited=True)
+    port = system.get_desired_state_output_port()
+    desired = port.Eval(fix_inputs(system, action=np.full(12, 100.0)))
+    np.testing.assert_array_equal(desired[:12], robot.UPPER_LIMITS[::-1])
+    desired = port.Eval(fix_inputs(system, action=np.full(12, -100.0)))
+    np.testing.assert_array_equal(desired[:12], robot.LOWER_LIMITS[::-1])
+
+
+def test_kept_targets_convert_to_autodiff():
+    system = JointTargets(robot.JOINTS, limited=True).ToAutoDiffXd()
+    context = system.CreateDefaultContext()
+    # The first joint is within its range, the second at its end.
+    action = InitializeAutoDiff(np.array([0.5, 50.0, *np.zeros(10)])).ravel()
+    system.get_input_port().FixValue(context, action)
+    slopes = ExtractGradient(system.get_output_port().Eval(context)[:12].reshape(-1, 1))
+    assert slopes[0, 0] == robot.ACTION_SCALE
+    assert not slopes[1].any()
 
 
 def test_refuses_other_joints():

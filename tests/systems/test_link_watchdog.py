@@ -17,7 +17,7 @@ from glassgait.models.link.watchdog import (
 from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch
 
 SESSION, STEP = 9, 0.01
-TARGETS = np.linspace(-1.0, 1.0, 12)
+TARGETS = robot.DEFAULT_STANCE + np.linspace(-0.3, 0.3, 12)
 LEVEL = kinematics.standing_state(robot.DEFAULT_STANCE)
 ON_ITS_SIDE = LEVEL.copy()
 ON_ITS_SIDE[robot.QUATERNION] = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0

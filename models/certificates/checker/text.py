@@ -12,7 +12,7 @@ from keyword import iskeyword
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
-HEADER = ("format", "gait", "states", "mirror")
+HEADER = ("format", "gait", "states", "mirror", "targets")
 MOST_CHARACTERS, MOST_STATES, MOST_DEFINITIONS = 1_000_000, 32, 200
 DEEPEST, MOST_NODES, LARGEST = 100, 5000, 1e30
 
@@ -243,6 +243,8 @@ class FormulaText:
         refuse_unless(
             counted and 1 <= self.n_states <= MOST_STATES, "the policy's states are no number"
         )
+        limited = said.get("targets", "limited") == "limited"
+        refuse_unless(limited, "the policy's targets are neither limited nor free")
         if "mirror" in said:
             numbers = [own for own in said["mirror"].split(" ") if own]
             refuse_unless(

@@ -32,8 +32,13 @@
 {% block changes_of_gait %}
 {% endblock %}
  * -ffp-contract=off keeps a product and a sum two operations, as they are where the policy was
- * made; without it last digits differ on some machines. Targets may lie beyond the range of a
- * joint: that is how the policy asks for torque.
+ * made; without it last digits differ on some machines.
+ *
+{% if limits_targets %}
+ * Targets stay within the joints' ranges, however far beyond the policy asks them to be.
+{% else %}
+ * Targets may lie beyond the range of a joint: that is how the policy asks for torque.
+{% endif %}
  */
 #include "{{ name }}.h"
 
@@ -58,8 +63,15 @@ static const {{ real }} STANCE[12] = {
 {% endfor %}
 };
 
+{% if limits_targets %}
+/* The ranges of every leg's hip, thigh and calf, rad: targets stay within. */
+static const {{ real }} LOWEST[3] = { {{- lowest | map('number') | join(', ') -}} };
+static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') -}} };
+
+{% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
 #define LARGEST {{ 1000000.0 | number }} /* greatest size of a sensible number, in any unit here */
+#define INITIALISED 0x{{ '%08X' % mark }} /* what a controller holds that {{ name }}_init has set */
 
 /* The numbers of {{ named }}, which stand at the end of this file. */
 {% for array in arrays %}
@@ -186,6 +198,16 @@ static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_comma
         && all_sound(sensors->joint_velocity, 12){% block sound_request %}{% endblock %};
 }
 
+/* Tells whether a controller remembers what a step may have left. */
+static int sound_memory(const {{ name }}_controller *controller)
+{
+    return all_sound(controller->action, 12) && all_sound(controller->foot_height, 4)
+        && {% block sound_state %}controller->state >= 0 && controller->state < N_STATES{% endblock %}
+
+        && controller->iterations >= 0 && controller->iterations <= LONGEST
+        && controller->age >= 0 && controller->age <= LONGEST;
+}
+
 static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
 {
     if (value >= least && value <= greatest)
@@ -198,14 +220,27 @@ static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greates
 {% endblock %}
 static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets)
 {
+{% if limits_targets %}
+    for (int joint = 0; joint < 12; joint++) {
+        const {{ real }} asked = STANCE[joint] + ACTION_SCALE * action[joint];
+        const {{ real }} lowest = LOWEST[joint % 3], highest = HIGHEST[joint % 3];
+
+        targets->joint_position[joint] =
+            asked < lowest ? lowest : asked > highest ? highest : asked;
+    }
+{% else %}
     for (int joint = 0; joint < 12; joint++)
         targets->joint_position[joint] = STANCE[joint] + ACTION_SCALE * action[joint];
+{% endif %}
 }
 
 void {{ name }}_init({{ name }}_controller *controller)
 {
 {% block standing %}
-    const {{ name }}_controller standing = { .state = {{ initial }} };
+    const {{ name }}_controller standing = {
+        .initialised = INITIALISED,
+        .state = {{ initial }},
+    };
 {% endblock %}
 
     *controller = standing;
@@ -214,12 +249,20 @@ void {{ name }}_init({{ name }}_controller *controller)
 int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
     const {{ name }}_command *command, {{ name }}_targets *targets)
 {
-    {{ name }}_controller next = *controller;
+    static const {{ real }} standing[12] = {0}; /* the action that asks for the default stance */
+    {{ name }}_controller next;
     {{ name }}_command within;
 {% block observation %}
     {{ real }} observation[N_OBSERVATIONS];
 {% endblock %}
     int flags = {{ prefix }}_OK;
+
+    set_targets(standing, targets);
+    if (controller->initialised != INITIALISED)
+        return {{ prefix }}_NOT_INITIALISED;
+    if (!sound_memory(controller))
+        return {{ prefix }}_BAD_MEMORY;
+    next = *controller;
 
     /* Until all is known to be sound, the targets are those of the step before. */
     set_targets(controller->action, targets);

@@ -42,7 +42,13 @@ enum {
     /* The estimate or the action would be: the same. */
     {{ prefix }}_BAD_TARGET = 2,
     /* A command is beyond the gait's range: the nearest within is taken. */
-    {{ prefix }}_COMMAND_LIMITED = 4
+    {{ prefix }}_COMMAND_LIMITED = 4,
+    /* {{ name }}_init was never called for this controller: nothing changes, the targets are the
+     * default stance. */
+    {{ prefix }}_NOT_INITIALISED = 8,
+    /* What the controller remembers was overwritten by something that no step leaves, such as NaN
+     * or a state that there is not: the same. Call {{ name }}_init to start anew. */
+    {{ prefix }}_BAD_MEMORY = 16
 };
 
 typedef struct {
@@ -60,11 +66,12 @@ typedef struct {
 } {{ name }}_command;
 
 typedef struct {
-    {{ real }} joint_position[12]; /* rad, to be held until the next step */
+    {{ real }} joint_position[12]; /* rad{{ ', within the joints\' ranges' if limits_targets }}, to be held until the next step */
 } {{ name }}_targets;
 
 /* What it remembers from one step to the next. {{ name }}_init sets all of it. */
 typedef struct {
+    unsigned int initialised; /* a mark by which a step knows that _init was called */
     {{ real }} action[12]; /* of the step before: (target - default stance) / {{ action_scale }} rad */
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
     int touched[4]; /* which feet touched at the step before */

@@ -183,6 +183,9 @@ static void act(int gait, {{ 'int state, ' if takes_state }}const {{ real }} obs
 
         && command->gait >= 0 && command->gait < N_GAITS
 {%- endblock %}
+{% block sound_state %}controller->gait >= 0 && controller->gait < N_GAITS
+        && controller->state >= 0 && controller->state < N_STATES[controller->gait]
+{%- endblock %}
 {% block limit_change %}
 #define GREATEST_CHANGE {{ greatest_change | number }} /* of the action in a step, all joints together */
 
@@ -211,6 +214,7 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
 {% endblock %}
 {% block standing %}
     const {{ name }}_controller standing = {
+        .initialised = INITIALISED,
         .gait = {{ prefix }}_GAIT_{{ gaits[0].constant }},
         .state = {{ initial }},
     };
