@@ -20,7 +20,7 @@ from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
-from glassgait.studies.rollouts.scores import score_rollouts
+from glassgait.studies.rollouts.scores import SCORES, score_rollouts
 
 
 class Job(Protocol):
@@ -68,7 +68,7 @@ class RolloutJob:
 
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
-        settings = [self.gait.digest(), self.scenario.digest(), to_plain(self.config)]
+        settings = [self.gait.digest(), self.scenario.digest(), to_plain(self.config), SCORES]
         settings.append(self.policy.settings())
         policies = (self.policy.expert, self.policy.student)
         settings += [policy.digest() for policy in policies if policy is not None]

@@ -161,10 +161,12 @@ def test_evaluate_writes_its_tables(tmp_path):
     small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", *small, "--output", str(tmp_path)])
     tables = {
-        f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
-    }
+        f"{name}.{kind}"
+        for name in ("robots", "scorecard", "falls", "tracking")
+        for kind in ("csv", "md")
+    } | {"tracking.png", "tracking.pdf"}
     written = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
-    assert written == {"config.yaml", "metrics.json", "rollouts"} | tables
+    assert written == {"config.yaml", "metrics.json", "rollouts", "steady"} | tables
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):

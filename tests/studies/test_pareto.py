@@ -63,7 +63,13 @@ def test_the_smallest_that_walk_are_named():
     scores = pd.DataFrame(
         {"policy": ["expert", "a", "a", "b", "b", "c"], "reward": [10, 9, 9, 8, 4, 1]}
     )
-    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+    for name in (
+        "plain_reward",
+        "rhythm",
+        "going_speed_error",
+        "yaw_rate_error",
+        "cost_of_transport",
+    ):
         scores[name] = 1.0
     scores["fell"] = [False, False, False, False, True, False]
     scores.loc[5, "rhythm"] = 0.0
