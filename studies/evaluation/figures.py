@@ -74,6 +74,7 @@ def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
         title: The legend's title.
     """
     figure, panels = subplots(1, 2, figsize=(2 * COLUMN_WIDTH, 3.2))
+    who = str(table.columns[0])
     straight = table[COMMANDED[1]] == 0.0
     turning = table[COMMANDED[0]] == table.loc[~straight, COMMANDED[0]].max()
     for axes, commanded, measured, rows in zip(
@@ -83,7 +84,8 @@ def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
         if len(shown):
             ends = [shown[commanded].min(), shown[commanded].max()]
             axes.plot(ends, ends, color="black", linewidth=0.8, linestyle=":")
-        for i, (name, mine) in enumerate(shown.groupby(shown.columns[0], sort=False)):
+        for i, name in enumerate(table[who].unique()):
+            mine = shown[shown[who] == name]
             axes.errorbar(
                 mine[commanded],
                 mine[measured],

@@ -24,11 +24,13 @@ from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.figures import reward_figure
+from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
 from glassgait.studies.evaluation.results import write_tracking
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
 from glassgait.studies.evaluation.tracking import (
+    COMMANDED,
+    MEASURED,
     follow,
     steady_commands,
     steady_jobs,
@@ -152,6 +154,29 @@ def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {
         "tracking.csv", "tracking.md", "tracking.png", "tracking.pdf",
     }  # fmt: skip
+
+
+def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
+    # The second is slower at the first command that is drawn.
+    told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
+    table = pd.concat(
+        [told[1:].assign(gait="walk", measured=0.3), told.assign(gait="trot", measured=0.6)]
+    )
+    table[MEASURED] = table[["measured", "measured"]]
+    table = table[["gait", *COMMANDED, *MEASURED]].assign(
+        **{"measured speed ±": 0.1, "measured yaw rate ±": 0.1}
+    )
+    figure = tracking_figure(table, "title")
+    for axes in figure.axes:
+        lines = {bars.get_label(): bars.lines[0] for bars in axes.containers}
+        assert lines["walk"].get_ydata()[-1] == 0.3
+        assert lines["trot"].get_ydata()[-1] == 0.6
+        assert lines["walk"].get_color() != lines["trot"].get_color()
+    left, right = (
+        {bars.get_label(): bars.lines[0].get_color() for bars in axes.containers}
+        for axes in figure.axes
+    )
+    assert left == right
 
 
 def test_speeds_are_of_robots_that_did_not_fall():
