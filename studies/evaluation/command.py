@@ -14,6 +14,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
+from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.evaluation.alternation import alternation_jobs
@@ -103,6 +104,10 @@ class Evaluate(Settings):
             table = self._write(scores, scenarios, folder)
             told = self._follow(jobs, folder, f"{gaits}: {name}")
         print_table(f"{gaits}: {name}", table)
+        console.print(
+            f"drawn speeds below {DEAD_BAND:g} m/s are commands to stand, which the speed error "
+            "leaves out"
+        )
         for title, tracking in told.items():
             print_table(title, tracking)
         console.print(f"written to {folder}")

@@ -159,13 +159,13 @@ def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
 def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
     # The second is slower at the first command that is drawn.
     told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
-    table = pd.concat(
-        [told[1:].assign(gait="walk", measured=0.3), told.assign(gait="trot", measured=0.6)]
+    measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
+    walk, trot = (
+        rows.assign(**dict.fromkeys(measures, value))
+        for rows, value in ((told[1:], 0.3), (told, 0.6))
     )
-    table[MEASURED] = table[["measured", "measured"]]
-    table = table[["gait", *COMMANDED, *MEASURED]].assign(
-        **{"measured speed ±": 0.1, "measured yaw rate ±": 0.1}
-    )
+    table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
+    table = table[["gait", *COMMANDED, *measures]]
     figure = tracking_figure(table, "title")
     for axes in figure.axes:
         lines = {bars.get_label(): bars.lines[0] for bars in axes.containers}
