@@ -102,7 +102,8 @@ def follow(job: RolloutJob) -> pd.DataFrame:
     fell = log.failures.any(axis=(0, 2))
     measured = log.velocity[-max(1, round(SETTLED_SHARE * n_steps)) :].mean(axis=0)
     measured[fell] = np.nan
-    rows = pd.DataFrame(told.velocity, columns=COMMANDED).assign(dwell=told.dwell, fell=fell)
+    rows = pd.DataFrame(told.velocity, columns=COMMANDED).assign(dwell=told.dwell)
+    rows["fell"] = fell
     rows[MEASURED] = measured
     for position, (label, value) in enumerate(job.labels.items()):
         rows.insert(position, label, value)
