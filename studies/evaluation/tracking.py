@@ -99,7 +99,7 @@ def follow(job: RolloutJob) -> pd.DataFrame:
     )
     simulator.set_command(told)
     log = log_policy(simulator, job.policy, n_steps)
-    fell = log.failures.any(axis=(0, 2))
+    fell = np.asarray(log.failures.any(axis=(0, 2)))
     measured = log.velocity[-max(1, round(SETTLED_SHARE * n_steps)) :].mean(axis=0)
     measured[fell] = np.nan
     rows = pd.DataFrame(told.velocity, columns=COMMANDED).assign(dwell=told.dwell)
