@@ -29,6 +29,7 @@ from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of
+from glassgait.studies.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.settings import StudentKind
 from glassgait.studies.sweep import WorkersConfig
@@ -82,7 +83,7 @@ class Assurance(Settings):
     bags: bool = False
     home_robots: Count = 26
     pushed_robots: Count = 130
-    calibration_seed: Seed = 500
+    calibration_seed: Seed = SELECTION_SEEDS[0]
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
@@ -99,6 +100,7 @@ class Assurance(Settings):
                 robots that they were chosen with.
         """
         super().__post_init__()
+        refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
         if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
             raise InputError(
                 f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "

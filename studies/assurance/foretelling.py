@@ -15,7 +15,8 @@ from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.studies.assurance.calibration import guarded
-from glassgait.studies.assurance.visits import Visits, make_batch
+from glassgait.studies.assurance.visits import Visits
+from glassgait.studies.rollouts.roll_out import make_batch
 
 LEADS = (1, 2, 4, 8, 12, 16, 24, 32)
 """Control steps before a fall at which the expert takes over."""

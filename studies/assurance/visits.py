@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.roll_out import make_batch
 
 
 @dataclass(frozen=True)
@@ -46,19 +44,6 @@ def joined(parts: Sequence[Visits]) -> Visits:
     """Puts robots of several walks of as many steps side by side, without their states."""
     observation = np.concatenate([own.observation for own in parts], axis=1)
     return Visits(observation, [], np.concatenate([own.fell for own in parts]))
-
-
-def make_batch(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, *, n_robots: int, seed: int
-) -> BatchSimulator:
-    """Makes a simulator of a scenario, closed on the sensors that the policy observes with."""
-    return BatchSimulator(
-        TaskConfig.of_scenario(gait, scenario, policy),
-        make_physics(scenario.station),
-        n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=None if scenario.true_body_state else policy.estimator,
-    )
 
 
 def visit(gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig) -> Visits:

@@ -10,7 +10,11 @@ from glassgait.studies.claims.derivation import Claim, spoken_of
 from glassgait.studies.claims.walks import Walk
 from glassgait.studies.rollouts.scores import interval
 
-FOLLOWED = {"cmd.v": "speed_error", "cmd.yaw": "yaw_rate_error", "e.v": "speed_error"}
+FOLLOWED = {
+    "cmd.v": "going_speed_error",
+    "cmd.yaw": "yaw_rate_error",
+    "e.v": "going_speed_error",
+}
 """Score that a term of an input is there for: how far the robot is from its command."""
 
 

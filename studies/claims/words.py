@@ -22,7 +22,7 @@ INPUTS = {
 }
 """What is said of an input, by its name, or by that of its kind where each leg has one."""
 
-FOLLOWED = {"speed_error": "speed", "yaw_rate_error": "yaw rate"}
+FOLLOWED = {"going_speed_error": "speed", "yaw_rate_error": "yaw rate"}
 
 
 def told_of_joint(claim: Claim, vocabulary: Vocabulary) -> str:

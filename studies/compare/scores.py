@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from glassgait.studies.compare.sides import Side
-from glassgait.studies.rollouts.scores import summarize_against
+from glassgait.studies.rollouts.scores import SPEED_ERROR_TITLE, summarize_against
 
 TITLES = {
     "policy": "policy",
@@ -17,7 +17,7 @@ TITLES = {
     "share": "share of A's return",
     "share_ci": "share ±",
     "rhythm": "rhythm",
-    "speed_error": "speed error (m/s)",
+    "going_speed_error": SPEED_ERROR_TITLE,
     "yaw_rate_error": "yaw-rate error (rad/s)",
 }
 """What people call the columns of `score_table`."""

@@ -97,7 +97,7 @@ def _means(scores: pd.DataFrame) -> pd.DataFrame:
         robots=("fell", "size"),
         falls=("fell", "sum"),
         survived=("survived", "mean"),
-        speed_error=("speed_error", "mean"),
+        going_speed_error=("going_speed_error", "mean"),
         yaw_rate_error=("yaw_rate_error", "mean"),
         rhythm=("rhythm", "mean"),
     )

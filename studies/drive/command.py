@@ -31,6 +31,7 @@ from glassgait.studies.rollout.command import OwnCommand
 from glassgait.studies.rollout.live import first_interrupt
 from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.rollouts.play import Seconds, pusher
+from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import find_walker
 from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
@@ -174,7 +175,7 @@ class DriveLosses(Settings):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     watchdog: Watchdog = field(default_factory=Watchdog)
-    seed: Seed = 1000
+    seed: Seed = REPORTED_SEEDS[0]
     distillation: Path | None = None
     expert: Path | None = None
     resume: bool = False

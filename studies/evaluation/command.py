@@ -14,14 +14,20 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
+from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.results import write_alternation, write_scorecard
+from glassgait.studies.evaluation.results import (
+    write_alternation,
+    write_scorecard,
+    write_tracking,
+)
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.evaluation.tracking import follow, steady_jobs
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
+from glassgait.studies.rollouts.jobs import RolloutJob, finish_jobs, inputs_of, run_jobs
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import distillation_folder, find_student, load_students
 from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
@@ -96,8 +102,27 @@ class Evaluate(Settings):
         ):
             scores = run_jobs(jobs, folder / "rollouts", processes=self.workers.processes)
             table = self._write(scores, scenarios, folder)
+            told = self._follow(jobs, folder, f"{gaits}: {name}")
         print_table(f"{gaits}: {name}", table)
+        console.print(
+            f"drawn speeds below {DEAD_BAND:g} m/s are commands to stand, which the speed error "
+            "leaves out"
+        )
+        for title, tracking in told.items():
+            print_table(title, tracking)
         console.print(f"written to {folder}")
+
+    def _follow(
+        self, jobs: Sequence[RolloutJob], folder: Path, title: str
+    ) -> dict[str, pd.DataFrame]:
+        """Measures how steady commands are followed; not in continuous worlds, which take long."""
+        steady = steady_jobs(jobs, self.rollouts)
+        if not steady:
+            return {}
+        processes = self.workers.processes
+        rows = finish_jobs(steady, follow, folder / "steady", processes=processes)
+        title = f"{title}: commanded and measured, {steady[0].scenario.title}"
+        return {title: write_tracking(rows, title, folder)}
 
     def _write(
         self, scores: pd.DataFrame, scenarios: Mapping[str, Scenario], folder: Path

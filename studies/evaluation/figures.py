@@ -1,12 +1,14 @@
-"""The figure of closed-loop scores: reward against alternation ratio."""
+"""Figures of closed-loop scores: reward against alternation ratio, speed against command."""
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.models.task.alternation import ratio_title
+from glassgait.models.task.palette import COLORS
 from glassgait.studies.evaluation.alternation import PERIODS
-from glassgait.studies.evaluation.tables import alternation_table
+from glassgait.studies.evaluation.tables import alternation_table, policy_title
+from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED
 from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.students.registry import STUDENTS
 
@@ -57,4 +59,45 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
     handles, labels = reward.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
     figure.align_ylabels()
+    return figure
+
+
+@styled
+def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Draws measured against commanded speed and yaw rate, a line a policy or gait.
+
+    Speeds are those of robots that do not turn, yaw rates those of robots that go at one speed. A
+    robot that does as it is told is on the dotted line.
+
+    Args:
+        table: What `tracking_table` returned.
+        title: The legend's title.
+    """
+    figure, panels = subplots(1, 2, figsize=(2 * COLUMN_WIDTH, 3.2))
+    who = str(table.columns[0])
+    straight = table[COMMANDED[1]] == 0.0
+    turning = table[COMMANDED[0]] == table.loc[~straight, COMMANDED[0]].max()
+    for axes, commanded, measured, rows in zip(
+        panels, COMMANDED, MEASURED, (straight, turning), strict=True
+    ):
+        shown = table[rows].sort_values(commanded)
+        if len(shown):
+            ends = [shown[commanded].min(), shown[commanded].max()]
+            axes.plot(ends, ends, color="black", linewidth=0.8, linestyle=":")
+        for i, name in enumerate(table[who].unique()):
+            mine = shown[shown[who] == name]
+            axes.errorbar(
+                mine[commanded],
+                mine[measured],
+                mine[f"{measured.split(' (')[0]} ±"],
+                label=policy_title(str(name)),
+                color=COLORS[i % len(COLORS)],
+                marker="osv^Dx"[i % 6],
+                markersize=3.5,
+                linewidth=1.0,
+                capsize=1.5,
+            )
+        axes.set(xlabel=commanded, ylabel=measured)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, title=title)
     return figure

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.evaluation.figures import reward_figure
+from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
 from glassgait.studies.evaluation.tables import (
     alternation_table,
     falls_table,
     scorecard_table,
     standalone_table,
 )
+from glassgait.studies.evaluation.tracking import tracking_table
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.scores import summarize
 from glassgait.studies.tables import write_metrics, write_table
@@ -43,4 +44,18 @@ def write_alternation(scores: pd.DataFrame, title: str, folder: Path) -> pd.Data
     table = standalone_table(scores)
     write_table(table, folder / "standalone")
     save_figure(reward_figure(scores, title), folder / "reward")
+    return table
+
+
+def write_tracking(rows: pd.DataFrame, title: str, folder: Path) -> pd.DataFrame:
+    """Writes how robots that keep one command follow it, and returns the table.
+
+    Args:
+        rows: What `follow` returned of all policies.
+        title: What the figure calls them.
+        folder: Where table and figure go.
+    """
+    table = tracking_table(rows)
+    write_table(table, folder / "tracking")
+    save_figure(tracking_figure(table, title), folder / "tracking")
     return table

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from glassgait.studies.rollouts.scores import summarize, summarize_against
+from glassgait.studies.rollouts.scores import SPEED_ERROR_TITLE, summarize, summarize_against
 from glassgait.studies.students.registry import student_title
 
 
@@ -31,7 +31,7 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
             "plain return": _with_interval(alone, "plain_reward", 1),
             "falls": _falls(alone),
             "rhythm": alone["rhythm"].round(3),
-            "speed error (m/s)": alone["speed_error"].round(3),
+            SPEED_ERROR_TITLE: alone["going_speed_error"].round(3),
             "yaw-rate error (rad/s)": alone["yaw_rate_error"].round(3),
         }
     )
@@ -48,7 +48,7 @@ def scorecard_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
             "gait": means["gait"].astype(str),
             "scenario": [titles[name] for name in means["scenario"]],
             "falls": _falls(means),
-            "speed error (m/s)": _with_interval(means, "speed_error", 3),
+            SPEED_ERROR_TITLE: _with_interval(means, "going_speed_error", 3),
             "yaw-rate error (rad/s)": _with_interval(means, "yaw_rate_error", 3),
             "rhythm": _with_interval(means, "rhythm", 3),
             "plain return": _with_interval(means, "plain_reward", 1),

@@ -17,6 +17,7 @@ from glassgait.studies.console import console
 from glassgait.studies.export.c_file import CFile
 from glassgait.studies.export.exported import Acting, Effort, Exported
 from glassgait.studies.export.switching_file import SwitchingCFile
+from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import default_student, find_student, find_walker
 from glassgait.studies.sweep import refuse_files_of_several
@@ -80,7 +81,7 @@ class Export(Settings):
     name: str | None = None
     n_steps: Count = 10_000
     n_robots: Natural = 0
-    seed: Seed = 1000
+    seed: Seed = REPORTED_SEEDS[0]
     distillation: Path | None = None
     expert: Path | None = None
     resume: bool = False

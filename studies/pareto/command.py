@@ -23,8 +23,9 @@ from glassgait.studies.pareto.formulas import FAMILIES, TERMS, families_of, size
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.study import RefinementRun
 from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import run_jobs
+from glassgait.studies.rollouts.jobs import for_selection, run_jobs
 from glassgait.studies.rollouts.scores import summarize_against
+from glassgait.studies.rollouts.seeds import SELECTION_SEEDS
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores, round_paths
 from glassgait.studies.students.library import distillation_folder, samples_folder
@@ -52,6 +53,7 @@ class Pareto(Settings):
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
             default, since 100 take some 5 minutes of a core.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
+            As many robots of a seed of its own choose the smallest formulas, and are not reported.
         expert: Policy file of the expert; the shipped one by default.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
@@ -83,23 +85,32 @@ class Pareto(Settings):
             "samples": digest_of_files(round_paths(samples)),
         }
         with open_run(folder, study="pareto", settings=self, inputs=inputs, resume=self.resume):
-            front = self._measure(gait, expert, data, folder)
-            smallest = smallest_that_walk(front)
+            choosing, front = self._measure(gait, expert, data, folder)
+            smallest = smallest_that_walk(choosing, front)
+            write_table(choosing, folder / "selection")
             write_table(front, folder / "pareto")
             write_table(smallest, folder / "smallest")
             write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
             save_figure(pareto_figure(front, gait.name.capitalize()), folder / "pareto")
         print_table(f"{gait.name}: formulas alone", front)
         if len(smallest):
-            print_table(f"{gait.name}: the smallest with which every robot walks", smallest)
+            print_table(
+                f"{gait.name}: the smallest with which every robot of seed {SELECTION_SEEDS[0]} "
+                "walks, and what others do",
+                smallest,
+            )
         else:
             console.print(f"{gait.name}: with none of these sizes does every robot walk")
         console.print(f"written to {folder}")
 
     def _measure(
         self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
-    ) -> pd.DataFrame:
-        """Makes the formulas that the folder lacks, and rolls all of them out."""
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Makes the formulas that the folder lacks, and rolls all of them out.
+
+        Returns:
+            The front of the robots that choose, and that of those that are reported.
+        """
         samples = data.subset(~data.held_out).training_set(gait)
         held_out = data.subset(data.held_out)
         students, rows = {}, []
@@ -125,7 +136,10 @@ class Pareto(Settings):
             )
         rollouts = self.rollouts.at_distilled_speeds(gait)
         jobs = alternation_jobs(gait, expert, students, rollouts, periods=(1, 0))
-        return pareto_table(pd.DataFrame(rows), run_jobs(jobs, folder / "rollouts"))
+        scores = run_jobs([*for_selection(jobs), *jobs], folder / "rollouts")
+        chooses = scores["seed"].isin(SELECTION_SEEDS)
+        fits = pd.DataFrame(rows)
+        return pareto_table(fits, scores[chooses]), pareto_table(fits, scores[~chooses])
 
     def _refined(
         self, gait: Gait, expert: NeuralPolicy, start: FormulaPolicy, path: Path
@@ -150,19 +164,26 @@ def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     return front.rename(columns=called).sort_values("terms", ignore_index=True)
 
 
-def smallest_that_walk(front: pd.DataFrame) -> pd.DataFrame:
-    """Names the smallest formulas with which every robot walks, for growing shares of the return.
+def smallest_that_walk(choosing: pd.DataFrame, front: pd.DataFrame) -> pd.DataFrame:
+    """Names the smallest formulas with which every robot walks, for growing shares of the reward.
 
     A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
     Where no size does, there is no row.
+
+    Args:
+        choosing: The front by which formulas are chosen.
+        front: That of other robots, whose scores of the chosen formulas are told.
     """
-    walks = front[(front["falls"] == 0) & (front["rhythm"] >= MIN_RHYTHM)].sort_values("terms")
-    scores = ["terms", "r2", "share", "share_ci", "rhythm", "robots"]
+    walks = choosing[(choosing["falls"] == 0) & (choosing["rhythm"] >= MIN_RHYTHM)]
+    walks = walks.sort_values("terms")
+    others = front.set_index("policy")
+    scores = ["terms", "r2", "share", "share_ci", "rhythm", "robots", "falls"]
     rows = []
     for share in SHARES:
         enough = walks[walks["share"] >= share]
         if len(enough):
             best = enough.iloc[0]
             title = FAMILIES[best["family"]].title
-            rows.append({"share asked for": share, "formulas": title, **best[scores]})
+            own = others.loc[best["policy"], scores]
+            rows.append({"share asked for": share, "formulas": title, **own})
     return pd.DataFrame(rows, columns=["share asked for", "formulas", *scores])

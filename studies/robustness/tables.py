@@ -7,7 +7,7 @@ from scipy import stats
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.studies.evaluation.tables import policy_title
-from glassgait.studies.rollouts.scores import summarize_against
+from glassgait.studies.rollouts.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.students.registry import STUDENTS
 
 TITLES = {
@@ -21,7 +21,7 @@ TITLES = {
     "points_more": "points more than the expert",
     "share": "share of the expert's return",
     "share_ci": "±",
-    "speed_error": "speed error (m/s)",
+    "going_speed_error": SPEED_ERROR_TITLE,
     "yaw_rate_error": "yaw-rate error (rad/s)",
     "rhythm": "rhythm",
 }

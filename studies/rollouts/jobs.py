@@ -20,7 +20,8 @@ from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
-from glassgait.studies.rollouts.scores import score_rollouts
+from glassgait.studies.rollouts.scores import SCORES, score_rollouts
+from glassgait.studies.rollouts.seeds import SELECTION_SEEDS, refuse_to_report
 
 
 class Job(Protocol):
@@ -68,7 +69,7 @@ class RolloutJob:
 
     def digest(self) -> str:
         """Tells jobs apart that would not give the same scores."""
-        settings = [self.gait.digest(), self.scenario.digest(), to_plain(self.config)]
+        settings = [self.gait.digest(), self.scenario.digest(), to_plain(self.config), SCORES]
         settings.append(self.policy.settings())
         policies = (self.policy.expert, self.policy.student)
         settings += [policy.digest() for policy in policies if policy is not None]
@@ -76,10 +77,23 @@ class RolloutJob:
 
 
 def for_each_seed(job: RolloutJob) -> list[RolloutJob]:
-    """Splits a job into one for each seed."""
-    return [
-        replace(job, config=replace(job.config, seed=seed, n_seeds=1)) for seed in job.config.seeds
-    ]
+    """Splits a job into one for each seed.
+
+    Raises:
+        InputError: if one of the seeds is kept for selection: what it shows is not to be reported.
+    """
+    refuse_to_report(job.config.seeds)
+    return [_with_seed(job, seed) for seed in job.config.seeds]
+
+
+def for_selection(jobs: Sequence[RolloutJob]) -> list[RolloutJob]:
+    """Returns the jobs once each, of whatever seeds they were, with a seed that selects."""
+    first = jobs[0].config.seed
+    return [_with_seed(job, SELECTION_SEEDS[0]) for job in jobs if job.config.seed == first]
+
+
+def _with_seed(job: RolloutJob, seed: int) -> RolloutJob:
+    return replace(job, config=replace(job.config, seed=seed, n_seeds=1))
 
 
 def inputs_of(jobs: Sequence[RolloutJob]) -> dict[str, str]:

@@ -43,16 +43,30 @@ def _roll_out_batch(
     gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
-    task = TaskConfig.of_scenario(gait, scenario, policy, episode_steps=config.n_steps)
-    generator = np.random.default_rng(config.seed)
-    simulator = BatchSimulator(
-        task,
+    simulator = make_batch(gait, policy, scenario, n_robots=n, seed=config.seed)
+    return log_policy(simulator, policy, config.n_steps)
+
+
+def make_batch(
+    gait: Gait, policy: ActingPolicy, scenario: Scenario, *, n_robots: int, seed: int
+) -> BatchSimulator:
+    """Makes a simulator of a scenario, closed on the sensors that the policy observes with.
+
+    Raises:
+        InputError: if the scenario's commands are of sliders or beyond the gait's range.
+    """
+    return BatchSimulator(
+        TaskConfig.of_scenario(gait, scenario, policy),
         make_physics(scenario.station),
-        n_robots=n,
-        generator=generator,
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
         estimator=None if scenario.true_body_state else policy.estimator,
     )
-    guard = policy.begin(n)
+
+
+def log_policy(simulator: BatchSimulator, policy: ActingPolicy, n_steps: int) -> RolloutLog:
+    """Lets a policy move robots from where they are, and logs what they do."""
+    guard = policy.begin(simulator.n_robots)
 
     def act(step: int) -> tuple[Array, NDArray[np.bool_]]:
         nonlocal guard
@@ -60,7 +74,7 @@ def _roll_out_batch(
         guard = turn.guard
         return turn.action, turn.expert_acts
 
-    return log_batch(simulator, config.n_steps, act)
+    return log_batch(simulator, n_steps, act)
 
 
 def log_batch(

@@ -21,10 +21,13 @@ SCORES = (
     "reward",
     "plain_reward",
     "rhythm",
-    "speed_error",
+    "going_speed_error",
     "yaw_rate_error",
     "cost_of_transport",
 )
+
+SPEED_ERROR_TITLE = "speed error, told to go (m/s)"
+"""What tables call `going_speed_error`: commands to stand are left out."""
 
 GRAVITY = 9.81
 """Acceleration by which energy is made comparable (m/s²)."""
@@ -63,9 +66,11 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
     terminations; `failure`, their names; `not_finite`, the joint whose action was not finite, if
     there was one; `reward` and `plain_reward`, sums; `rhythm`, the share of
-    the commanded rhythm kept; `speed_error` (m/s) and `yaw_rate_error` (rad/s), means over seconds
-    of the absolute difference between a second's average and the command. The first second after a
-    new command is left out. `expert_share`, the share of steps at which the expert acted.
+    the commanded rhythm kept; `going_speed_error` (m/s) and `yaw_rate_error` (rad/s), means over
+    seconds of the absolute difference between a second's average and the command. The first second
+    after a new command is left out; of the speed, all seconds in which a robot is told to stand
+    are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
+    that is never told to go. `expert_share`, the share of steps at which the expert acted.
     `cost_of_transport`, the joints' absolute work per weight and distance,
     of the steps that are commanded to go forward or back.
 
@@ -95,7 +100,7 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
                 "plain_reward": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
                 "expert_share": log.expert_acts[alive, i].mean(),
-                "speed_error": errors[0],
+                "going_speed_error": errors[0],
                 "yaw_rate_error": errors[1],
                 "cost_of_transport": _cost_of_transport(
                     log.power[alive, i], velocity[:, 0], command[:, 0], mass
@@ -105,15 +110,20 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _tracking_errors(velocity: Array, command: Array) -> Array:
+def _tracking_errors(velocity: Array, command: Array) -> tuple[float, float]:
+    """Returns the mean errors of speed, where it is commanded, and of yaw rate (m/s, rad/s)."""
     n_windows = len(velocity) // WINDOW_STEPS
     whole = slice(0, n_windows * WINDOW_STEPS)
     difference = (velocity[whole] - command[whole]).reshape(n_windows, WINDOW_STEPS, 2)
     start = np.arange(n_windows) * WINDOW_STEPS
     settled = start % COMMAND_STEPS >= WINDOW_STEPS
-    if not settled.any():
-        return np.full(2, np.nan)
-    return np.abs(difference[settled].mean(axis=1)).mean(axis=0)
+    errors = np.abs(difference.mean(axis=1))
+    going = settled & (command[start, 0] != 0.0)
+    return _mean(errors[going, 0]), _mean(errors[settled, 1])
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else float("nan")
 
 
 def _cost_of_transport(power: Array, speed: Array, command: Array, mass: float) -> float:

@@ -19,6 +19,7 @@ from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.roll_out import roll_out
 from glassgait.studies.rollouts.scores import score_rollouts, summarize
+from glassgait.studies.rollouts.seeds import SELECTION_SEEDS
 
 WORTH_A_FALL = 0.97
 """Share of the best student's reward that one must earn to be preferred because it falls less."""
@@ -34,8 +35,8 @@ ROUGH = Scenario(
 )
 """A world that most falls happen in: slippery, loaded, late and pushed at once."""
 
-SELECTION = ((500, Scenario()), (501, ROUGH))
-"""Seeds and worlds of the rollouts that select, none of those that evaluate."""
+SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
+"""Seeds and worlds of the rollouts that select."""
 
 
 def rank_alone(

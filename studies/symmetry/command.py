@@ -15,6 +15,7 @@ from glassgait.models.task.symmetry import mirrored_states, reflect_observation
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.visits import visit
 from glassgait.studies.figures import save_figure
+from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import (
     Gaits,
@@ -52,7 +53,7 @@ class Symmetry(Settings):
     gait: Gaits = ("trot",)
     n_robots: Annotated[Count, Ge(2)] = 26
     n_steps: Count = 250
-    seed: Seed = 1000
+    seed: Seed = REPORTED_SEEDS[0]
     n_samples: Annotated[Count, Ge(2)] = 500
     repeats: Annotated[Count, Ge(2)] = 20
     distillation: Path | None = None

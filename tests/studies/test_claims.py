@@ -71,7 +71,9 @@ def observations(generator, steps=40, robots=5):
 
 def walk_of(policy, observed, alive=None):
     alive = np.ones(observed.shape[:2], dtype=bool) if alive is None else alive
-    scores = pd.DataFrame({"fell": ~alive.all(axis=0), "speed_error": 0.1, "yaw_rate_error": 0.1})
+    scores = pd.DataFrame(
+        {"fell": ~alive.all(axis=0), "going_speed_error": 0.1, "yaw_rate_error": 0.1}
+    )
     return seen_by(policy, observed, alive, scores)
 
 
@@ -266,7 +268,7 @@ def test_claims_are_told_in_words(joint, text, words, generator):
     told = told_of_joint(claim, policy.vocabulary)
     assert words in told
     assert f"{claim.step:g}" in told
-    assert "by more" in told_of_following(claim, "speed_error")
+    assert "by more" in told_of_following(claim, "going_speed_error")
 
 
 def test_claims_that_fail_stay_in_the_table(tmp_path, generator):

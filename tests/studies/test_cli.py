@@ -157,14 +157,19 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_evaluate_writes_its_tables(tmp_path):
+def test_evaluate_writes_its_tables(tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", *small, "--output", str(tmp_path)])
+    told = " ".join(capsys.readouterr().out.split())
+    assert "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in told
+    assert "commanded and measured" in told
     tables = {
-        f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
-    }
+        f"{name}.{kind}"
+        for name in ("robots", "scorecard", "falls", "tracking")
+        for kind in ("csv", "md")
+    } | {"tracking.png", "tracking.pdf"}
     written = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
-    assert written == {"config.yaml", "metrics.json", "rollouts"} | tables
+    assert written == {"config.yaml", "metrics.json", "rollouts", "steady"} | tables
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):

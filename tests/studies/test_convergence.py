@@ -46,7 +46,7 @@ def test_figure_shows_every_family(tmp_path):
                 "stance": 0.3,
                 "height": 0.26,
                 "survived": 10.0,
-                "speed_error": 0.05,
+                "going_speed_error": 0.05,
                 "yaw_rate_error": 0.1,
             }
             for variant in VARIANTS

@@ -48,7 +48,13 @@ def test_shares_are_of_the_expert_alone():
             "fell": [False, False, False, True],
         }
     )
-    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+    for name in (
+        "plain_reward",
+        "rhythm",
+        "going_speed_error",
+        "yaw_rate_error",
+        "cost_of_transport",
+    ):
         scores[name] = 1.0
     row = curricula_table(fits, scores).iloc[0]
     assert row["share"] == pytest.approx(0.8)

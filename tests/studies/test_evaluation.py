@@ -24,9 +24,18 @@ from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
 from glassgait.studies.evaluation.alternation import alternation_jobs
-from glassgait.studies.evaluation.figures import reward_figure
+from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
+from glassgait.studies.evaluation.results import write_tracking
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
+from glassgait.studies.evaluation.tracking import (
+    COMMANDED,
+    MEASURED,
+    follow,
+    steady_commands,
+    steady_jobs,
+    tracking_table,
+)
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import AblatedPolicy
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -74,11 +83,110 @@ def test_a_robot_is_scored_up_to_its_first_failure():
 
 def test_tracking_is_of_one_second_averages_after_the_first_second():
     values = log()
+    values.command[..., 0] = 0.5
     values.velocity[:50, :, 0] = 9.0
-    values.velocity[50:, 0, 0] = 0.2
-    values.velocity[50:, 1, 0] = 0.3 * np.where(np.arange(150) % 2, 1, -1)
-    errors = score_rollouts(values)["speed_error"]
+    values.velocity[50:, 0, 0] = 0.7
+    values.velocity[50:, 1, 0] = 0.5 + 0.3 * np.where(np.arange(150) % 2, 1, -1)
+    errors = score_rollouts(values)["going_speed_error"]
     np.testing.assert_allclose(errors, [0.2, 0.0], atol=1e-12)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_standing_as_told_does_not_lower_the_speed_error():
+    values = log(n_steps=1000)
+    # The first robot stands for 10 s, then goes too slowly; the second one is never told to go.
+    values.command[500:, 0, 0] = 0.5
+    values.velocity[500:, 0, 0] = 0.4
+    values.velocity[..., 1] = 0.3
+    scores = score_rollouts(values)
+    np.testing.assert_allclose(scores["going_speed_error"], [0.1, np.nan], atol=1e-12)
+    np.testing.assert_allclose(scores["yaw_rate_error"], 0.3)
+    table = scorecard_table(scores.assign(gait="trot", scenario="training"), {"training": "home"})
+    assert table.loc[0, "speed error, told to go (m/s)"] == "0.100"
+
+
+def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
+    job = RolloutJob({}, load_gait("trot"), AlternatingPolicy(expert), Scenario(), RolloutConfig())
+    before = job.digest()
+    monkeypatch.setattr(glassgait.studies.rollouts.jobs, "SCORES", ("speed_error",))
+    assert job.digest() != before
+
+
+def test_steady_commands_stay_within_the_gait():
+    walk = steady_commands(load_gait("walk"), None)
+    assert walk[walk[:, 1] == 0, 0].tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
+    assert walk[walk[:, 1] != 0].tolist() == [[0.5, rate] for rate in (-0.8, -0.4, 0.4, 0.8)]
+    slow = replace(load_gait("trot"), max_speed=0.3, max_yaw_rate=0.5)
+    assert steady_commands(slow, None).tolist() == [
+        [-0.25, 0.0], [0.0, 0.0], [0.25, 0.0], [0.3, -0.4], [0.3, 0.4],
+    ]  # fmt: skip
+    assert steady_commands(load_gait("trot"), (0.2, 0.6))[:, 0].min() == 0.25
+
+
+def test_each_policy_alone_is_told_steady_commands_in_the_first_discrete_world(expert):
+    gait, config = load_gait("trot"), RolloutConfig(n_seeds=3)
+    worlds = {"continuous": CONTINUOUS, "loaded": load_scenario("payload_2kg")} | TRAINING
+    jobs = steady_jobs(scorecard_jobs([(gait, AlternatingPolicy(expert))], worlds, config), config)
+    assert [(job.scenario, job.config.seeds) for job in jobs] == [
+        (worlds["loaded"], range(1000, 1001))
+    ]
+    student = untrained_student("trot", expert.observation_names)
+    jobs = alternation_jobs(gait, expert, {"linear": student}, config)
+    assert [tuple(job.labels.values()) for job in steady_jobs(jobs, config)] == [
+        ("expert", "1"),
+        ("linear", "0"),
+    ]
+
+
+def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
+    config = RolloutConfig(n_robots=1, n_steps=120, n_seeds=1, speed_range=(-0.5, 0.5))
+    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
+    rows = follow(*steady_jobs(jobs, config))
+    table = write_tracking(rows, "trot", tmp_path)
+    straight = table[table["commanded yaw rate (rad/s)"] == 0]
+    assert straight["commanded speed (m/s)"].tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
+    np.testing.assert_allclose(
+        straight["measured speed (m/s)"], straight["commanded speed (m/s)"], atol=0.2
+    )
+    turns = table[table["commanded yaw rate (rad/s)"] != 0]
+    assert turns["measured yaw rate (rad/s)"].is_monotonic_increasing
+    assert (table["falls"] == 0).all()
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "tracking.csv", "tracking.md", "tracking.png", "tracking.pdf",
+    }  # fmt: skip
+
+
+def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
+    # The second is slower at the first command that is drawn.
+    told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
+    measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
+    walk, trot = (
+        rows.assign(**dict.fromkeys(measures, value))
+        for rows, value in ((told[1:], 0.3), (told, 0.6))
+    )
+    table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
+    table = table[["gait", *COMMANDED, *measures]]
+    figure = tracking_figure(table, "title")
+    for axes in figure.axes:
+        lines = {bars.get_label(): bars.lines[0] for bars in axes.containers}
+        assert lines["walk"].get_ydata()[-1] == 0.3
+        assert lines["trot"].get_ydata()[-1] == 0.6
+        assert lines["walk"].get_color() != lines["trot"].get_color()
+    left, right = (
+        {bars.get_label(): bars.lines[0].get_color() for bars in axes.containers}
+        for axes in figure.axes
+    )
+    assert left == right
+
+
+def test_speeds_are_of_robots_that_did_not_fall():
+    told = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
+    rows = pd.DataFrame({"gait": "trot", **told, "fell": [False, True, False]})
+    rows["measured speed (m/s)"] = [0.3, np.nan, 0.5]
+    rows["measured yaw rate (rad/s)"] = [0.0, np.nan, 0.0]
+    (row,) = tracking_table(rows).to_dict(orient="records")
+    assert row["measured speed (m/s)"] == pytest.approx(0.4)
+    assert (row["robots"], row["falls"]) == (3, 1)
 
 
 def test_intervals_are_students():

@@ -56,7 +56,13 @@ def test_losses_are_shares_of_the_whole_students_reward():
             "fell": [False, False, True, False, False, False],
         }
     )
-    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+    for name in (
+        "plain_reward",
+        "rhythm",
+        "going_speed_error",
+        "yaw_rate_error",
+        "cost_of_transport",
+    ):
         scores[name] = 1.0
     lost = losses(scores).set_index("without")
     assert lost["lost"].to_dict() == pytest.approx({"RM Iters": 0.5, "Foot Height": 0.1})

@@ -21,7 +21,8 @@ from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.curricula.figures import curricula_figure
-from glassgait.studies.evaluation.figures import reward_figure
+from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
+from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED
 from glassgait.studies.figures import save_figure, subplots
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
@@ -69,7 +70,7 @@ HOSTILE = r"a$\frac$b"
 
 def titled_figures(curve):
     """Draws every figure that takes a title from tables with hostile names."""
-    measures = {"reward": 9.0, "plain_reward": 9.0, "rhythm": 1.0, "speed_error": 0.1}
+    measures = {"reward": 9.0, "plain_reward": 9.0, "rhythm": 1.0, "going_speed_error": 0.1}
     measures |= {"yaw_rate_error": 0.1, "cost_of_transport": 1.0, "fell": False}
     who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
@@ -85,9 +86,12 @@ def titled_figures(curve):
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
     sides = sides.assign(left_ci=0.2, right_ci=0.0, agree=True)
+    told = pd.DataFrame({"gait": [HOSTILE]}).assign(**dict.fromkeys([*COMMANDED, *MEASURED], 0.0))
+    told = told.assign(**{"measured speed ±": 0.1, "measured yaw rate ±": 0.1})
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "reward": reward_figure(scores, HOSTILE),
+        "tracking": tracking_figure(told, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
         "losses": loss_figure(lost, HOSTILE),

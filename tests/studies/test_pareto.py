@@ -63,18 +63,24 @@ def test_the_smallest_that_walk_are_named():
     scores = pd.DataFrame(
         {"policy": ["expert", "a", "a", "b", "b", "c"], "reward": [10, 9, 9, 8, 4, 1]}
     )
-    for name in ("plain_reward", "rhythm", "speed_error", "yaw_rate_error", "cost_of_transport"):
+    for name in (
+        "plain_reward",
+        "rhythm",
+        "going_speed_error",
+        "yaw_rate_error",
+        "cost_of_transport",
+    ):
         scores[name] = 1.0
     scores["fell"] = [False, False, False, False, True, False]
     scores.loc[5, "rhythm"] = 0.0
     front = pareto_table(fits, scores)
     assert front["policy"].tolist() == ["c", "b", "a"]
     assert front["share"].tolist() == pytest.approx([0.1, 0.6, 0.9])
-    smallest = smallest_that_walk(front)
+    smallest = smallest_that_walk(front, front)
     assert smallest["share asked for"].tolist() == [0.0, 0.9]
     assert smallest["formulas"].tolist() == ["mirrored", "mirrored"]
     assert smallest["terms"].tolist() == [90, 90]
-    none = smallest_that_walk(front[front["falls"] > 0])
+    none = smallest_that_walk(front[front["falls"] > 0], front)
     assert none.empty and list(none.columns) == list(smallest.columns)
 
 
@@ -89,6 +95,12 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
         "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip
     assert (output / "smallest.csv").exists()
+    # As many robots choose as are reported, and they are others.
+    rolled_out = [path.name.split(".")[0] for path in (output / "rollouts").iterdir()]
+    assert sorted(name for name in rolled_out if name.startswith("mirrored 20")) == [
+        "mirrored 20_0_1000", "mirrored 20_0_500",
+    ]  # fmt: skip
+    assert (output / "selection.csv").exists()
     assert {path.stem for path in (output / "formulas").iterdir()} == {
         "mirrored_20", "mirrored_30", "unmirrored_30", "refined_20", "refined_30",
     }  # fmt: skip

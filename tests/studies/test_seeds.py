@@ -1,0 +1,114 @@
+"""What chooses by rollouts has seeds of its own, and none of them is reported."""
+
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.assurance.command import Assurance
+from glassgait.studies.cli import COMMANDS
+from glassgait.studies.pareto.command import smallest_that_walk
+from glassgait.studies.rollouts import selection
+from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, for_selection
+from glassgait.studies.rollouts.scores import RolloutLog
+from glassgait.studies.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
+
+GAIT = load_gait("trot")
+
+
+@pytest.fixture(scope="module")
+def expert():
+    return load_expert("trot")
+
+
+def settings(command):
+    module, _, attribute = COMMANDS[command][0].partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def seeds_of(value):
+    """Yields the seeds of all rollouts that settings ask for, by the setting that names them."""
+    if isinstance(value, RolloutConfig):
+        yield "rollouts", [*value.seeds]
+    elif is_dataclass(value):
+        for own in fields(value):
+            inner = getattr(value, own.name)
+            if own.name in ("seed", "calibration_seed"):
+                yield own.name, [inner]
+            yield from seeds_of(inner)
+
+
+def test_no_reported_seed_selects():
+    assert not {*REPORTED_SEEDS} & {*SELECTION_SEEDS}
+    assert {seed for seed, _ in selection.SELECTION} <= {*SELECTION_SEEDS}
+    assert RolloutConfig().seeds == REPORTED_SEEDS
+
+
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"drive", "check", "show", "gait"}))
+def test_every_command_keeps_to_the_seeds(command):
+    try:
+        own = settings(command)()
+    except TypeError:
+        pytest.skip("has settings that must be named, and no seed among the others")
+    for name, seeds in seeds_of(own):
+        if name == "calibration_seed":
+            assert {*seeds} <= {*SELECTION_SEEDS}
+        elif name == "rollouts":
+            assert {*seeds} <= {*REPORTED_SEEDS}
+        else:
+            assert not {*seeds} & {*SELECTION_SEEDS}
+
+
+def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
+    walked = []
+
+    def stand(gait, policy, scenario, config):
+        walked.extend(config.seeds)
+        sizes = {"velocity": (2,), "command": (2,), "action": (12,), "failures": (6,)}
+        flags = ("failures", "expert_acts")
+        return RolloutLog(
+            **{
+                name: np.zeros(
+                    (config.n_steps, 2, *sizes.get(name, ())),
+                    dtype=bool if name in flags else float,
+                )
+                for name in RolloutLog.__annotations__
+            }
+        )
+
+    monkeypatch.setattr(selection, "roll_out", stand)
+    # Refinement and distillation choose by this function alone.
+    ranked = selection.rank_alone({"a": expert, "b": expert}, GAIT, expert, n_steps=4)
+    assert ranked["candidate"].tolist() == ["a", "b"]
+    walked = {*walked}
+    assert walked and not walked & {*REPORTED_SEEDS}
+
+
+def test_what_selects_is_not_reported(expert, refused):
+    policy, config = AlternatingPolicy(expert), RolloutConfig()
+    jobs = for_each_seed(RolloutJob({}, GAIT, policy, Scenario(), config))
+    assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
+    assert [[*job.config.seeds] for job in for_selection(jobs)] == [[SELECTION_SEEDS[0]]]
+    told = refused(["evaluate", "--scenario", "training", "--seed", "498"])
+    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in told
+
+
+def test_a_reported_seed_calibrates_nothing():
+    with pytest.raises(InputError, match="calibration_seed is or leads to 1003, but 1000 to 1004"):
+        Assurance(calibration_seed=1003, rollouts=RolloutConfig(seed=2000, n_seeds=1))
+
+
+def test_the_robots_that_choose_are_not_those_that_are_reported():
+    shared = {"policy": ["a", "b"], "family": "mirrored", "terms": [40, 90], "r2": 0.9}
+    front = pd.DataFrame(shared).assign(share=[0.9, 0.95], share_ci=0.1, rhythm=1.0, robots=26)
+    choosing, reported = front.assign(falls=[1, 0]), front.assign(falls=[0, 2], share=[0.91, 0.8])
+    (first, *_) = smallest_that_walk(choosing, reported).to_dict(orient="records")
+    assert (first["terms"], first["share"], first["falls"]) == (90, 0.8, 2)
