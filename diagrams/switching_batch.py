@@ -33,7 +33,7 @@ class SwitchingSimulator(BatchSimulator):
         *,
         n_robots: int,
         generator: np.random.Generator,
-        estimator: Callable[[Array], Array] | None = None,
+        estimator: Callable[[Array], Array] | None,
     ) -> None:
         """
         Args:

@@ -58,7 +58,7 @@ class Show(Settings):
             f"{len(lines)} lines",
             style="dim",
         )
-        certificate = find_certificate(student_file(name, expert, self.distillation), gait)
+        certificate = find_certificate(student_file(name, gait.name, self.distillation), gait)
         if certificate:
             counts = certificate.counts().items()
             told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.files import read_text
+from glassgait.models.files import read_text, read_yaml
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.formula_reader import read_formulas
@@ -38,6 +38,9 @@ POLICY_SUFFIXES = tuple(dict.fromkeys(policy.suffix for policy in POLICY_CLASSES
 
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
+
+RECORDS = ("distillation.yaml", "config.yaml")
+"""What may stand beside students and name their expert: where they ship, and in a run's folder."""
 
 
 def policy_path(folder: Path, name: str) -> Path:
@@ -84,11 +87,54 @@ def shipped_students(gait: str) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in paths))
 
 
-def load_student(gait: str, kind: str) -> Policy:
-    """Loads a shipped student.
+def recorded_expert(folder: Path) -> tuple[Path, str] | None:
+    """Returns the digest of the expert that a folder's students were distilled with.
+
+    Returns:
+        The record that says so, and the digest; None where no record does.
 
     Raises:
-        InputError: if no such student ships with the project.
+        InputError: if a record cannot be read.
+    """
+    for path in (folder / name for name in RECORDS):
+        found = read_yaml(path) if path.exists() else None
+        inputs = found.get("inputs") if isinstance(found, dict) else None
+        if isinstance(inputs, dict) and isinstance(inputs.get("expert"), str):
+            return path, inputs["expert"]
+    return None
+
+
+def load_student_of(expert: Policy, path: Path) -> Policy:
+    """Loads a student, with the estimator of its expert; a neural one has its own.
+
+    Args:
+        expert: The expert.
+        path: The student's file, beside which a record may name its expert.
+
+    Raises:
+        InputError: if the file is no policy, the student does not fit the expert, or it was
+            distilled with another one.
+    """
+    student = load_policy(path)
+    student.check(gait=expert.gait, observation_names=expert.observation_names)
+    if student.estimator is not None:
+        return student
+    recorded = recorded_expert(path.parent)
+    if recorded is not None and recorded[1] != expert.digest():
+        raise InputError(
+            f"{path}: observes by the estimator of the expert {recorded[1]} (key 'inputs.expert' "
+            f"of {recorded[0]}), and this expert is {expert.digest()}; give --expert the one it "
+            "was distilled with, or distil a student from this one"
+        )
+    return student.with_estimator_of(expert)
+
+
+def load_student(gait: str, kind: str) -> Policy:
+    """Loads a shipped student, with the estimator of the shipped expert.
+
+    Raises:
+        InputError: if no such student ships with the project, or the shipped expert is not the one
+            that it was distilled with.
     """
     if kind not in shipped_students(gait):
         kinds = ", ".join(shipped_students(gait)) or "none"
@@ -96,7 +142,7 @@ def load_student(gait: str, kind: str) -> Policy:
             f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
             f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
-    return load_policy(policy_path(STUDENT_DIRECTORY / gait, kind))
+    return load_student_of(load_expert(gait), policy_path(STUDENT_DIRECTORY / gait, kind))
 
 
 def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:

@@ -12,7 +12,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
 from glassgait.models.task.gait import Gait
 from glassgait.studies.rollouts.config import RolloutConfig
 
@@ -57,7 +57,7 @@ def make_batch(
         make_physics(scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
-        estimator=None if scenario.true_body_state else policy.estimator,
+        estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),
     )
 
 

@@ -16,7 +16,7 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
-from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.library import load_expert, load_student_of
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
@@ -82,9 +82,8 @@ class Certify(Settings):
         gait = load_gait(self.gait)
         expert = load_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
-        path = student_file(name, expert, self.distillation)
-        policy = load_policy(path)
-        policy.check(gait=gait.name, observation_names=expert.observation_names)
+        path = student_file(name, gait.name, self.distillation)
+        policy = load_student_of(expert, path)
         claims = self._claims(gait)
         folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
         inputs = {

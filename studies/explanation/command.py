@@ -15,7 +15,7 @@ from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.library import load_expert, load_student_of
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
@@ -95,9 +95,8 @@ class Explain(Settings):
                 f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        path = student_file(policy, expert, self.distillation)
-        student = load_policy(path)
-        student.check(gait=gait.name, observation_names=expert.observation_names)
+        path = student_file(policy, gait.name, self.distillation)
+        student = load_student_of(expert, path)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate)

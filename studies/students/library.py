@@ -8,9 +8,7 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
-    load_expert,
-    load_policy,
-    load_student,
+    load_student_of,
     policy_path,
     shipped_students,
 )
@@ -52,12 +50,12 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    students = {kind: load_policy(policy_path(folder, kind)) for kind in kept_students(folder)}
-    if not students:
+    kinds = kept_students(folder)
+    if not kinds:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
         )
-    return _checked(students, expert)
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
 def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
@@ -69,13 +67,8 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
         InputError: if a student does not fit the expert.
     """
     kinds = [kind for kind in STUDENTS if kind in shipped_students(expert.gait)]
-    return _checked({kind: load_student(expert.gait, kind) for kind in kinds}, expert)
-
-
-def _checked(students: dict[str, Policy], expert: NeuralPolicy) -> dict[str, Policy]:
-    for student in students.values():
-        student.check(gait=expert.gait, observation_names=expert.observation_names)
-    return students
+    folder = STUDENT_DIRECTORY / expert.gait
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
 def default_student(gait: str, folder: Path | None = None) -> str:
@@ -112,9 +105,7 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    student = load_policy(student_file(name, expert, folder))
-    student.check(gait=expert.gait, observation_names=expert.observation_names)
-    return student
+    return load_student_of(expert, student_file(name, expert.gait, folder))
 
 
 def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
@@ -190,13 +181,12 @@ def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -
     return student
 
 
-def student_file(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Path:
+def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
     """Returns the file of a student, which `find_student` loads.
 
     Raises:
         InputError: if there is no such student.
     """
-    gait = expert.gait
     if name not in STUDENTS:
         if Path(name).suffix not in POLICY_SUFFIXES:
             raise InputError(
@@ -210,12 +200,6 @@ def student_file(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
             say(f"{name}: that of {path.parent}, in place of the shipped one")
         return path
     if folder is None and name in shipped_students(gait):
-        if expert.digest() != load_expert(gait).digest():
-            raise InputError(
-                f"the shipped student {name!r} of the {gait} sees what the shipped expert's "
-                "estimator tells, and this is another expert; distil one with "
-                f"'glassgait distill --gait {gait} --students {name} --expert <its file>'"
-            )
         return policy_path(STUDENT_DIRECTORY / gait, name)
     raise InputError(
         f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
