@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
 from glassgait.models.policies.additive import AdditivePolicy
@@ -32,9 +35,21 @@ POLICY_CLASSES: dict[str, type[Policy]] = {
         StatewiseSymbolicPolicy,
     )
 }
+"""The classes of policies that have files, by their kind.
+
+A class of one's own is registered by one line, wherever it is saved or loaded:
+
+    POLICY_CLASSES[Own.kind] = Own
+
+Its `to_arrays` and `from_arrays` hold all that it acts by, in arrays that `array_specs` lists or in
+values; its files end in .safetensors.
+"""
 
 POLICY_SUFFIXES = tuple(dict.fromkeys(policy.suffix for policy in POLICY_CLASSES.values()))
 """How the names of policy files end."""
+
+SAVED_TOLERANCE = 1e-9
+"""Greatest difference of the actions of a policy and of its file, absolute and relative."""
 
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
@@ -66,13 +81,46 @@ def load_policy(path: Path) -> Policy:
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None or issubclass(policy, FormulaPolicy):
         raise InputError(
-            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew"
+            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
+            "register the class of one of your own in POLICY_CLASSES"
         )
     names = tuple(header["observation_names"])
     try:
         return policy.from_arrays(header["gait"], names, arrays, header["values"])
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def save_policy(policy: Policy, path: Path, observations: Array) -> None:
+    """Saves a policy, loads it again at once, and compares how both act.
+
+    Args:
+        policy: The policy.
+        path: Its file, which is deleted where it does not hold the policy.
+        observations: Where the actions are compared (m, n).
+
+    Raises:
+        InputError: if the file cannot be written, cannot be loaded, or does not act as the policy.
+    """
+    policy.save(path)
+    told = None
+    try:
+        loaded = load_policy(path)(observations)
+    except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
+        told = f"it cannot be loaded again ({error})"
+    else:
+        acted = policy(observations)
+        # Sums over an array that lies otherwise in memory differ in their last bits.
+        if not np.allclose(loaded, acted, rtol=SAVED_TOLERANCE, atol=SAVED_TOLERANCE):
+            difference = np.abs(loaded - acted).max()
+            told = f"loaded again, its actions differ by up to {difference:.3g}"
+    if told is not None:
+        path.unlink(missing_ok=True)
+        raise InputError(
+            f"{path}: does not hold the {type(policy).__name__}: {told}; let its to_arrays and "
+            "from_arrays hold all that it acts by, and register it in POLICY_CLASSES of "
+            "glassgait.models.policies.library"
+        )
 
 
 def shipped_experts() -> tuple[str, ...]:
@@ -163,7 +211,7 @@ def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} ships with the project; train one with "
-                "'glassgait train' and give its path with --expert"
+                "'glassgait train', or give its path with --expert"
             )
     policy = load_policy(path)
     if not isinstance(policy, NeuralPolicy):

@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 import pandas as pd
 from annotated_types import Ge
 
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Seed, Settings
@@ -18,6 +17,7 @@ from glassgait.studies.claims.study import Examiner, readable_table
 from glassgait.studies.claims.terms import readable_terms
 from glassgait.studies.claims.walks import Walk, walk
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import default_student, find_formulas
@@ -60,7 +60,7 @@ class Claims(Settings):
     def run(self) -> None:
         """Derives claims, tests them, and writes how they did."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
         policy = find_formulas(name, expert, self.distillation)
         stem = Path(name).stem

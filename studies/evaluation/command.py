@@ -12,13 +12,14 @@ from annotated_types import MinLen
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
+from glassgait.models.policies.library import shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.evaluation.alternation import alternation_jobs
 from glassgait.studies.evaluation.results import write_alternation, write_scorecard
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
+from glassgait.studies.experts import find_expert
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, inputs_of, run_jobs
@@ -119,7 +120,7 @@ class Evaluate(Settings):
 
     def _alternation(self, name: str, scenario: Scenario) -> list[RolloutJob]:
         gait = load_gait(name)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         students = load_students(self.distillation or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts, scenario=scenario)
 
@@ -145,7 +146,7 @@ class Evaluate(Settings):
         return gaits
 
     def _policy(self, gait: Gait) -> tuple[Gait, AlternatingPolicy]:
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         if self.policy == "expert":
             return gait, AlternatingPolicy(expert)
         student = find_student(self.policy, expert, self.distillation)

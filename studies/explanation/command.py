@@ -15,11 +15,11 @@ from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, load_student_of
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.figures import save_figure
@@ -29,7 +29,7 @@ from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 from glassgait.studies.students.certificates import find_certificate
-from glassgait.studies.students.library import default_student, student_file
+from glassgait.studies.students.library import default_student, find_student, student_file
 from glassgait.studies.students.registry import sums_of_terms
 
 EXPLANATION_FOLDER = Path("runs/explanation")
@@ -87,7 +87,7 @@ class Explain(Settings):
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         policy = self.policy or default_student(gait.name, self.distillation)
         if policy == "expert":
             raise InputError(
@@ -96,7 +96,7 @@ class Explain(Settings):
             )
         joint = joint_index(self.joint)
         path = student_file(policy, gait.name, self.distillation)
-        student = load_student_of(expert, path)
+        student = find_student(policy, expert, self.distillation)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate)

@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import FormulaNetwork
 from glassgait.studies.refinement.study import RefinementRun
@@ -54,7 +54,7 @@ class Refine(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         named = self.policy or default_student(gait.name, self.distillation)
         policy = find_formulas(named, expert, self.distillation)
         terms = self.config.terms

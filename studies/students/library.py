@@ -15,7 +15,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.console import say
+from glassgait.studies.console import note
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
@@ -96,6 +96,8 @@ def default_student(gait: str, folder: Path | None = None) -> str:
 def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
     """Loads a student by its kind or by its file.
 
+    It notes which it takes, where it does not take the shipped one.
+
     Args:
         name: Kind of student, or path of a policy file.
         expert: The expert that it must fit.
@@ -105,7 +107,12 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    return load_student_of(expert, student_file(name, expert.gait, folder))
+    path = student_file(name, expert.gait, folder)
+    if folder is None and name in STUDENTS and path.parent == distillation_folder(expert.gait):
+        shipped = name in shipped_students(expert.gait)
+        why = "in place of the shipped one" if shipped else f"since none of the {expert.gait} ships"
+        note(f"student: {path}, {why}")
+    return load_student_of(expert, path)
 
 
 def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
@@ -196,8 +203,6 @@ def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
         return Path(name)
     path = policy_path(folder or distillation_folder(gait), name)
     if path.exists():
-        if folder is None and name in shipped_students(gait):
-            say(f"{name}: that of {path.parent}, in place of the shipped one")
         return path
     if folder is None and name in shipped_students(gait):
         return policy_path(STUDENT_DIRECTORY / gait, name)
