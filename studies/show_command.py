@@ -29,7 +29,7 @@ class Show(Settings):
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
     """
 
     title: ClassVar[str] = "show"

@@ -68,7 +68,7 @@ class Assurance(Settings):
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
         distillation: Folder of a distillation that holds the student; the shipped one by default.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/assurance/<gait>/<student> by default.
     """

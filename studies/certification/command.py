@@ -53,7 +53,7 @@ class Certify(Settings):
         workers: Where they are.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Prove again what the folder holds.
         output: Folder of the results; runs/certification/<gait>/<policy> by default.
     """

@@ -39,7 +39,8 @@ class Claims(Settings):
         seed: Seed of starts, commands and noise, the same for every walk.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/claims/<gait>/<policy> by default.
     """

@@ -64,7 +64,7 @@ class Compare(Settings):
         workers: Where the rollouts of the scores run.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/compare/<gait>/<A>_<B> by default.
     """

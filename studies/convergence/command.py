@@ -30,7 +30,7 @@ class Convergence(Settings):
     Attributes:
         gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """

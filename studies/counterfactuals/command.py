@@ -66,7 +66,7 @@ class Counterfactual(Settings):
         seed: Seed of the sensors' noise, and of the further questions.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Answer anew in a folder that holds the same question.
         output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
             default.

@@ -51,7 +51,7 @@ class Curricula(Settings):
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count. Formulas take one shape, without a choice.
         rollouts: How students are rolled out.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """

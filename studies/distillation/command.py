@@ -30,7 +30,7 @@ class Distill(Settings):
         config: Settings of the run.
         sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
             fitted.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
             its folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.

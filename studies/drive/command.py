@@ -48,7 +48,8 @@ class DriveController(Settings):
         link: Where messages go.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
     """
 
     title: ClassVar[str] = "drive controller"
@@ -161,7 +162,8 @@ class DriveLosses(Settings):
         seed: Seed of commands, noise and losses.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/drive/<gait>/<policy> by default.
     """

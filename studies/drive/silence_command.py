@@ -34,7 +34,8 @@ class DriveSilence(Settings):
         seed: Seed of dwell, turning, noise, initial states and pushes.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         output: New folder of the results; runs/drive/<gait>/silence by default.
     """
 

@@ -48,7 +48,7 @@ class Evaluate(Settings):
         workers: Where rollouts run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/evaluation/<gait>/<policy> by default.
     """

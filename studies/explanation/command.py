@@ -60,7 +60,7 @@ class Explain(Settings):
         seed: Seed of the sensors' noise.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
             runs/certification/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.

@@ -64,7 +64,8 @@ class Export(Settings):
         seed: Seed of all randomness.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
             runs/export/<gait>_<gait>/<policy>.

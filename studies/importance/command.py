@@ -62,7 +62,7 @@ class Importance(Settings):
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/importance/<gait> by default.
     """

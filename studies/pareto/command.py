@@ -53,7 +53,7 @@ class Pareto(Settings):
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
             default, since 100 take some 5 minutes of a core.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
     """

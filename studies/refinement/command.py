@@ -34,7 +34,8 @@ class Refine(Settings):
         config: Settings of the run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
         resume: Continue from the folder's checkpoint.
     """

@@ -86,7 +86,7 @@ class ShowRollout(Settings):
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         output: Folder of the replay; runs/rollout/<gait> by default.
     """
 
@@ -195,7 +195,7 @@ def _summary(rollout: Rollout, scenario: Scenario) -> str:
     rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
     observed = "estimated velocity and foot heights"
     if scenario.true_body_state:
-        observed = "TRUE velocity and foot heights, which no sensor measures"
+        observed = "true velocity and foot heights, which no sensor measures"
     return (
         f"mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
         f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "

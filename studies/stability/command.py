@@ -53,7 +53,7 @@ class Stability(Settings):
         seed: Seed of the differences that averaged radii are measured by.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks a student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/stability/<gait> by default. Of several gaits each has
             its folder <gait> in it.

@@ -155,7 +155,29 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(["rollout", "--policy", "symbolic", "--seconds", "0.2"])
     assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
-    assert "stayed up" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "stayed up" in told
+    assert "observed: estimated velocity and foot heights" in told
+
+
+def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = ["rollout", "--gait", "bound", "--policy", "page", "--seconds", "2"]
+    main(page)
+    main([*page, "--scenario", "true_body_state"])
+    found = re.findall(
+        r"mean speed (\S+) m/s \(0\.50 commanded\), (\S+) m forward, rhythm (\S+) of the commanded;"
+        r" observed: (\w+) velocity",
+        capsys.readouterr().out,
+    )
+    (walks, stands) = ([float(number) for number in row[:3]] for row in found)
+    assert [row[3] for row in found] == ["estimated", "true"]
+    assert walks[0] > 0.3
+    assert walks[1] == pytest.approx(2 * walks[0], abs=0.02)
+    assert walks[2] > 0.8
+    # It has learned what its estimator tells, and hardly moves by the truth.
+    assert abs(stands[0]) < 0.1
+    assert stands[2] < 0.1
 
 
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
