@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
+from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task.command import Command, limit_command
 from glassgait.models.task.gait import Gait
@@ -96,8 +97,8 @@ class GivenCommand(LeafSystem):
         output.SetFromVector(limit_command(self._gait, given).dwell)
 
 
-def _finite(port: InputPort, context: Context) -> np.ndarray:
-    given = port.Eval(context)
+def _finite(port: InputPort, context: Context) -> Array:
+    given = np.asarray(port.Eval(context), dtype=float)
     if not np.isfinite(given).all():
         raise InputError(
             f"input port {port.get_name()!r}: is given {shown(given.tolist())}; give finite numbers"
