@@ -69,7 +69,7 @@ class BatchSimulator:
         *,
         n_robots: int,
         generator: np.random.Generator,
-        estimator: Callable[[Array], Array] | None = None,
+        estimator: Callable[[Array], Array] | None,
         difficulty: float = 1.0,
     ) -> None:
         """
@@ -80,8 +80,8 @@ class BatchSimulator:
             generator: Source of all randomness.
             estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7), which is
                 then what is observed and, a step later, what the reward machine takes the feet's
-                heights from: the loop is closed on sensors only. Without one both are the true
-                ones.
+                heights from: the loop is closed on sensors only. None for the true ones; who acts
+                by a policy takes its own from `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """

@@ -14,6 +14,7 @@ from glassgait.models.settings import Interval, Settings
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command import RandomCommand
+from glassgait.systems.given_command import GivenCommand
 from glassgait.systems.meshcat_command import MeshcatCommand
 
 
@@ -123,6 +124,28 @@ def AddCommand(  # noqa: N802
                 raise ValueError("locomotion: commands from sliders need a Meshcat")
             source = builder.AddNamedSystem("command", MeshcatCommand(gait, meshcat))
     return source.get_command_output_port(), source.get_commanded_dwell_output_port()
+
+
+def AddGivenCommand(  # noqa: N802
+    builder: DiagramBuilder, gait: Gait, drawn: tuple[OutputPort, OutputPort]
+) -> tuple[OutputPort, OutputPort]:
+    """Adds what lets a planner command the robot, by the diagram's inputs of the same names.
+
+    Args:
+        builder: Where it is added.
+        gait: The gait, for its ranges.
+        drawn: What `AddCommand` returns, which is commanded where the inputs are unconnected.
+
+    Returns:
+        The outputs command (2; m/s, rad/s) and commanded_dwell (1, control steps).
+    """
+    given = builder.AddNamedSystem("given_command", GivenCommand(gait))
+    command, dwell = drawn
+    builder.Connect(command, given.get_drawn_command_input_port())
+    builder.Connect(dwell, given.get_drawn_dwell_input_port())
+    for port in (given.get_command_input_port(), given.get_commanded_dwell_input_port()):
+        builder.ExportInput(port, port.get_name())
+    return given.get_command_output_port(), given.get_commanded_dwell_output_port()
 
 
 def _add_random_command(

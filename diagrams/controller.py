@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Multiplexer
 from glassgait.diagrams.acting import AddActingPolicies
 from glassgait.models.counterfactuals.intervention import Intervention
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
@@ -79,12 +79,13 @@ def AddController(  # noqa: N802
         machine: The gait's reward machine.
         policy: Who acts. Its estimator gives the body state that is observed and the foot heights
             that the reward machine reads.
-        true_body_state: Whether to observe the true ones all the same.
+        true_body_state: Whether to observe the true ones instead.
         sensor_noise: Factor on the noise of the joints' sensors.
         intervention: Gives the policy another observation for some control steps.
 
     Raises:
-        InputError: if a policy was made for another gait or observation.
+        InputError: if a policy was made for another gait or observation, or has no estimator where
+            the true body state is not asked for.
         ValueError: if there is neither an estimator nor true heights of the feet.
     """
     if isinstance(policy, Policy):
@@ -98,14 +99,15 @@ def AddController(  # noqa: N802
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
     proprioception = _add_proprioception(builder, layout, sensed, sensor_noise, machine, hold)
     # What estimates the body state, or else senses it.
-    if policy is None or policy.estimator is None or true_body_state:
+    estimator = policy and estimator_in_loop(policy, true_body_state=true_body_state)
+    if estimator is None:
         if sensed.foot_height is None:
             raise ValueError("controller: there is no estimator; connect true heights of the feet")
         body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
         builder.Connect(sensed.state, body_state.get_state_input_port())
         sensed_height = sensed.foot_height
     else:
-        body_state = StateEstimator(policy.estimator, layout.n_proprioceptive)
+        body_state = StateEstimator(estimator, layout.n_proprioceptive)
         builder.AddNamedSystem("state_estimator", body_state)
         builder.Connect(
             proprioception.get_proprioception_output_port(),

@@ -64,8 +64,7 @@ class ControllerEnd:
             channels: Names of the channels.
 
         Raises:
-            InputError: if a policy was made for another gait or observation.
-            ValueError: if the policy has no estimator.
+            InputError: if a policy was made for another gait or observation, or has no estimator.
         """
         self.diagram = MakeLinkedController(gait, policy, lcm, channels)
         self.tally = Tally()

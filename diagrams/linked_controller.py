@@ -46,8 +46,7 @@ def MakeLinkedController(  # noqa: N802
         channels: Names of the channels.
 
     Raises:
-        InputError: if a policy was made for another gait or observation.
-        ValueError: if the policy has no estimator.
+        InputError: if a policy was made for another gait or observation, or has no estimator.
     """
     builder = DiagramBuilder()
     receiver = builder.AddNamedSystem("sensors_receiver", SensorsReceiver())

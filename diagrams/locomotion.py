@@ -5,7 +5,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import RandomSource
 
-from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, Sensed
 from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
@@ -42,6 +42,8 @@ def MakeLocomotion(  # noqa: N802
 
         name: Locomotion
         input_ports:
+        - command
+        - commanded_dwell
         - actions
         - requested_gait
         output_ports:
@@ -62,12 +64,14 @@ def MakeLocomotion(  # noqa: N802
         - expert_acts
         - overrun
 
-    Inputs: actions (12), only where no policy is given. requested_gait (1), only of several gaits
+    Inputs: command (2; m/s, rad/s) and commanded_dwell (1, control steps), from a planner, limited
+    to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
+    actions (12), only where no policy is given. requested_gait (1), only of several gaits
     without buttons; see `GaitSwitchSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
     and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
     rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
-    failures (6). command (2; m/s, rad/s), commanded_dwell (1, control steps). state (37), the
+    failures (6). command (2) and commanded_dwell (1), by which the robot goes. state (37), the
     plant's. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
     `AssuranceMonitor`.
 
@@ -80,15 +84,16 @@ def MakeLocomotion(  # noqa: N802
         gait: The gait whose reward machine runs, or several that change on request.
         scenario: The world, and how the loop is closed; the training world by default.
         policy: Who acts. Its estimator gives the body state that is observed and the foot heights
-            that the reward machine reads; they are the true ones where there is none, or the
-            scenario says so.
+            that the reward machine reads; they are the true ones where the scenario says so, and
+            where no policy is given.
         meshcat: Shows robot, contacts and machine state there.
         intervention: Gives the policy another observation for some control steps; the outputs are
             the robot's own.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or the gait is not made
-            for the command.
+        InputError: if a policy was made for another gait or observation, or has no estimator, and
+            the scenario does not ask for the true body state; or the gait is not made for the
+            command.
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     scenario, gaits = scenario or Scenario(), gait
@@ -96,7 +101,8 @@ def MakeLocomotion(  # noqa: N802
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
     # and without, and the same noise whatever the robot's pose is drawn from.
-    command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
+    drawn = AddCommand(builder, gait, scenario.command, meshcat)
+    command, commanded_dwell = AddGivenCommand(builder, gait, drawn)
     joint_noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
     contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, robot.N_LEGS)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it

@@ -34,7 +34,7 @@ class SwitchingSimulator(BatchSimulator):
         *,
         n_robots: int,
         generator: np.random.Generator,
-        estimator: Callable[[Array], Array] | None = None,
+        estimator: Callable[[Array], Array] | None,
         policy: Policy | None = None,
     ) -> None:
         """

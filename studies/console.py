@@ -25,6 +25,14 @@ console = Console(
 )
 
 
+_notes = Console(stderr=True, markup=False, emoji=False, highlight=False, soft_wrap=True)
+
+
+def note(line: str) -> None:
+    """Prints, beside what the command prints, what it chose where a person left it open."""
+    _notes.print(Text.assemble(("·", "dim"), " ", line))
+
+
 def say(line: str) -> None:
     """Prints a line of progress."""
     console.print(Text.assemble(("·", "dim"), " ", line))

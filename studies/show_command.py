@@ -9,10 +9,10 @@ from rich.text import Text
 
 from glassgait.models.a1 import robot
 from glassgait.models.certificates.findings import OUTCOME_WORDS
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.students.certificates import find_certificate
 from glassgait.studies.students.library import default_student, find_formulas, student_file
 from glassgait.studies.students.registry import student_title
@@ -29,7 +29,7 @@ class Show(Settings):
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
     """
 
     title: ClassVar[str] = "show"
@@ -44,7 +44,7 @@ class Show(Settings):
         """Prints the formulas."""
         gait = load_gait(self.gait)
         name = self.policy or default_student(gait.name, self.distillation)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         student = find_formulas(name, expert, self.distillation)
         if self.joint is not None:
             robot.joint_index(self.joint)
@@ -58,7 +58,7 @@ class Show(Settings):
             f"{len(lines)} lines",
             style="dim",
         )
-        certificate = find_certificate(student_file(name, expert, self.distillation), gait)
+        certificate = find_certificate(student_file(name, gait.name, self.distillation), gait)
         if certificate:
             counts = certificate.counts().items()
             told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)

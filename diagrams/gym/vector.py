@@ -92,6 +92,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             BatchPhysics(*(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
+            estimator=None,
         )
         self._ended: BoolArray | None = None
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.policy import Policy, refuse_other_estimator
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.assurance import Guard, initial_guard
 
@@ -46,7 +46,10 @@ class AlternatingPolicy:
         """
         Raises:
             ValueError: if the period is negative, or asks for a student that is not given.
+            InputError: if the student observes by the estimator of another expert.
         """
+        if self.student is not None:
+            refuse_other_estimator(self.expert, self.student)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -74,7 +77,7 @@ class AlternatingPolicy:
     @property
     def estimator(self) -> Callable[[Array], Array] | None:
         """Maps proprioception to the body state; None where the expert observes the true one."""
-        return getattr(self.expert, "estimator", None)
+        return self.expert.estimator
 
     @property
     def limits_targets(self) -> bool:

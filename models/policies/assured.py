@@ -10,7 +10,7 @@ import numpy as np
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy, Turn
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.policy import Policy, refuse_other_estimator
 from glassgait.models.task.assurance import Guard, Hysteresis, Region, initial_guard, step_guard
 
 
@@ -36,8 +36,10 @@ class AssuredPolicy:
     def __post_init__(self) -> None:
         """
         Raises:
-            InputError: if the region is of other observations than the student's.
+            InputError: if the region is of other observations than the student's, or the student
+                observes by the estimator of another expert.
         """
+        refuse_other_estimator(self.expert, self.student)
         if self.region.names != self.student.observation_names:
             raise InputError(
                 "assurance: the region is of other observations than the student's; measure it "
@@ -66,7 +68,7 @@ class AssuredPolicy:
     @property
     def estimator(self) -> Callable[[Array], Array] | None:
         """Maps proprioception to the body state; None where the expert observes the true one."""
-        return getattr(self.expert, "estimator", None)
+        return self.expert.estimator
 
     @property
     def limits_targets(self) -> bool:
@@ -96,3 +98,30 @@ class AssuredPolicy:
 
 ActingPolicy = AlternatingPolicy | AssuredPolicy
 """Who acts in a closed loop: an expert, a student, or both by a schedule or under assurance."""
+
+
+def estimator_in_loop(
+    policy: ActingPolicy | Policy, *, true_body_state: bool = False
+) -> Callable[[Array], Array] | None:
+    """Returns what gives a policy its body state in a closed loop: the diagram's or the batch's.
+
+    Args:
+        policy: Who acts.
+        true_body_state: Whether it is to observe the true body state, as a scenario says.
+
+    Returns:
+        The policy's estimator, or None for the true body state.
+
+    Raises:
+        InputError: if the policy has no estimator, and the true body state is not asked for.
+    """
+    if true_body_state:
+        return None
+    if policy.estimator is None:
+        alone = policy if isinstance(policy, Policy) else policy.expert
+        raise InputError(
+            f"this {alone.kind} policy of the {alone.gait} has no estimator of the body state; "
+            "take it from load_student, give it the expert's with "
+            "policy.with_estimator_of(expert), or set true_body_state: true in the scenario"
+        )
+    return policy.estimator

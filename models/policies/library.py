@@ -2,8 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.files import read_text
+from glassgait.models.files import read_text, read_yaml
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.formula_reader import read_formulas
@@ -32,12 +35,27 @@ POLICY_CLASSES: dict[str, type[Policy]] = {
         StatewiseSymbolicPolicy,
     )
 }
+"""The classes of policies that have files, by their kind.
+
+A class of one's own is registered by one line, wherever it is saved or loaded:
+
+    POLICY_CLASSES[Own.kind] = Own
+
+Its `to_arrays` and `from_arrays` hold all that it acts by, in arrays that `array_specs` lists or in
+values; its files end in .safetensors.
+"""
 
 POLICY_SUFFIXES = tuple(dict.fromkeys(policy.suffix for policy in POLICY_CLASSES.values()))
 """How the names of policy files end."""
 
+SAVED_TOLERANCE = 1e-9
+"""Greatest difference of the actions of a policy and of its file, absolute and relative."""
+
 EXPERT_DIRECTORY = Path(__file__).parents[1] / "experts"
 STUDENT_DIRECTORY = Path(__file__).parents[1] / "students"
+
+RECORDS = ("distillation.yaml", "config.yaml")
+"""What may stand beside students and name their expert: where they ship, and in a run's folder."""
 
 
 def policy_path(folder: Path, name: str) -> Path:
@@ -64,13 +82,46 @@ def load_policy(path: Path) -> Policy:
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None or issubclass(policy, FormulaPolicy):
         raise InputError(
-            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew"
+            f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
+            "register the class of one of your own in POLICY_CLASSES"
         )
     names = tuple(header["observation_names"])
     try:
         return policy.from_arrays(header["gait"], names, arrays, header["values"])
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def save_policy(policy: Policy, path: Path, observations: Array) -> None:
+    """Saves a policy, loads it again at once, and compares how both act.
+
+    Args:
+        policy: The policy.
+        path: Its file, which is deleted where it does not hold the policy.
+        observations: Where the actions are compared (m, n).
+
+    Raises:
+        InputError: if the file cannot be written, cannot be loaded, or does not act as the policy.
+    """
+    policy.save(path)
+    told = None
+    try:
+        loaded = load_policy(path)(observations)
+    except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
+        told = f"it cannot be loaded again ({error})"
+    else:
+        acted = policy(observations)
+        # Sums over an array that lies otherwise in memory differ in their last bits.
+        if not np.allclose(loaded, acted, rtol=SAVED_TOLERANCE, atol=SAVED_TOLERANCE):
+            difference = np.abs(loaded - acted).max()
+            told = f"loaded again, its actions differ by up to {difference:.3g}"
+    if told is not None:
+        path.unlink(missing_ok=True)
+        raise InputError(
+            f"{path}: does not hold the {type(policy).__name__}: {told}; let its to_arrays and "
+            "from_arrays hold all that it acts by, and register it in POLICY_CLASSES of "
+            "glassgait.models.policies.library"
+        )
 
 
 def shipped_experts() -> tuple[str, ...]:
@@ -85,11 +136,54 @@ def shipped_students(gait: str) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in paths))
 
 
-def load_student(gait: str, kind: str) -> Policy:
-    """Loads a shipped student.
+def recorded_expert(folder: Path) -> tuple[Path, str] | None:
+    """Returns the digest of the expert that a folder's students were distilled with.
+
+    Returns:
+        The record that says so, and the digest; None where no record does.
 
     Raises:
-        InputError: if no such student ships with the project.
+        InputError: if a record cannot be read.
+    """
+    for path in (folder / name for name in RECORDS):
+        found = read_yaml(path) if path.exists() else None
+        inputs = found.get("inputs") if isinstance(found, dict) else None
+        if isinstance(inputs, dict) and isinstance(inputs.get("expert"), str):
+            return path, inputs["expert"]
+    return None
+
+
+def load_student_of(expert: Policy, path: Path) -> Policy:
+    """Loads a student, with the estimator of its expert; a neural one has its own.
+
+    Args:
+        expert: The expert.
+        path: The student's file, beside which a record may name its expert.
+
+    Raises:
+        InputError: if the file is no policy, the student does not fit the expert, or it was
+            distilled with another one.
+    """
+    student = load_policy(path)
+    student.check(gait=expert.gait, observation_names=expert.observation_names)
+    if student.estimator is not None:
+        return student
+    recorded = recorded_expert(path.parent)
+    if recorded is not None and recorded[1] != expert.digest():
+        raise InputError(
+            f"{path}: observes by the estimator of the expert {recorded[1]} (key 'inputs.expert' "
+            f"of {recorded[0]}), and this expert is {expert.digest()}; give --expert the one it "
+            "was distilled with, or distil a student from this one"
+        )
+    return student.with_estimator_of(expert)
+
+
+def load_student(gait: str, kind: str) -> Policy:
+    """Loads a shipped student, with the estimator of the shipped expert.
+
+    Raises:
+        InputError: if no such student ships with the project, or the shipped expert is not the one
+            that it was distilled with.
     """
     if kind not in shipped_students(gait):
         kinds = ", ".join(shipped_students(gait)) or "none"
@@ -97,7 +191,7 @@ def load_student(gait: str, kind: str) -> Policy:
             f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
             f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
-    return load_policy(policy_path(STUDENT_DIRECTORY / gait, kind))
+    return load_student_of(load_expert(gait), policy_path(STUDENT_DIRECTORY / gait, kind))
 
 
 def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
@@ -118,7 +212,7 @@ def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} ships with the project; train one with "
-                "'glassgait train' and give its path with --expert"
+                "'glassgait train', or give its path with --expert"
             )
     policy = load_policy(path)
     if not isinstance(policy, NeuralPolicy):

@@ -148,15 +148,20 @@ class NeuralPolicy(Policy):
         self.mirrored_states = self._checked_states(mirrored_states)
         self.limits_targets = self._checked_limits(limits_targets)
         self.actor: Network | MirroredNetwork = actor
-        self.estimator: Network | MirroredNetwork = estimator
+        self._estimator: Network | MirroredNetwork = estimator
         if self.mirrored_states is not None:
             observation = reflect_observation(observation_names, self.mirrored_states)
             own, body = observation.split(len(observation_names) - N_ESTIMATED)
             self.actor = MirroredNetwork(actor, observation, REFLECT_JOINTS)
-            self.estimator = MirroredNetwork(estimator, own, body)
+            self._estimator = MirroredNetwork(estimator, own, body)
 
     def __call__(self, observation: Array) -> Array:
         return self.actor(observation)
+
+    @property
+    def estimator(self) -> Network | MirroredNetwork:
+        """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        return self._estimator
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         actor, estimator = self._networks

@@ -1,9 +1,10 @@
 """What every policy is, and the file format that all of them share."""
 
+import copy
 import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +80,12 @@ class Policy(ABC):
         limits_targets: Whether the joints that it moves follow its targets within their ranges
             alone: where it asks for more, they follow the nearest target there. It is shown its
             previous action as it asked for it all the same.
+        observes_by: Digest of the expert whose estimator it observes by; None where it has none, or
+            its own.
     """
+
+    observes_by: str | None = None
+    _estimator: Callable[[Array], Array] | None = None
 
     kind: ClassVar[str]
     limits_targets: bool = False
@@ -156,6 +162,20 @@ class Policy(ABC):
             refuse_other_arrays(arrays, cls.array_specs)
         return cls(gait, observation_names, **arrays)
 
+    @property
+    def estimator(self) -> Callable[[Array], Array] | None:
+        """Maps proprioception (..., 40 + n_states) to the body state (..., 7); None without one."""
+        return self._estimator
+
+    def with_estimator_of(self, expert: "Policy") -> Self:
+        """Returns the policy with the estimator that it was distilled with, its expert's.
+
+        Files hold no estimator: a policy that was loaded from one has none until it is given one.
+        """
+        own = copy.copy(self)
+        own.observes_by, own._estimator = expert.digest(), expert.estimator
+        return own
+
     def explain(self, observation: Array, joint: int | str) -> Contributions:
         """Splits a joint's targets into contributions that add up to them.
 
@@ -218,6 +238,20 @@ class Policy(ABC):
             raise InputError(
                 f"this {self.kind} policy observes {first}; distil it again for this layout"
             )
+
+
+def refuse_other_estimator(expert: Policy, student: Policy) -> None:
+    """Refuses an expert whose estimator is not the one that a student observes by.
+
+    Raises:
+        InputError: if it is not.
+    """
+    if student.observes_by not in (None, expert.digest()):
+        raise InputError(
+            f"this {student.kind} student of the {student.gait} observes by the estimator of the "
+            f"expert {student.observes_by}, not by that of {expert.digest()}; give it the expert "
+            "that it was distilled with"
+        )
 
 
 def read_policy_file(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

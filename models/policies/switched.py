@@ -92,8 +92,12 @@ class SwitchedPolicy(Policy):
         share = np.sqrt(self.greatest_change) / np.maximum(length, 1e-9)
         return np.where(share < 1.0, previous + share * change, action)
 
-    def estimator(self, proprioception: Array) -> Array:
+    @property
+    def estimator(self) -> Callable[[Array], Array]:
         """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        return self._estimate
+
+    def _estimate(self, proprioception: Array) -> Array:
         sensed = [columns[:-N_ESTIMATED] for columns in self._columns]
         return self._by_gait(proprioception, self._estimates, sensed, N_ESTIMATED)
 

@@ -11,7 +11,11 @@ from annotated_types import Ge, Lt, MinLen
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, load_scenarios
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert, load_policy, load_student, policy_path
+from glassgait.models.policies.library import (
+    load_student,
+    load_student_of,
+    policy_path,
+)
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.assurance.calibration import has_bags
@@ -25,6 +29,7 @@ from glassgait.studies.assurance.study import (
 )
 from glassgait.studies.assurance.tables import assurance_table, readable_table
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -65,7 +70,7 @@ class Assurance(Settings):
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
         distillation: Folder of a distillation that holds the student; the shipped one by default.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/assurance/<gait>/<student> by default.
     """
@@ -141,10 +146,10 @@ class Assurance(Settings):
 
     def _pair(self) -> Pair:
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         kind = str(self.student)
         if self.distillation:
-            student = load_policy(policy_path(self.distillation, kind))
+            student = load_student_of(expert, policy_path(self.distillation, kind))
         else:
             student = load_student(gait.name, kind)
         student.check(gait=gait.name, observation_names=expert.observation_names)

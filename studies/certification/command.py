@@ -16,18 +16,19 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
-from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.certification.measurement import measure_box
 from glassgait.studies.certification.tables import bounds_table, claims_table
 from glassgait.studies.console import console, progress_bar
+from glassgait.studies.experts import find_expert
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.run_folder import digest_of_files, open_run
 from glassgait.studies.students.certificates import CERTIFICATE_NAME, CERTIFICATION_FOLDER
 from glassgait.studies.students.library import (
     default_student,
+    find_student,
     load_shipped_students,
     student_file,
 )
@@ -52,7 +53,7 @@ class Certify(Settings):
         workers: Where they are.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Prove again what the folder holds.
         output: Folder of the results; runs/certification/<gait>/<policy> by default.
     """
@@ -80,11 +81,10 @@ class Certify(Settings):
         if self.policy == "expert":
             raise InputError("--policy expert: nothing is proved of a network; name a student")
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
-        path = student_file(name, expert, self.distillation)
-        policy = load_policy(path)
-        policy.check(gait=gait.name, observation_names=expert.observation_names)
+        path = student_file(name, gait.name, self.distillation)
+        policy = find_student(name, expert, self.distillation)
         claims = self._claims(gait)
         folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
         inputs = {

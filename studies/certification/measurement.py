@@ -17,6 +17,7 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
@@ -102,7 +103,7 @@ def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
         make_physics(scenario.station),
         n_robots=min(job.config.n_robots, scenario.max_robots or job.config.n_robots),
         generator=np.random.default_rng(job.config.seed),
-        estimator=None if scenario.true_body_state else job.policy.estimator,
+        estimator=estimator_in_loop(job.policy, true_body_state=scenario.true_body_state),
     )
     observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
     guard = job.policy.begin(simulator.n_robots)

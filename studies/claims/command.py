@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 import pandas as pd
 from annotated_types import Ge
 
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Seed, Settings
@@ -18,6 +17,7 @@ from glassgait.studies.claims.study import Examiner, readable_table
 from glassgait.studies.claims.terms import readable_terms
 from glassgait.studies.claims.walks import Walk, walk
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.run_folder import open_run
@@ -40,7 +40,8 @@ class Claims(Settings):
         seed: Seed of starts, commands and noise, the same for every walk.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/claims/<gait>/<policy> by default.
     """
@@ -61,7 +62,7 @@ class Claims(Settings):
     def run(self) -> None:
         """Derives claims, tests them, and writes how they did."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
         policy = find_formulas(name, expert, self.distillation)
         stem = Path(name).stem

@@ -16,7 +16,6 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.diagrams.task_config import NO_SLIDERS
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.compare.figures import difference_figure
@@ -31,6 +30,7 @@ from glassgait.studies.compare.targets import (
     told_differences,
 )
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.robustness.worlds import jobs_in_worlds
@@ -64,7 +64,7 @@ class Compare(Settings):
         workers: Where the rollouts of the scores run.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/compare/<gait>/<A>_<B> by default.
     """
@@ -91,7 +91,7 @@ class Compare(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         a = find_side("A", self.a, expert, self.distillation)
         b = find_side("B", self.b, expert, self.distillation)
         scenarios = load_scenarios(self.scenario)

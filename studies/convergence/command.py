@@ -8,7 +8,6 @@ import pandas as pd
 import tyro
 
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
@@ -16,6 +15,7 @@ from glassgait.studies.console import console, say
 from glassgait.studies.convergence.drop import drop_robot
 from glassgait.studies.convergence.figures import convergence_figure
 from glassgait.studies.convergence.variants import VARIANTS
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
@@ -30,7 +30,7 @@ class Convergence(Settings):
     Attributes:
         gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
@@ -49,7 +49,7 @@ class Convergence(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        policy = AlternatingPolicy(load_expert(gait, self.expert))
+        policy = AlternatingPolicy(find_expert(gait, self.expert))
         jobs = [
             job
             for variant in reversed(VARIANTS)

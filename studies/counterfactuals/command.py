@@ -19,7 +19,6 @@ from glassgait.models.counterfactuals.search import Answers, answer, refuse_unse
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
@@ -33,6 +32,7 @@ from glassgait.studies.counterfactuals.words import (
     outcome_in_words,
     question_in_words,
 )
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.play import Seconds, roll_one_out
 from glassgait.studies.run_folder import open_run
@@ -66,7 +66,7 @@ class Counterfactual(Settings):
         seed: Seed of the sensors' noise, and of the further questions.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Answer anew in a folder that holds the same question.
         output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
             default.
@@ -101,7 +101,7 @@ class Counterfactual(Settings):
     def run(self) -> None:
         """Asks, lets the robot walk with the answer, and writes the page."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         name = self.policy or default_student(gait.name, self.distillation)
         if name == "expert":
             raise InputError("--policy expert: a network is not searched; name a student")

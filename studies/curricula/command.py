@@ -10,7 +10,6 @@ import tyro
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
@@ -19,6 +18,7 @@ from glassgait.studies.console import console, say
 from glassgait.studies.curricula.figures import curricula_figure
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
@@ -51,7 +51,7 @@ class Curricula(Settings):
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count. Formulas take one shape, without a choice.
         rollouts: How students are rolled out.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
@@ -85,7 +85,7 @@ class Curricula(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         folder = self.output or Path("runs/curricula") / gait.name
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(folder, study="curricula", settings=self, inputs=inputs, resume=self.resume):

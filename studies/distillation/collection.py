@@ -11,6 +11,7 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.task import COMMAND_STEPS
@@ -68,7 +69,7 @@ def collect(
         make_physics(*stations),
         n_robots=n,
         generator=generator,
-        estimator=policy.estimator if blind else None,
+        estimator=estimator_in_loop(policy, true_body_state=not blind),
     )
     observations, labels = [], []
     for step in range(plan.steps):

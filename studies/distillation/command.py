@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.experts import find_expert
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.students.library import DISTILLATION_FOLDER
 from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
@@ -30,7 +30,7 @@ class Distill(Settings):
         config: Settings of the run.
         sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
             fitted.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
             its folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
@@ -58,7 +58,7 @@ class Distill(Settings):
         )
         for job in jobs:
             # Refused before any job is begun.
-            load_expert(load_gait(job.gait), self.expert)
+            find_expert(load_gait(job.gait), self.expert)
         if len(jobs) > 1:
             refuse_taken(jobs, study="distill", resume=self.resume)
             run_sweep(jobs, partial(_distill_job, self.config, self.expert), self.sweep)
@@ -76,5 +76,5 @@ def _distill_job(
     """Distils one expert, and returns its R² table."""
     gait = load_gait(job.gait)
     config = replace(config, gait=job.gait, seed=job.seed)
-    r2 = distill(config, gait, load_expert(gait, expert), job.folder, say, resume=resume)
+    r2 = distill(config, gait, find_expert(gait, expert), job.folder, say, resume=resume)
     return write_r2_table(r2, gait.name, job.folder)

@@ -16,7 +16,7 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
-from glassgait.models.policies.library import policy_path
+from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -73,7 +73,7 @@ def distill(
 
     Raises:
         InputError: if the folder cannot be claimed for this run (see `open_run`), or holds a file
-            that is damaged.
+            that is damaged; or a student's file does not act as the student.
     """
     config = config.for_gait(gait)
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
@@ -122,8 +122,8 @@ class _Distillation:
             for kind in self.config.students:
                 yield kind, self.student(kind)
             return
-        registry = dict(STUDENTS)
-        calls = (delayed(_make)(self, kinds, registry) for kinds in jobs)
+        registries = dict(STUDENTS), dict(POLICY_CLASSES)
+        calls = (delayed(_make)(self, kinds, *registries) for kinds in jobs)
         for rows in run_parallel(calls, self.config.n_jobs, in_order=False, ahead=1):
             yield from rows.items()
 
@@ -209,7 +209,7 @@ class _Distillation:
         settings, student = self._choose(kind, seen.training_set(self.gait))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
-        student.save(self.folder / f"{kind}{student.suffix}")
+        save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")
         scores = r2_scores(student, held_out)
@@ -261,7 +261,13 @@ class _Distillation:
         return STUDENTS[kind].fit(samples, settings, seed=seed, n_jobs=n_jobs)
 
 
-def _make(work: _Distillation, kinds: Sequence[str], registry: Mapping[str, Student]) -> dict:
-    """Makes students in another process, whose registry has no entries made at run time."""
-    STUDENTS.update(registry)
+def _make(
+    work: _Distillation,
+    kinds: Sequence[str],
+    students: Mapping[str, Student],
+    policies: Mapping[str, type[Policy]],
+) -> dict:
+    """Makes students in another process, whose registries have no entries made at run time."""
+    STUDENTS.update(students)
+    POLICY_CLASSES.update(policies)
     return {kind: work.student(kind) for kind in kinds}

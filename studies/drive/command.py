@@ -17,7 +17,6 @@ from glassgait.diagrams.scenario import TRAINING, load_scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.link.settings import LinkSettings
 from glassgait.models.link.watchdog import Watchdog
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import load_gait
@@ -27,6 +26,7 @@ from glassgait.studies.drive.controller import control
 from glassgait.studies.drive.losses import COLUMNS, TRIALS, Walkers
 from glassgait.studies.drive.silence_command import DriveSilence
 from glassgait.studies.drive.simulator import Record, RobotProcess
+from glassgait.studies.experts import find_expert
 from glassgait.studies.rollout.command import OwnCommand
 from glassgait.studies.rollout.live import first_interrupt
 from glassgait.studies.rollouts.config import distilled_speeds
@@ -49,7 +49,8 @@ class DriveController(Settings):
         link: Where messages go.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
     """
 
     title: ClassVar[str] = "drive controller"
@@ -63,7 +64,7 @@ class DriveController(Settings):
     def run(self) -> None:
         """Answers, and tells what was counted."""
         gait = load_gait(self.gait)
-        policy = find_walker(self.policy, load_expert(gait, self.expert), self.distillation)
+        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
         lcm = open_lcm(self.link)
         controller = ControllerEnd(gait, policy, lcm, self.link.names)
         say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
@@ -162,7 +163,8 @@ class DriveLosses(Settings):
         seed: Seed of commands, noise and losses.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/drive/<gait>/<policy> by default.
     """
@@ -184,7 +186,7 @@ class DriveLosses(Settings):
     def run(self) -> None:
         """Walks through every trial, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_walker(self.policy, load_expert(gait, self.expert), self.distillation)
+        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
         if not scenario.names_a_command:
             scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
         folder = self.output or Path("runs/drive") / gait.name / Path(self.policy).stem

@@ -16,7 +16,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.link.watchdog import Phase, Watchdog, initial_watch, step_watch
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -91,7 +91,7 @@ def walk_until_silent(
         make_physics(scenario.station),
         n_robots=len(speed),
         generator=generator,
-        estimator=policy.estimator,
+        estimator=estimator_in_loop(policy),
     )
     simulator.set_command(command)
     states, targets = np.empty_like(simulator.state.plant), np.empty((len(speed), robot.N_JOINTS))

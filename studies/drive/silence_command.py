@@ -8,11 +8,11 @@ from annotated_types import Ge, Le
 
 from glassgait.diagrams.scenario import TRAINING, load_scenario
 from glassgait.models.link.watchdog import Watchdog
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
 from glassgait.studies.drive.silence import lower, pushed, silence_table, walk_until_silent
+from glassgait.studies.experts import find_expert
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.students.library import find_walker
 from glassgait.studies.tables import json_records, print_table, write_metrics, write_table
@@ -34,7 +34,8 @@ class DriveSilence(Settings):
         seed: Seed of dwell, turning, noise, initial states and pushes.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         output: New folder of the results; runs/drive/<gait>/silence by default.
     """
 
@@ -55,7 +56,7 @@ class DriveSilence(Settings):
     def run(self) -> None:
         """Lets robots walk, silences their controllers, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_walker(self.policy, load_expert(gait, self.expert), self.distillation)
+        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
         folder = self.output or Path("runs/drive") / gait.name / "silence"
         inputs = {
             "gait": gait.digest(),

@@ -12,7 +12,7 @@ from annotated_types import MinLen
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
+from glassgait.models.policies.library import shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.gait import Gait, load_gait
@@ -25,6 +25,7 @@ from glassgait.studies.evaluation.results import (
 )
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.evaluation.tracking import follow, steady_jobs
+from glassgait.studies.experts import find_expert
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob, finish_jobs, inputs_of, run_jobs
@@ -53,7 +54,7 @@ class Evaluate(Settings):
         workers: Where rollouts run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks a kind of student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/evaluation/<gait>/<policy> by default.
     """
@@ -144,7 +145,7 @@ class Evaluate(Settings):
 
     def _alternation(self, name: str, scenario: Scenario) -> list[RolloutJob]:
         gait = load_gait(name)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         students = load_students(self.distillation or distillation_folder(gait.name), expert)
         return alternation_jobs(gait, expert, students, self.rollouts, scenario=scenario)
 
@@ -170,7 +171,7 @@ class Evaluate(Settings):
         return gaits
 
     def _policy(self, gait: Gait) -> tuple[Gait, AlternatingPolicy]:
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         if self.policy == "expert":
             return gait, AlternatingPolicy(expert)
         student = find_student(self.policy, expert, self.distillation)

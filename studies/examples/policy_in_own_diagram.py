@@ -3,7 +3,8 @@
     python -m glassgait.studies.examples.policy_in_own_diagram
 
 Two linear laws trot, one for each state of the reward machine, as expressions of Drake's symbols.
-It prints how far the robot comes.
+They observe the true velocity and heights of the feet, which no sensor of the robot measures, and
+which not every policy bears. It prints how far the robot comes.
 """
 
 from pydrake.systems.analysis import Simulator

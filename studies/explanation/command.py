@@ -15,11 +15,11 @@ from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.figures import save_figure
@@ -29,7 +29,7 @@ from glassgait.studies.records import to_plain
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 from glassgait.studies.students.certificates import find_certificate
-from glassgait.studies.students.library import default_student, student_file
+from glassgait.studies.students.library import default_student, find_student, student_file
 from glassgait.studies.students.registry import sums_of_terms
 
 EXPLANATION_FOLDER = Path("runs/explanation")
@@ -60,7 +60,7 @@ class Explain(Settings):
         seed: Seed of the sensors' noise.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
             runs/certification/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.
@@ -87,7 +87,7 @@ class Explain(Settings):
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         policy = self.policy or default_student(gait.name, self.distillation)
         if policy == "expert":
             raise InputError(
@@ -95,9 +95,8 @@ class Explain(Settings):
                 f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        path = student_file(policy, expert, self.distillation)
-        student = load_policy(path)
-        student.check(gait=gait.name, observation_names=expert.observation_names)
+        path = student_file(policy, gait.name, self.distillation)
+        student = find_student(policy, expert, self.distillation)
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate)

@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar, Literal
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.export.c_file import CFile
 from glassgait.studies.export.exported import Acting, Effort, Exported
 from glassgait.studies.export.switching_file import SwitchingCFile
@@ -65,7 +65,8 @@ class Export(Settings):
         seed: Seed of all randomness.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
             runs/export/<gait>_<gait>/<policy>.
@@ -113,7 +114,7 @@ class Export(Settings):
     def _one(self) -> _Job:
         """Makes the export of the only gait."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         asked = self.policy or default_student(gait.name, self.distillation)
         policy = expert if asked == EXPERT else find_student(asked, expert, self.distillation)
         stem = Path(asked).stem
@@ -129,7 +130,7 @@ class Export(Settings):
         refuse_files_of_several(names, self.expert, self.distillation, own)
         switch = GaitSwitch([load_gait(name) for name in names])
         asked = self.policy or default_student(switch.gaits[0].name)
-        walkers = [find_walker(asked, load_expert(gait)) for gait in switch.gaits]
+        walkers = [find_walker(asked, find_expert(gait)) for gait in switch.gaits]
         switched = SwitchedPolicy(switch, walkers)
         title = "_".join(gait.name for gait in switch.gaits)
         name = self.name or controller_name(title, asked)

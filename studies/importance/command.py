@@ -11,12 +11,12 @@ from annotated_types import Ge
 
 from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
@@ -62,7 +62,7 @@ class Importance(Settings):
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/importance/<gait> by default.
     """
@@ -85,7 +85,7 @@ class Importance(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         joint, seed = joint_index(self.joint), self.rollouts.seed
         source = self._distillation(gait)
         students = self._chosen(load_students(source, expert) if source else self._shipped(expert))

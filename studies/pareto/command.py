@@ -9,7 +9,7 @@ import tyro
 from annotated_types import MinLen
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert, load_policy
+from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -17,6 +17,7 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
 from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pareto.figures import pareto_figure
 from glassgait.studies.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of
@@ -54,7 +55,7 @@ class Pareto(Settings):
             default, since 100 take some 5 minutes of a core.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
             As many robots of a seed of its own choose the smallest formulas, and are not reported.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
     """
@@ -75,7 +76,7 @@ class Pareto(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         samples = self.samples or samples_folder(distillation_folder(gait.name), PAGE.name)
         data = load_rounds(samples)
         folder = self.output or Path("runs/pareto") / gait.name

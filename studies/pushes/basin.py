@@ -15,6 +15,7 @@ from glassgait.diagrams.task_state import TaskState
 from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
@@ -83,7 +84,7 @@ class _Walk:
             self._physics,
             n_robots=n_robots,
             generator=self.generator,
-            estimator=self.policy.estimator,
+            estimator=estimator_in_loop(self.policy),
         )
         if state is not None:
             simulator.restore(state)

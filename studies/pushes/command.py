@@ -12,12 +12,12 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.each_policy import measure_each
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.pushes.basin import PushGrid, failure_counts, push_everywhere
 from glassgait.studies.pushes.figures import push_figure
@@ -51,7 +51,7 @@ class PushBasin(Settings):
         seed: Seed of initial states and noise.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks a student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pushes/<gait> by default. Of several gaits each has its
             folder <gait> in it.
@@ -106,7 +106,7 @@ class PushBasin(Settings):
     def _run_one(self) -> None:
         """Runs the study of the only gait."""
         gait = load_gait(self.gait[0])
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         self.command.check(gait)
         walkers = find_walkers(
             self.policies, expert, self.distillation, shipped=self.expert is None

@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.refinement.config import RefinementConfig
 from glassgait.studies.refinement.formula_network import FormulaNetwork
 from glassgait.studies.refinement.study import RefinementRun
@@ -34,7 +34,8 @@ class Refine(Settings):
         config: Settings of the run.
         distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; the shipped one by default.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
         resume: Continue from the folder's checkpoint.
     """
@@ -54,7 +55,7 @@ class Refine(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         named = self.policy or default_student(gait.name, self.distillation)
         policy = find_formulas(named, expert, self.distillation)
         terms = self.config.terms

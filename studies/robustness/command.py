@@ -11,12 +11,13 @@ from annotated_types import MinLen
 
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert, shipped_experts, shipped_students
+from glassgait.models.policies.library import shipped_experts, shipped_students
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console, say
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.robustness.figures import fall_map, fall_overview
@@ -96,7 +97,7 @@ class Robustness(Settings):
     def _run_one(self, scenarios: Mapping[str, Scenario]) -> pd.DataFrame:
         """Runs the study of the only gait."""
         gait = load_gait(self.gait[0])
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         students = self._students(gait, expert)
         jobs = world_jobs(gait, expert, students, scenarios, self.rollouts)
         folder = self.output or OUTPUT / gait.name

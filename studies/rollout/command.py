@@ -8,19 +8,22 @@ import yaml
 from annotated_types import Ge
 
 from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scenario_name
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.a1 import kinematics
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.settings import DISTINCT, FEW, Seed, Settings
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollout.live import play_live
@@ -83,7 +86,7 @@ class ShowRollout(Settings):
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks the student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         output: Folder of the replay; runs/rollout/<gait> by default.
     """
 
@@ -123,13 +126,13 @@ class ShowRollout(Settings):
         own = Path(self.policy) if Path(self.policy).suffix else None
         refuse_files_of_several(names, self.expert, self.distillation, own)
         switch = GaitSwitch([load_gait(name) for name in names])
-        walkers = [find_walker(self.policy, load_expert(gait)) for gait in switch.gaits]
+        walkers = [find_walker(self.policy, find_expert(gait)) for gait in switch.gaits]
         return switch, AlternatingPolicy(SwitchedPolicy(switch, walkers))
 
     def _one(self) -> tuple[Gait, AlternatingPolicy]:
         """Loads the only gait, and who walks."""
         gait = load_gait(self.gait)
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         student: Policy | None = None
         if self.policy != "expert":
             student = find_student(self.policy, expert, self.distillation)
@@ -160,7 +163,7 @@ class ShowRollout(Settings):
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
             rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
-            console.print(f"stopped after {rollout.time[-1]:.2f} s")
+            told = f"stopped after {rollout.time[-1]:.2f} s"
         else:
             seconds = SECONDS if self.seconds is None else self.seconds
             rollout = play(
@@ -168,7 +171,7 @@ class ShowRollout(Settings):
             )
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
-            console.print(f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}")
+            told = f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
         record = yaml.safe_dump(
             {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
         )
@@ -178,5 +181,23 @@ class ShowRollout(Settings):
         save_figure(gait_figure(rollout, shown, title), stem)
         if self.stills:
             save_figure(gait_strip(rollout, shown), stem.with_name(f"{name}_stills"))
+        console.print(told)
+        console.print(_summary(rollout, scenario))
         stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
         console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
+
+
+def _summary(rollout: Rollout, scenario: Scenario) -> str:
+    """Says how far the robot came, and what it observed that no sensor measures."""
+    speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
+    commanded = rollout["command"][:, 0].mean()
+    n_steps = len(rollout.time) - 1
+    rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
+    observed = "estimated velocity and foot heights"
+    if scenario.true_body_state:
+        observed = "true velocity and foot heights, which no sensor measures"
+    return (
+        f"mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
+        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "
+        f"observed: {observed}"
+    )

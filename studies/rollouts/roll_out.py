@@ -17,7 +17,7 @@ from glassgait.models.a1 import kinematics, robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.rollouts.config import RolloutConfig
@@ -60,7 +60,7 @@ def make_batch(
         make_physics(scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
-        estimator=None if scenario.true_body_state else policy.estimator,
+        estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),
     )
 
 

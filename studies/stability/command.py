@@ -11,12 +11,12 @@ from annotated_types import Gt, Le, MinLen
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.console import console
 from glassgait.studies.each_policy import measure_each
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.config import distilled_speeds
 from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
@@ -54,7 +54,7 @@ class Stability(Settings):
         seed: Seed of the differences that averaged radii are measured by.
         distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
             lacks a student, the shipped one.
-        expert: Policy file of the expert; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/stability/<gait> by default. Of several gaits each has
             its folder <gait> in it.
@@ -94,7 +94,7 @@ class Stability(Settings):
     def _run_one(self) -> None:
         """Runs the study of the only gait."""
         gait = load_gait(self.gait[0])
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         commands = self._commands(gait)
         walkers = find_walkers(
             self.policies, expert, self.distillation, shipped=self.expert is None

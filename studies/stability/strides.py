@@ -15,6 +15,7 @@ from glassgait.models.a1.heading_frame import COORDINATES, from_heading_frame, t
 from glassgait.models.a1.robot import Array
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import sense_feet
@@ -131,7 +132,7 @@ class StrideMap:
             self._physics,
             n_robots=n_robots,
             generator=np.random.default_rng(0),
-            estimator=self.policy.estimator,
+            estimator=estimator_in_loop(self.policy),
         )
 
     def _started(self, points: Array, problems: NDArray[np.int64]) -> BatchSimulator:

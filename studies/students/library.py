@@ -8,16 +8,14 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
-    load_expert,
-    load_policy,
-    load_student,
+    load_student_of,
     policy_path,
     shipped_students,
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.console import say
+from glassgait.studies.console import note
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
 
@@ -52,12 +50,12 @@ def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    students = {kind: load_policy(policy_path(folder, kind)) for kind in kept_students(folder)}
-    if not students:
+    kinds = kept_students(folder)
+    if not kinds:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
         )
-    return _checked(students, expert)
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
 def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
@@ -69,13 +67,8 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
         InputError: if a student does not fit the expert.
     """
     kinds = [kind for kind in STUDENTS if kind in shipped_students(expert.gait)]
-    return _checked({kind: load_student(expert.gait, kind) for kind in kinds}, expert)
-
-
-def _checked(students: dict[str, Policy], expert: NeuralPolicy) -> dict[str, Policy]:
-    for student in students.values():
-        student.check(gait=expert.gait, observation_names=expert.observation_names)
-    return students
+    folder = STUDENT_DIRECTORY / expert.gait
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
 def default_student(gait: str, folder: Path | None = None) -> str:
@@ -103,6 +96,8 @@ def default_student(gait: str, folder: Path | None = None) -> str:
 def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
     """Loads a student by its kind or by its file.
 
+    It notes which it takes, where it does not take the shipped one.
+
     Args:
         name: Kind of student, or path of a policy file.
         expert: The expert that it must fit.
@@ -112,9 +107,12 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     Raises:
         InputError: if there is no such student, or it does not fit the expert.
     """
-    student = load_policy(student_file(name, expert, folder))
-    student.check(gait=expert.gait, observation_names=expert.observation_names)
-    return student
+    path = student_file(name, expert.gait, folder)
+    if folder is None and name in STUDENTS and path.parent == distillation_folder(expert.gait):
+        shipped = name in shipped_students(expert.gait)
+        why = "in place of the shipped one" if shipped else f"since none of the {expert.gait} ships"
+        note(f"student: {path}, {why}")
+    return load_student_of(expert, path)
 
 
 def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
@@ -190,13 +188,12 @@ def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -
     return student
 
 
-def student_file(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Path:
+def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
     """Returns the file of a student, which `find_student` loads.
 
     Raises:
         InputError: if there is no such student.
     """
-    gait = expert.gait
     if name not in STUDENTS:
         if Path(name).suffix not in POLICY_SUFFIXES:
             raise InputError(
@@ -206,16 +203,8 @@ def student_file(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
         return Path(name)
     path = policy_path(folder or distillation_folder(gait), name)
     if path.exists():
-        if folder is None and name in shipped_students(gait):
-            say(f"{name}: that of {path.parent}, in place of the shipped one")
         return path
     if folder is None and name in shipped_students(gait):
-        if expert.digest() != load_expert(gait).digest():
-            raise InputError(
-                f"the shipped student {name!r} of the {gait} sees what the shipped expert's "
-                "estimator tells, and this is another expert; distil one with "
-                f"'glassgait distill --gait {gait} --students {name} --expert <its file>'"
-            )
         return policy_path(STUDENT_DIRECTORY / gait, name)
     raise InputError(
         f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "

@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar
 from annotated_types import Ge
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import mirrored_states, reflect_observation
 from glassgait.studies.console import console, say
 from glassgait.studies.distillation.visits import visit
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.run_folder import open_run
@@ -83,7 +83,7 @@ class Symmetry(Settings):
         gait = load_gait(name)
         states = mirrored_states(gait)
         assert states is not None
-        expert = load_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert)
         policies = policies_of(expert, self.distillation, shipped=self.expert is None)
         folder = self.output or Path("runs/symmetry") / gait.name
         students = [policy.digest() for kind, policy in policies.items() if kind != "expert"]

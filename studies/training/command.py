@@ -11,6 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.console import console, progress_bar
+from glassgait.studies.experts import TRAINING_FOLDER
 from glassgait.studies.run_folder import open_run
 from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
@@ -20,8 +21,6 @@ from glassgait.studies.training.record import read_config
 from glassgait.studies.training.study import TrainingRun
 
 LINES_EVERY = 10
-
-TRAINING_FOLDER = Path("runs/training")
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,8 @@ class TrainingEnvironment:
             BatchPhysics(*stations),
             n_robots=config.n_robots,
             generator=generator,
+            # It estimates by itself, with the network that learns.
+            estimator=None,
             difficulty=config.curriculum.initial_difficulty,
         )
         members = self.simulator.physics.members(config.n_robots)

@@ -12,11 +12,11 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.library import load_expert
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.console import console
+from glassgait.studies.experts import find_expert
 from glassgait.studies.figures import save_figure
 from glassgait.studies.parallel.loop import parallel_backend
 from glassgait.studies.rollouts.jobs import finish_jobs
@@ -104,4 +104,4 @@ class Transitions(Settings):
 
 def _walkers(policy: str, gaits: Sequence[Gait]) -> dict[str, AlternatingPolicy]:
     """Finds who walks in each gait: the expert, or the student of a kind."""
-    return {gait.name: find_walker(policy, load_expert(gait)) for gait in gaits}
+    return {gait.name: find_walker(policy, find_expert(gait)) for gait in gaits}

@@ -11,6 +11,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.a1.robot import Array
+from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
@@ -80,7 +81,7 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
         make_physics(job.world.station),
         n_robots=n,
         generator=generator,
-        estimator=None if job.world.true_body_state else policy.estimator,
+        estimator=estimator_in_loop(policy, true_body_state=job.world.true_body_state),
         policy=policy,
     )
     requests = Requests(request, last=len(job.path) - 1)

@@ -155,7 +155,9 @@ def test_a_scenario_is_played_as_it_says(trot):
     )
     assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
     physics = BatchPhysics(scenario.station)
-    simulator = BatchSimulator(task, physics, n_robots=3, generator=np.random.default_rng(0))
+    simulator = BatchSimulator(
+        task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
+    )
     for _ in range(2):
         np.testing.assert_array_equal(simulator.state.command.velocity, [[0.4, 0.2]] * 3)
         np.testing.assert_array_equal(simulator.state.command.dwell, [7.0] * 3)

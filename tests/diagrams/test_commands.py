@@ -7,15 +7,18 @@ import pytest
 from pydrake.common import RandomGenerator
 from pydrake.gym import DrakeGymEnv
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.gym import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
+from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_expert
 
-CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 DRAWN = replace(CALM, command=DrawnCommands())
 
 
@@ -120,3 +123,37 @@ def test_commands_change_with_time_but_not_with_the_updates(trot, make_policy):
     assert len(np.unique(commands[:500], axis=0)) == 1
     assert len(np.unique(commands[500:], axis=0)) == 1
     assert np.all(commands[499] != commands[500])
+
+
+class Planner(LeafSystem):
+    """Asks for what depends on where the robot is, and in which half of its stride."""
+
+    def __init__(self, n_states):
+        super().__init__()
+        self.state = self.DeclareVectorInputPort("state", 37)
+        self.rm_state = self.DeclareVectorInputPort("rm_state", n_states)
+        self.DeclareVectorOutputPort("command", 2, self.calc)
+
+    def calc(self, context, output):
+        far = self.state.Eval(context)[robot.POSITION][0] > 0.5
+        turn = 0.1 * self.rm_state.Eval(context)[0]
+        output.SetFromVector([-0.5 if far else 9.0, turn])
+
+
+def test_a_planner_that_sees_the_robot_drives_it_to_and_fro(trot):
+    builder = DiagramBuilder()
+    loop = builder.AddSystem(MakeLocomotion(trot, Scenario(), policy=load_expert("trot")))
+    planner = builder.AddSystem(Planner(trot.n_states))
+    for name in ("state", "rm_state"):
+        builder.Connect(loop.GetOutputPort(name), planner.GetInputPort(name))
+    builder.Connect(planner.get_output_port(), loop.GetInputPort("command"))
+    rollout = record(make_simulator(builder.Build(), seed=3), 150)
+    assert not rollout.failed
+    x = rollout["state"][:, robot.POSITION][:, 0]
+    # The gait's greatest speed stands in for one that no gait is made for.
+    np.testing.assert_array_equal(rollout["command"][:, 0], np.where(x > 0.5, -0.5, 1.0))
+    np.testing.assert_array_equal(rollout["command"][:, 1], 0.1 * rollout["rm_state"][:, 0])
+    assert 0.5 < x.max() < 0.9
+    # The rhythm, which is not connected, is drawn as without a planner.
+    drawn = record(make_simulator(MakeLocomotion(trot, policy=load_expert("trot")), seed=3), 0)
+    assert set(rollout["commanded_dwell"][:, 0]) == set(drawn["commanded_dwell"][:, 0])

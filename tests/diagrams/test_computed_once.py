@@ -5,6 +5,7 @@ import pytest
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import make_simulator, record
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.systems import command, foot_sensor, reward
 
@@ -37,7 +38,8 @@ def calls(monkeypatch):
 
 @pytest.fixture
 def simulator(trot, make_policy):
-    return make_simulator(MakeLocomotion(trot, policy=make_policy(trot)))
+    scenario = Scenario(true_body_state=True)
+    return make_simulator(MakeLocomotion(trot, scenario, policy=make_policy(trot)))
 
 
 def test_once_a_control_step_even_where_every_port_is_recorded(calls, simulator):

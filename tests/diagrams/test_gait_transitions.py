@@ -121,7 +121,7 @@ def test_robots_of_a_batch_change_each_when_it_is_asked(trot):
 def test_a_request_is_an_input_that_may_stay_open():
     switch, policy = two("trot", "pace")
     diagram = MakeLocomotion(switch, CALM, policy=policy)
-    assert diagram.get_input_port(0).get_name() == "requested_gait"
+    assert diagram.HasInputPort("requested_gait")
     rollout = record(make_simulator(diagram), 40)
     assert not rollout["rm_state"][:, 2:].any()
     assert rollout["rm_state"].shape == (41, 4)
@@ -131,7 +131,7 @@ def test_buttons_request_gaits_where_sliders_command():
     switch, policy = two("trot", "pace")
     scenario = replace(CALM, command=SliderCommand())
     diagram = MakeLocomotion(switch, scenario, policy=policy, meshcat=open_meshcat())
-    assert diagram.num_input_ports() == 0
+    assert not diagram.HasInputPort("requested_gait")
     assert diagram.HasSubsystemNamed("gait_request")
 
 

@@ -19,7 +19,13 @@ from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import AssuredPolicy
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, load_student
+from glassgait.models.policies.library import (
+    EXPERT_DIRECTORY,
+    STUDENT_DIRECTORY,
+    load_expert,
+    load_policy,
+    load_student,
+)
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
@@ -30,6 +36,8 @@ from glassgait.systems import command as command_system
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+TRUE = replace(CALM, true_body_state=True)
+"""For policies without an estimator."""
 COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
 COMMAND_OF_ONE = Command(np.array([[0.4, 0.2]]), np.array([7.0]))
 N_STEPS = 200
@@ -70,8 +78,7 @@ def assert_agreement(gait, policy, scenario=CALM):
     (state,) = QUIET.initial_states(1, np.random.default_rng(5))
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
-    estimator = getattr(policy, "estimator", None)
-    simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, estimator, policy)
+    simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, policy.estimator, policy)
     return assert_same_steps(simulator, rollout, policy)
 
 
@@ -107,12 +114,12 @@ def assert_same_steps(simulator, rollout, policy):
 @pytest.mark.parametrize("name", gait_names())
 def test_diagram_and_batch_agree_at_every_control_step(name, make_policy):
     gait = load_gait(name)
-    assert_agreement(gait, make_policy(gait))
+    assert_agreement(gait, make_policy(gait), TRUE)
 
 
 def test_they_agree_on_edges_side_by_side_and_on_edges_to_the_same_state(make_policy):
     gait = parse_gait(LOOPED, name="looped")
-    assert assert_agreement(gait, make_policy(gait)) > 20
+    assert assert_agreement(gait, make_policy(gait), TRUE) > 20
 
 
 EXPERTS = sorted(path.stem for path in EXPERT_DIRECTORY.glob("*.safetensors"))
@@ -200,6 +207,22 @@ def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):
     assert assert_same_steps(simulator, rollout, policy) > 10
 
 
+def test_they_agree_where_a_planner_commands(trot):
+    policy = load_expert("trot")
+    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    diagram = MakeLocomotion(trot, replace(CALM, command=DrawnCommands()), policy=policy)
+    simulator = make_simulator(diagram, state=state)
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("command").FixValue(context, COMMAND_OF_ONE.velocity[0])
+    diagram.GetInputPort("commanded_dwell").FixValue(context, COMMAND_OF_ONE.dwell)
+    rollout = record(simulator, N_STEPS, stop_on_failure=False)
+    np.testing.assert_array_equal(rollout["command"], [COMMAND_OF_ONE.velocity[0]] * (N_STEPS + 1))
+    np.testing.assert_array_equal(rollout["commanded_dwell"], [[7.0]] * (N_STEPS + 1))
+    beside = batch_of_one(trot, state, COMMAND_OF_ONE, CALM, policy.estimator)
+    beside.set_command(COMMAND_OF_ONE)
+    assert assert_same_steps(beside, rollout, policy) > 10
+
+
 def test_they_agree_while_expert_and_student_act_under_assurance(trot):
     expert, student = load_expert("trot"), load_student("trot", "page")
     names = expert.observation_names
@@ -251,7 +274,7 @@ def test_an_action_acts_at_the_instant_it_is_computed(trot, make_policy):
 
 
 def test_exported_ports(trot, make_policy):
-    diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
+    diagram = MakeLocomotion(trot, TRUE, policy=make_policy(trot))
     sizes = {
         diagram.get_output_port(i).get_name(): diagram.get_output_port(i).size()
         for i in range(diagram.num_output_ports())
@@ -272,13 +295,14 @@ def test_exported_ports(trot, make_policy):
         "commanded_dwell": 1,
         "state": 37,
     }
-    assert diagram.num_input_ports() == 0
+    inputs = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
+    assert {port.get_name(): port.size() for port in inputs} == {"command": 2, "commanded_dwell": 1}
 
 
 @pytest.mark.parametrize("period", [1, 3, 0])
 def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    diagram = MakeLocomotion(trot, CALM, policy=AlternatingPolicy(expert, student, period))
+    diagram = MakeLocomotion(trot, TRUE, policy=AlternatingPolicy(expert, student, period))
     rollout = record(make_simulator(diagram), 12, stop_on_failure=False)
     for step in range(13):
         acts = expert if period and step % period == 0 else student
@@ -288,7 +312,7 @@ def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
 
 
 def test_noise_changes_observations_and_repeats_with_its_seed(trot, make_policy):
-    diagram = MakeLocomotion(trot, replace(CALM, sensor_noise=1.0), policy=make_policy(trot))
+    diagram = MakeLocomotion(trot, replace(TRUE, sensor_noise=1.0), policy=make_policy(trot))
     first, again, other = (
         record(make_simulator(diagram, seed=seed), 20, stop_on_failure=False)["observations"]
         for seed in (1, 1, 2)
@@ -323,6 +347,26 @@ def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
     np.testing.assert_array_equal(first[True]["observations"][0, -7:-4], np.zeros(3))
     own = first[True]["observations"][0, :-7]
     np.testing.assert_array_equal(first[False]["observations"][0, -7:], expert.estimator(own))
+
+
+def test_a_policy_without_an_estimator_observes_the_true_body_state_only_if_asked(trot):
+    page = load_policy(STUDENT_DIRECTORY / "trot" / "page.formulas")
+    with pytest.raises(InputError, match=r"policy of the trot has no estimator.*load_student"):
+        MakeLocomotion(trot, CALM, policy=page)
+    rollout = record(make_simulator(MakeLocomotion(trot, TRUE, policy=page)), 0)
+    np.testing.assert_array_equal(rollout["observations"][0, -7:-4], np.zeros(3))
+
+
+def test_a_shipped_student_alone_observes_by_its_experts_estimator(trot):
+    page = load_student("trot", "page")
+    assert_agreement(trot, page, replace(CALM, command=COMMAND))
+    beside = AlternatingPolicy(load_expert("trot"), page, period=0)
+    alone, both = (
+        record(make_simulator(MakeLocomotion(trot, CALM, policy=policy)), 20)
+        for policy in (page, beside)
+    )
+    for name in alone.values:
+        np.testing.assert_array_equal(alone[name], both[name])
 
 
 def test_a_simulator_made_by_hand_starts_on_its_feet(trot):

@@ -16,7 +16,7 @@ from glassgait.diagrams.station import MakeA1Station
 from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 
-CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
 
 def nested(diagram, depth=2):

@@ -16,7 +16,7 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.linear import LinearPolicy
 
-CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
 
 def test_records_every_control_step_without_drift(trot, make_policy):

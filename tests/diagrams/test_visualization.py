@@ -16,7 +16,7 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.a1 import robot
 from glassgait.systems.meshcat_command import SPEED_SLIDER
 
-CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
+CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
 
 def test_replay_is_one_page_with_the_robot_and_the_machines_state(trot, make_policy, tmp_path):

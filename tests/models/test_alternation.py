@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import AssuredPolicy, estimator_in_loop
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.alternation import expert_acts, ratio_title
+from glassgait.models.task.assurance import Hysteresis, Region
 
 PAGES = ("trot", "pace", "bound", "walk")
 
@@ -72,3 +75,27 @@ def test_shipped_pages_that_lose_nothing_by_it_are_limited():
     limits = {gait: load_student(gait, "page").limits_targets for gait in PAGES}
     assert limits == {"trot": True, "pace": True, "bound": True, "walk": False}
     assert not any(load_expert(gait).limits_targets for gait in PAGES)
+
+
+def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, make_policy):
+    expert, page = load_expert("trot"), load_student("trot", "page")
+    for policy in (expert, page, AlternatingPolicy(expert), AlternatingPolicy(page)):
+        assert estimator_in_loop(policy) is policy.estimator is not None
+        assert estimator_in_loop(policy, true_body_state=True) is None
+    bare = make_policy(trot)
+    for policy in (bare, AlternatingPolicy(bare, bare, period=2)):
+        assert estimator_in_loop(policy, true_body_state=True) is None
+        with pytest.raises(InputError, match=r"linear policy of the trot has no estimator.*true_b"):
+            estimator_in_loop(policy)
+
+
+def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_expert):
+    page, other = load_student("trot", "page"), small_expert(trot)
+    assert AlternatingPolicy(load_expert("trot"), page, period=0).student is page
+    told = f"the expert {load_expert('trot').digest()}, not by that of {other.digest()}"
+    with pytest.raises(InputError, match=told):
+        AlternatingPolicy(other, page, period=0)
+    names = page.observation_names
+    region = Region(names, np.zeros((2, len(names))), np.ones((2, len(names))))
+    with pytest.raises(InputError, match=told):
+        AssuredPolicy(other, page, region, Hysteresis(0.1, 0.05, return_steps=3))

@@ -60,7 +60,8 @@ def test_the_robot_of_ones_own_diagram_comes_forward_on_its_feet(printed):
 
 
 def test_ones_own_diagram_moves_as_the_loop_does(trot):
-    scenario = Scenario(command=FixedCommand(speed=0.5, dwell=8), sensor_noise=0.0)
+    command = FixedCommand(speed=0.5, dwell=8)
+    scenario = Scenario(command=command, sensor_noise=0.0, true_body_state=True)
     loop = MakeLocomotion(trot, scenario, policy=load_student("trot", "statewise_linear"))
     own = make_diagram()
     ours, theirs = Simulator(own), make_simulator(loop)
@@ -71,6 +72,16 @@ def test_ones_own_diagram_moves_as_the_loop_does(trot):
         loop.GetOutputPort("state").Eval(theirs.get_context()),
         atol=1e-6,
     )
+
+
+def test_the_planner_sends_the_robot_round_its_corners(printed):
+    out = printed("planner")
+    times = [time for _, time in numbers(r"waypoint (\d) after (\S+) s", out)]
+    assert len(times) == 3
+    assert times == sorted(times)
+    ((time, x, y),) = numbers(r"after (\S+) s at (\S+) m, (\S+) m", out)
+    assert time == 10.0
+    assert np.hypot(x - 2.5, y - 2.5) < 0.5
 
 
 def test_transport_costs_what_legged_robots_cost(printed):

@@ -1,4 +1,4 @@
-"""A student of one's own: one entry of the registry is enough for every study."""
+"""A student and a policy of one's own: one entry for each is enough for every study."""
 
 import subprocess
 import sys
@@ -15,6 +15,7 @@ from typing import ClassVar
 
 from sklearn.linear_model import Ridge
 
+from glassgait.models.policies.library import POLICY_CLASSES
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.settings import Positive
 from glassgait.studies.students.registry import STUDENTS
@@ -35,9 +36,14 @@ class StiffSettings(StudentSettings):
 
 def fit(samples, settings, *, seed, n_jobs):
     model = Ridge(settings.ridge).fit(samples.observations, samples.actions)
-    return LinearPolicy(samples.gait, samples.observation_names, model.coef_, model.intercept_)
+    return StiffPolicy(samples.gait, samples.observation_names, model.coef_, model.intercept_)
 
 
+class StiffPolicy(LinearPolicy):
+    kind = "stiff_policy"
+
+
+POLICY_CLASSES[StiffPolicy.kind] = StiffPolicy
 STUDENTS["stiff"] = Student(
     "stiff", "Stiff", fit, color="#E69F00", marker="*", settings=StiffSettings(), brevity=9
 )

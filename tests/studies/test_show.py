@@ -1,12 +1,15 @@
 """The command that prints formulas."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from glassgait.models.certificates.certificate import SHIPPED
 from glassgait.models.policies.formula_reader import read_formulas
-from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.task.gait import GAIT_DIRECTORY
 from glassgait.studies.cli import main
 
 
@@ -58,3 +61,45 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
 def test_bad_input_is_told(arguments, message, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     assert message in refused(["show", "trot", *arguments])
+
+
+@pytest.fixture
+def hop(tmp_path, monkeypatch):
+    """A gait of one's own, with the files that train and distill leave by default."""
+    monkeypatch.chdir(tmp_path)
+    expert = load_expert("trot")
+    own = NeuralPolicy.from_arrays("hop", expert.observation_names, *expert.to_arrays())
+    own.save(Path("runs/training/hop/hop.safetensors"))
+    text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
+    student = Path("runs/distillation/hop/symbolic.formulas")
+    student.parent.mkdir(parents=True)
+    student.write_text(text.replace("gait: trot", "gait: hop"))
+    Path("hop.yaml").write_text((GAIT_DIRECTORY / "trot.yaml").read_text())
+    return student
+
+
+def test_what_was_trained_and_distilled_here_is_found_where_nothing_ships(hop, capsys):
+    main(["show", "hop.yaml"])
+    printed = capsys.readouterr()
+    # What was chosen stands beside the file, not in it.
+    assert printed.out.startswith(hop.read_text())
+    assert "expert: runs/training/hop/hop.safetensors, since none of the hop ships" in printed.err
+    assert f"student: {hop}, since none of the hop ships" in printed.err
+
+
+def test_one_robot_walks_by_what_was_trained_here(hop, capsys):
+    main(["rollout", "--gait", "hop.yaml", "--seconds", "0.2"])
+    printed = capsys.readouterr()
+    assert "stayed up after 0.20 s" in printed.out
+    assert "expert: runs/training/hop/hop.safetensors" in printed.err
+    Path("runs/training/hop/hop.safetensors").unlink()
+    with pytest.raises(SystemExit):
+        main(["rollout", "--gait", "hop.yaml", "--seconds", "0.2"])
+    told = capsys.readouterr()
+    assert "no expert for gait 'hop' ships" in told.out + told.err
+
+
+def test_the_shipped_ones_are_taken_without_a_word(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main(["show", "trot", "--joint", "FL_hip"])
+    assert capsys.readouterr().err == ""

@@ -15,6 +15,7 @@ from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
     load_student,
+    recorded_expert,
     shipped_experts,
     shipped_students,
 )
@@ -54,6 +55,12 @@ def test_shipped_formulas_are_what_their_files_say(gait, kind):
         assert max(len(number.replace(".", "").strip("0")) for number in digits) <= 3
 
 
+@pytest.mark.parametrize("gait", shipped_experts())
+def test_records_name_the_expert_that_ships(gait):
+    assert recorded_expert(STUDENT_DIRECTORY / gait)[1] == load_expert(gait).digest()
+    assert load_student(gait, "gbm").observes_by == load_expert(gait).digest()
+
+
 def test_a_student_that_does_not_ship_is_told():
     with pytest.raises(InputError, match=r"no student 'open_loop' of the trot ships .*statewise_"):
         load_student("trot", "open_loop")
@@ -73,12 +80,34 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"shipped expert's estimator.*distil one"):
+    with pytest.raises(
+        InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*; give --expert"
+    ):
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
-    assert "another expert" in refused(["evaluate", "--scenario", "training", *own])
-    assert "another expert" in refused(["rollout", *own])
+    assert "inputs.expert" in refused(["evaluate", "--scenario", "training", *own])
+    assert "inputs.expert" in refused(["rollout", *own])
+
+
+def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
+    expert, other_expert, tmp_path
+):
+    load_student("trot", "page").save(tmp_path / "page.formulas")
+    # Nothing tells whose it is: a person names its expert.
+    assert find_student("page", other_expert, tmp_path).observes_by == other_expert.digest()
+    write_record = (tmp_path / "config.yaml").write_text
+    write_record(f"inputs: {{expert: {expert.digest()}}}")
+    assert find_student("page", expert, tmp_path).estimator is expert.estimator
+    for load in (
+        lambda: find_student("page", other_expert, tmp_path),
+        lambda: find_student(str(tmp_path / "page.formulas"), other_expert),
+        lambda: load_students(tmp_path, other_expert),
+    ):
+        with pytest.raises(
+            InputError, match=rf"{expert.digest()} \(key 'inputs.expert' of .*config"
+        ):
+            load()
 
 
 def test_folders_without_students_are_refused(expert, tmp_path):
@@ -126,7 +155,29 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(["rollout", "--policy", "symbolic", "--seconds", "0.2"])
     assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
-    assert "stayed up" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "stayed up" in told
+    assert "observed: estimated velocity and foot heights" in told
+
+
+def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = ["rollout", "--gait", "bound", "--policy", "page", "--seconds", "2"]
+    main(page)
+    main([*page, "--scenario", "true_body_state"])
+    found = re.findall(
+        r"mean speed (\S+) m/s \(0\.50 commanded\), (\S+) m forward, rhythm (\S+) of the commanded;"
+        r" observed: (\w+) velocity",
+        capsys.readouterr().out,
+    )
+    (walks, stands) = ([float(number) for number in row[:3]] for row in found)
+    assert [row[3] for row in found] == ["estimated", "true"]
+    assert walks[0] > 0.3
+    assert walks[1] == pytest.approx(2 * walks[0], abs=0.02)
+    assert walks[2] > 0.8
+    # It has learned what its estimator tells, and hardly moves by the truth.
+    assert abs(stands[0]) < 0.1
+    assert stands[2] < 0.1
 
 
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
