@@ -89,8 +89,8 @@ class Reproduce(Settings):
         gaits_named(config.gaits)
         if config.engine == "pysr" and not pysr_starts():
             raise InputError(
-                f"{path}: its formulas are PySR's, which needs Julia, and that could not be started "
-                "here; install it, or take Operon in place of PySR with --engine operon"
+                f"{path}: its formulas are PySR's, which needs Julia, and Julia could not be "
+                "started here; install it, or take Operon in place of PySR with --engine operon"
             )
         started = time.monotonic()
         folder = self.output or Path("runs/reproduce") / (path.stem + "_quick" * self.quick)
