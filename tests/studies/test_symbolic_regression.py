@@ -148,7 +148,7 @@ def constructor():
     Importing PySR would start Julia; its constructor is read from the installed text instead.
     """
     pysr = importlib.util.find_spec("pysr")
-    assert pysr is not None, "the test extra installs pysr"
+    assert pysr is not None and pysr.origin is not None, "the test extra installs pysr"
     source = (Path(pysr.origin).parent / "sr.py").read_text()
     regressor = next(
         node
