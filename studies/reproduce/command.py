@@ -39,7 +39,7 @@ DEVIATIONS = (
     "A robot that falls while samples are collected starts again, and its episode goes on.",
     "Students that act are fitted to four of five episodes, whole ones; R² by the paper's split, "
     "which shuffles steps, is of another fit to the same episodes.",
-    "While n is 1 the expert acts at every step, so students are first fitted after those episodes.",
+    "While n is 1 the expert acts at every step, so students are first fitted after that.",
     "Explainable boosting takes the machine's state, which is 0 or 1, for a number. Trees and "
     "tables are rounded to single precision, numbers in formulas to three digits.",
     "Gait sequences are drawn as contacts over time, not as stills.",
