@@ -112,6 +112,10 @@ COMMANDS = {
         "glassgait.studies.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
     ),
+    "reproduce": (
+        "glassgait.studies.reproduce.command:Reproduce",
+        "Do what the paper did by its own settings: train, distil, evaluate and explain.",
+    ),
     "rollout": (
         "glassgait.studies.rollout.command:ShowRollout",
         "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
@@ -127,7 +131,7 @@ COMMANDS = {
 }
 """Class and summary of each command: the help is told without importing Drake and torch."""
 
-TRAINS = ("train", "refine", "benchmark")
+TRAINS = ("train", "refine", "benchmark", "reproduce")
 
 
 def main(arguments: list[str] | None = None) -> None:

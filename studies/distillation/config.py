@@ -14,6 +14,7 @@ from glassgait.studies.parallel.loop import Jobs
 from glassgait.studies.students.dataset import HELD_OUT_EVERY
 from glassgait.studies.students.registry import STUDENTS
 from glassgait.studies.students.settings import StudentKind, StudentsSettings
+from glassgait.studies.students.student import ITSELF
 
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode: R² needs two samples of one that is held out."""
@@ -31,10 +32,12 @@ class DistillationConfig(Settings):
         students: Kinds of students.
         collector: Student that collects the samples of all, which then learn from its mistakes, not
             from their own; by default each collects its own, but exact trees take those of
-            histogram trees.
+            histogram trees. `itself`, the paper's way, has each collect its own.
         seed: Seed of all randomness.
         episodes: Episodes in all, the paper's max_episodes.
         episodes_per_round: Episodes that share an alternation ratio, the paper's n_f.
+        episodes_per_fit: Episodes that share a student, a divisor of those that share a ratio; by
+            default as many. The paper's is 1: it fits after every episode.
         alone_rounds: Rounds after those of the curriculum in which the student acts alone; the
             paper has none.
         alone_episodes: Episodes of such a round; by default 16, and 48 for machines of more than
@@ -58,10 +61,11 @@ class DistillationConfig(Settings):
 
     gait: Annotated[str, tyro.conf.Suppress] = "trot"
     students: Annotated[tuple[StudentKind, ...], MinLen(1), FEW, DISTINCT] = tuple(STUDENTS)
-    collector: StudentKind | None = None
+    collector: StudentKind | Literal["itself"] | None = None
     seed: Seed = 0
     episodes: Count = 30
     episodes_per_round: Count = 4
+    episodes_per_fit: Count | None = None
     alone_rounds: Natural = 8
     alone_episodes: Count | None = None
     alone_steps: Steps = 250
@@ -77,6 +81,12 @@ class DistillationConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.episodes_per_round % (self.episodes_per_fit or 1):
+            raise InputError(
+                f"distillation: episodes_per_fit is {self.episodes_per_fit}, and episodes of two "
+                f"ratios would share a student; give a divisor of episodes_per_round, "
+                f"{self.episodes_per_round}"
+            )
         for kind in self.students:
             if self._least_episodes(kind) < HELD_OUT_EVERY:
                 raise InputError(
@@ -100,6 +110,8 @@ class DistillationConfig(Settings):
 
     def collector_of(self, kind: str) -> str:
         """Returns the kind of student that collects a student's samples: mostly itself."""
+        if self.collector == ITSELF:
+            return kind
         return self.collector or STUDENTS[kind].collector or kind
 
     def _least_episodes(self, kind: str) -> int:

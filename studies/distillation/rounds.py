@@ -1,5 +1,6 @@
 """The rounds of a distillation: who acts, in which episodes, for how long (Algorithm 1)."""
 
+import math
 from dataclasses import dataclass
 
 from glassgait.studies.distillation.config import DistillationConfig
@@ -29,12 +30,12 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
         config: Settings for a gait (see `DistillationConfig.for_gait`).
         kind: Kind of student.
     """
-    size = config.episodes_per_round
+    size = config.episodes_per_fit or config.episodes_per_round
     planned = []
     for first in range(1, config.episodes + 1, size):
-        number = len(planned) + 1
         episodes = range(first, min(first + size, config.episodes + 1))
-        planned.append(Round(number, _period(config, number), episodes, config.episode_steps))
+        period = _period(config, math.ceil(first / config.episodes_per_round))
+        planned.append(Round(len(planned) + 1, period, episodes, config.episode_steps))
 
     own = config.settings.of(kind).alone_episodes
     # What has its own number of episodes alone has them of full length.
@@ -46,9 +47,7 @@ def rounds(config: DistillationConfig, kind: str) -> list[Round]:
     return planned
 
 
-def _period(config: DistillationConfig, number: int) -> int:
-    if number == 1:
+def _period(config: DistillationConfig, stage: int) -> int:
+    if stage == 1:
         return 1
-    return {"alternation": number, "student_only": 0, "expert_only": 1, "half": 2}[
-        config.curriculum
-    ]
+    return {"alternation": stage, "student_only": 0, "expert_only": 1, "half": 2}[config.curriculum]

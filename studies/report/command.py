@@ -18,7 +18,11 @@ from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import gait_names
 from glassgait.studies.console import console
 from glassgait.studies.pages import inline_image, page_template
-from glassgait.studies.report.certificates import certified_policies, verdicts_table
+from glassgait.studies.report.certificates import (
+    CertifiedPolicy,
+    certified_policies,
+    verdicts_table,
+)
 from glassgait.studies.report.config import FULL, PAPER_GAITS, QUICK, ReportConfig
 from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
 from glassgait.studies.report.gait import GaitResults, study_gait
@@ -71,7 +75,15 @@ class Report(Settings):
                 runs.enter_context(open_run(folder, settings=config, **run))
             results = self._study(names, configs)
             for folder, config in configs.items():
-                self._write(results[folder], config, folder)
+                certified = certified_policies([found.gait for found in results[folder]], folder)
+                write_report(
+                    results[folder],
+                    config,
+                    folder,
+                    deviations=DEVIATIONS,
+                    quick=self.quick,
+                    certified=certified,
+                )
                 print_table("R²", r2_by_gait(results[folder]))
                 console.print(f"report written to {folder / 'report.html'} and report.md")
         console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
@@ -110,31 +122,50 @@ class Report(Settings):
         students = dict.fromkeys((*config.distillation.students, *self.students))
         return replace(config, distillation=replace(config.distillation, students=tuple(students)))
 
-    def _write(self, results: Sequence[GaitResults], config: ReportConfig, folder: Path) -> None:
-        items = contents(results)
-        for item in items:
-            for place, (_, table) in enumerate(item.tables, start=1):
-                write_table(table, folder / f"{item.number.lower().replace(' ', '_')}_{place}")
-        certified = certified_policies([found.gait for found in results], folder)
-        verdicts = verdicts_table(certified)
+
+def write_report(
+    results: Sequence[GaitResults],
+    config: ReportConfig,
+    folder: Path,
+    *,
+    deviations: Sequence[str],
+    quick: bool,
+    certified: Sequence[CertifiedPolicy] = (),
+) -> None:
+    """Writes report.html, report.md and the tables in them.
+
+    Args:
+        results: What was found about each gait.
+        config: How thoroughly.
+        folder: Where they go.
+        deviations: Sentences that say what differs from the paper.
+        quick: Whether a page says that it is for looking, not for quoting.
+        certified: Policies that have a certificate.
+    """
+    items = contents(results)
+    for item in items:
+        for place, (_, table) in enumerate(item.tables, start=1):
+            write_table(table, folder / f"{item.number.lower().replace(' ', '_')}_{place}")
+    verdicts = verdicts_table(certified)
+    if certified:
         write_table(verdicts, folder / "certificates")
-        for place, policy in enumerate(certified, start=1):
-            write_table(policy.claims, folder / f"certificates_{place}")
-        values = {
-            "items": items,
-            "certified": certified,
-            "verdicts": verdicts,
-            "deviations": DEVIATIONS,
-            "gaits": [found.gait for found in results],
-            "config": config,
-            "quick": self.quick,
-        }
-        page = page_template(TEMPLATES, "report.html").render(**values, inline=inline_image)
-        write_atomically(folder / "report.html", page)
-        text = page_template(TEMPLATES, "report.md").render(
-            **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
-        )
-        write_atomically(folder / "report.md", text)
+    for place, policy in enumerate(certified, start=1):
+        write_table(policy.claims, folder / f"certificates_{place}")
+    values = {
+        "items": items,
+        "certified": certified,
+        "verdicts": verdicts,
+        "deviations": deviations,
+        "gaits": [found.gait for found in results],
+        "config": config,
+        "quick": quick,
+    }
+    page = page_template(TEMPLATES, "report.html").render(**values, inline=inline_image)
+    write_atomically(folder / "report.html", page)
+    text = page_template(TEMPLATES, "report.md").render(
+        **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
+    )
+    write_atomically(folder / "report.md", text)
 
 
 def _study_job(configs: Mapping[Path, ReportConfig], job: Job) -> GaitResults:

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from annotated_types import Ge
+from annotated_types import Ge, MinLen
 
-from glassgait.models.settings import Count, Settings
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.evaluation.alternation import PERIODS
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.students.additive import EBM, EbmSettings
 from glassgait.studies.students.boosting import (
@@ -29,6 +30,8 @@ class ReportConfig(Settings):
 
     Attributes:
         distillation: Settings of the distillation; the gait is set for each.
+        periods: Control steps from one action of the expert to the next, at each of which students
+            are rolled out; 0 is never.
         rollouts: How robots are rolled out.
         n_samples: Held-out samples that importances are measured on.
         repeats: Shuffles of each observation.
@@ -39,6 +42,7 @@ class ReportConfig(Settings):
     distillation: DistillationConfig = field(
         default_factory=lambda: DistillationConfig(students=paper_students())
     )
+    periods: Annotated[tuple[Natural, ...], MinLen(1), FEW, DISTINCT] = PERIODS
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10

@@ -60,7 +60,9 @@ class GaitResults:
     tops: pd.DataFrame
 
 
-def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -> GaitResults:
+def study_gait(
+    name: str, config: ReportConfig, folder: Path, *, resume: bool, expert_file: Path | None = None
+) -> GaitResults:
     """Distils, evaluates and explains one gait.
 
     Args:
@@ -68,8 +70,10 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
         config: How thoroughly.
         folder: Where everything of this gait goes.
         resume: Whether to keep what is done already.
+        expert_file: Policy file of the expert; the shipped one by default.
     """
-    gait, expert = load_gait(name), load_expert(name)
+    gait = load_gait(name)
+    expert = load_expert(gait, expert_file)
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)
     source = folder / "distillation"
@@ -78,7 +82,7 @@ def study_gait(name: str, config: ReportConfig, folder: Path, *, resume: bool) -
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
-    jobs = alternation_jobs(gait, expert, students, config.rollouts)
+    jobs = alternation_jobs(gait, expert, students, config.rollouts, config.periods)
     scores = run_jobs(jobs, folder / "rollouts")
     standalone = write_alternation(scores, title, folder)
 

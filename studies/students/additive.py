@@ -23,9 +23,12 @@ class EbmSettings(StudentSettings):
 
     Attributes:
         outer_bags: Models that are averaged; how much they differ is the error band of every
-            function. While samples are collected there is one.
-        interactions: Functions of two observations, a joint.
-        round_interactions: The same while samples are collected.
+            function.
+        round_bags: The same, at most, while samples are collected and in the fit that the paper's
+            split scores.
+        interactions: Functions of two observations, a joint; None for five of each observation,
+            which is interpret's default.
+        round_interactions: The same, at most, while samples are collected; None for as many.
         max_bins: Bins of an observation.
         max_interaction_bins: Bins of an observation in functions of two.
         max_rounds: Greatest number of boosting rounds.
@@ -37,8 +40,9 @@ class EbmSettings(StudentSettings):
     title: ClassVar[str] = "distillation: ebm"
 
     outer_bags: Count = 4
-    interactions: Natural = 60
-    round_interactions: Natural = 60
+    round_bags: Count = 1
+    interactions: Natural | None = 60
+    round_interactions: Natural | None = 60
     max_bins: Bins = 128
     max_interaction_bins: Bins = 16
     max_rounds: Count = 100
@@ -56,21 +60,25 @@ class EbmSettings(StudentSettings):
             )
 
     def for_rounds(self) -> Self:
-        """Returns the settings of the students that collect samples: one bag, fewer functions."""
-        interactions = min(self.round_interactions, self.interactions)
-        return replace(self, outer_bags=1, interactions=interactions)
+        """Returns the settings of the students that collect samples: fewer bags and functions."""
+        counts = [n for n in (self.round_interactions, self.interactions) if n is not None]
+        few = self.for_shuffled_split()
+        return replace(few, interactions=min(counts, default=None))
 
     def for_shuffled_split(self) -> Self:
-        """Returns the settings of the fit that is scored by the paper's split, without bands."""
-        return replace(self, outer_bags=1)
+        """Returns the settings of the fit that is scored by the paper's split, of fewer bags."""
+        return replace(self, outer_bags=min(self.round_bags, self.outer_bags))
 
 
-def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmSettings) -> Any:
+def additive_regressor(
+    settings: EbmSettings, n_observations: int, seed: int
+) -> ExplainableBoostingRegressor:
+    """Makes interpret's model of one joint, not yet fitted."""
     return ExplainableBoostingRegressor(
         # One-hot observations are numbers to every student alike.
-        feature_types=["continuous"] * observations.shape[1],
+        feature_types=["continuous"] * n_observations,
         outer_bags=settings.outer_bags,
-        interactions=settings.interactions,
+        interactions="5x" if settings.interactions is None else settings.interactions,
         max_bins=settings.max_bins,
         max_interaction_bins=settings.max_interaction_bins,
         max_rounds=settings.max_rounds,
@@ -79,7 +87,11 @@ def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmS
         interaction_smoothing_rounds=settings.interaction_smoothing_rounds,
         n_jobs=1,
         random_state=seed,
-    ).fit(observations, target)
+    )
+
+
+def _fit_ebm_joint(observations: Array, target: Array, seed: int, settings: EbmSettings) -> Any:
+    return additive_regressor(settings, observations.shape[1], seed).fit(observations, target)
 
 
 EBM = Student(

@@ -20,7 +20,7 @@ Depth = Annotated[Count, Le(16)]
 class GbmSettings(StudentSettings):
     """Settings of scikit-learn's gradient boosting.
 
-    The paper uses the library's defaults: 100 trees of depth 3.
+    The paper uses the library's defaults: 100 trees of depth 3, of all samples and observations.
 
     Attributes:
         n_trees: Number of trees.
@@ -64,9 +64,8 @@ class HistogramGbmSettings(StudentSettings):
         return replace(self, n_trees=min(self.round_trees, self.n_trees))
 
 
-def _fit_gbm_joint(
-    observations: Array, target: Array, seed: int, settings: GbmSettings
-) -> GradientBoostingRegressor:
+def boosting_regressor(settings: GbmSettings, seed: int) -> GradientBoostingRegressor:
+    """Makes scikit-learn's model of one joint, not yet fitted."""
     return GradientBoostingRegressor(
         n_estimators=settings.n_trees,
         max_depth=settings.depth,
@@ -74,7 +73,13 @@ def _fit_gbm_joint(
         subsample=settings.subsample,
         max_features=settings.feature_share,
         random_state=seed,
-    ).fit(observations, target)
+    )
+
+
+def _fit_gbm_joint(
+    observations: Array, target: Array, seed: int, settings: GbmSettings
+) -> GradientBoostingRegressor:
+    return boosting_regressor(settings, seed).fit(observations, target)
 
 
 def _fit_histogram_gbm_joint(

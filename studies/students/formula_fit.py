@@ -86,7 +86,7 @@ class FormulaFit:
             n_jobs: Formulas that are searched at once.
 
         Raises:
-            InputError: if the engine is PySR and Julia cannot start.
+            InputError: if the engine is PySR and Julia cannot start, or its search fails.
         """
         values, targets = self.values(observations), robot.joint_targets(actions)
         n = observations.shape[1]

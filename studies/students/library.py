@@ -18,6 +18,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.console import note
 from glassgait.studies.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.students.registry import STUDENTS, sums_of_terms
+from glassgait.studies.students.student import ITSELF
 
 DISTILLATION_FOLDER = Path("runs/distillation")
 
@@ -36,7 +37,7 @@ def samples_folder(folder: Path, kind: str) -> Path:
     collector = STUDENTS[kind].collector or kind
     if (folder / CONFIG_NAME).exists():
         collector = read_settings(folder, "distill").get("collector") or collector
-    return folder / str(collector)
+    return folder / (kind if collector == ITSELF else str(collector))
 
 
 def kept_students(folder: Path) -> tuple[str, ...]:

@@ -15,7 +15,10 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.parallel.loop import run_parallel
 
-RESERVED = ("expert", "students", "of")
+ITSELF = "itself"
+"""What settings call the student that collects its own samples, whichever it is."""
+
+RESERVED = ("expert", "students", "of", ITSELF)
 """Names that commands and settings use for something else."""
 
 

@@ -45,7 +45,7 @@ def fit_policy(
         n_jobs: Formulas that are searched at once.
 
     Raises:
-        InputError: if the engine is PySR and Julia cannot start.
+        InputError: if the engine is PySR and Julia cannot start, or its search fails.
     """
     names = samples.observation_names
     fit = FormulaFit(names, gates)

@@ -1,5 +1,7 @@
 """The engines of symbolic regression: Operon, and PySR where Julia is to be had."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,7 +10,7 @@ from joblib import delayed
 from pyoperon.sklearn import SymbolicRegressor
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, brief
 from glassgait.models.policies.expression import Expression, scaled
 from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.tape import Tape
@@ -49,7 +51,7 @@ def fit_formulas(
         The k formulas.
 
     Raises:
-        InputError: if the engine is PySR and Julia cannot start.
+        InputError: if the engine is PySR and Julia cannot start, or its search fails.
     """
     seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]
     if settings.engine == "pysr":
@@ -112,16 +114,19 @@ def _rescaled(expression: Expression, scale: Array) -> Expression:
 
 
 def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
-    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations."""
+    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations.
+
+    PySR's `constraints` bound the size of an operator's arguments, not of a formula. The paper's
+    «maximum operator complexity» is therefore the size of what a function or a product is applied
+    to. Sums are free, or no formula could have the paper's 90 nodes.
+    """
     limit = settings.operator_complexity
     return {
         "unary_operators": list(PYSR_UNARY_OPERATORS),
         "binary_operators": list(PYSR_BINARY_OPERATORS),
-        "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit)
-        | dict.fromkeys(PYSR_BINARY_OPERATORS, (limit, limit)),
+        "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit) | {"*": (limit, limit)},
         "maxsize": settings.max_length,
         "niterations": settings.iterations,
-        "model_selection": "accuracy",
         "random_state": seed,
         "deterministic": True,
         "parallelism": "serial",
@@ -129,6 +134,17 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
         "verbosity": 0,
         "temp_equation_file": True,
     }
+
+
+def pysr_starts() -> bool:
+    """Tells whether PySR and its Julia start here, which are fetched first where they are missing.
+
+    They start in a process of their own: PyTorch and Julia in one may end it.
+    """
+    started = subprocess.run(
+        [sys.executable, "-c", "import pysr"], capture_output=True, check=False
+    )
+    return started.returncode == 0
 
 
 def _fit_pysr(
@@ -144,5 +160,14 @@ def _fit_pysr(
         ) from error
     names = variable_names(observations.shape[1])
     model: Any = PySRRegressor(**pysr_arguments(seed, settings))
-    model.fit(observations, target, variable_names=list(names))
-    return parse_expression(str(model.get_best()["equation"]), names)
+    try:
+        model.fit(observations, target, variable_names=list(names))
+        found = str(model.get_best()["equation"])
+    except Exception as error:
+        # Julia's own errors have no common class.
+        told = brief(str(error)) or type(error).__name__
+        raise InputError(
+            f"the engine 'pysr' ended with an error ({told}); mend its settings, or use the engine "
+            "'operon'"
+        ) from error
+    return parse_expression(found, names)

@@ -11,6 +11,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural
 from glassgait.studies.students.student import Candidate, StudentSettings
 
+Engine = Literal["operon", "pysr"]
+"""What searches formulas."""
+
 Shape = tuple[int, int]
 """Lengths of the sum that a formula starts from, and of the whole formula (nodes)."""
 
@@ -24,7 +27,8 @@ class SymbolicSettings(StudentSettings):
         max_length: Greatest length of a formula in nodes, the paper's overall complexity (pysr).
             Lengths are as the engine counts: to Operon a weighted observation is one node, to PySR
             it is three.
-        operator_complexity: Greatest complexity of an operator's operand (pysr).
+        operator_complexity: Greatest length of what a function or a product is applied to, in
+            nodes; sums are free (pysr).
         iterations: Iterations of the search (pysr).
         generations: Generations of the search (operon).
         population: Formulas in a generation (operon).
@@ -39,7 +43,7 @@ class SymbolicSettings(StudentSettings):
 
     title: ClassVar[str] = "distillation: symbolic"
 
-    engine: Literal["operon", "pysr"] = "operon"
+    engine: Engine = "operon"
     max_length: Annotated[Count, Ge(7)] = 90
     operator_complexity: Count = 4
     iterations: Count = 20

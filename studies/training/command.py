@@ -55,10 +55,10 @@ class Train(Settings):
         jobs = jobs_of(names, config.seed, self.sweep, root=TRAINING_FOLDER, output=self.output)
         if len(jobs) > 1 or self.sweep.backend != "loky":
             refuse_taken(jobs, study="train", resume=self.resume)
-            run_sweep(jobs, partial(_train_job, config), self.sweep)
+            run_sweep(jobs, partial(train_job, config), self.sweep)
             return
         (job,) = jobs
-        _train_job(config, job, resume=self.resume)
+        train_job(config, job, resume=self.resume)
         console.print(f"expert written to {job.folder / load_gait(job.gait).name}.safetensors")
 
     def _config(self) -> TrainingConfig:
@@ -71,7 +71,7 @@ class Train(Settings):
         return read_config(self.like)
 
 
-def _train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
+def train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
     """Trains one expert, from its checkpoint on if there is one."""
     config = replace(config, gait=job.gait, seed=job.seed)
     gait = load_gait(config.gait)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
@@ -60,6 +61,24 @@ def test_rounds_hold_every_episode_once():
     planned = rounds(replace(config, settings=settings), "symbolic")
     alone = [list(own.episodes) for own in planned[2:]]
     assert alone == [[9, 10], [11, 12, 13, 14, 15, 16], [17, 18, 19, 20, 21, 22]]
+
+
+def test_episodes_of_one_ratio_may_have_a_student_each():
+    config = DistillationConfig(
+        episodes=7, episodes_per_round=4, episodes_per_fit=2, alone_rounds=1, alone_episodes=4
+    )
+    planned = rounds(config, "linear")
+    assert [own.number for own in planned] == [1, 2, 3, 4, 5]
+    assert [own.period for own in planned] == [1, 1, 2, 2, 0]
+    assert [list(own.episodes) for own in planned[:4]] == [[1, 2], [3, 4], [5, 6], [7]]
+    with pytest.raises(InputError, match="episodes_per_fit is 3"):
+        DistillationConfig(episodes_per_round=4, episodes_per_fit=3)
+
+
+def test_each_student_may_collect_its_own_samples():
+    assert DistillationConfig().collector_of("gbm") == "histogram_gbm"
+    assert DistillationConfig(collector="itself").collector_of("gbm") == "gbm"
+    assert DistillationConfig(collector="linear").collector_of("gbm") == "linear"
 
 
 def test_machines_of_more_states_ask_for_more_episodes_alone():

@@ -4,7 +4,9 @@ import ast
 import importlib.util
 import shutil
 import sys
+from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,42 +113,124 @@ def test_operon_finds_what_is_not_linear(generator):
     assert 1 - error.var() / y.var() > linear + 0.05
 
 
-def test_pysr_is_asked_as_the_paper_did():
+def reachable_sizes(arguments):
+    """Lists the sizes that formulas can have, by what PySR documents of its limits.
+
+    A constant, a variable and an operator count one each. A constraint bounds the size of each
+    argument of an operator, and one of -1, the default, does not; `maxsize` bounds the whole.
+    """
+    limits = [(arguments["constraints"].get(name, -1),) for name in arguments["unary_operators"]]
+    limits += [
+        arguments["constraints"].get(name, (-1, -1)) for name in arguments["binary_operators"]
+    ]
+    sizes, before = {1}, set()
+    while sizes != before:
+        before = sizes
+        for own in limits:
+            fit = [[size for size in sizes if most == -1 or size <= most] for most in own]
+            sizes = sizes | {1 + sum(operands) for operands in product(*fit)}
+        sizes = {size for size in sizes if size <= arguments["maxsize"]}
+    return sizes
+
+
+def test_pysr_searches_formulas_of_the_papers_size():
+    arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
+    assert reachable_sizes(arguments) == set(range(1, 91))
+    # Where sums are bounded as products are, no formula has the paper's 90 nodes.
+    everywhere = arguments["constraints"] | {"+": (4, 4), "-": (4, 4)}
+    assert max(reachable_sizes(arguments | {"constraints": everywhere})) == 9
+
+
+@pytest.fixture
+def constructor():
+    """The signature of PySR's regressor, by argument.
+
+    Importing PySR would start Julia; its constructor is read from the installed text instead.
+    """
     pysr = importlib.util.find_spec("pysr")
-    assert pysr is not None, "the test extra installs pysr"
+    assert pysr is not None and pysr.origin is not None, "the test extra installs pysr"
     source = (Path(pysr.origin).parent / "sr.py").read_text()
-    # Importing PySR would start Julia; its constructor is read from the installed text instead.
     regressor = next(
         node
         for node in ast.parse(source).body
         if isinstance(node, ast.ClassDef) and node.name == "PySRRegressor"
     )
-    constructor = next(
-        node
+    return next(
+        node.args
         for node in regressor.body
         if isinstance(node, ast.FunctionDef) and node.name == "__init__"
     )
-    accepted = {argument.arg for argument in (*constructor.args.args, *constructor.args.kwonlyargs)}
+
+
+def test_pysr_is_asked_as_the_paper_did(constructor):
     arguments = pysr_arguments(0, SymbolicSettings(engine="pysr"))
-    assert set(arguments) <= accepted
     assert arguments["unary_operators"] == ["sin", "tanh", "square", "cube"]
     assert arguments["binary_operators"] == ["+", "-", "*"]
     assert arguments["maxsize"] == 90
     assert arguments["niterations"] == 20
-    assert arguments["constraints"]["*"] == (4, 4)
+    assert set(arguments) <= {own.arg for own in (*constructor.args, *constructor.kwonlyargs)}
+    # Functions and products are bounded in PySR's terms, sums are free.
+    assert arguments["constraints"] == dict.fromkeys(("sin", "tanh", "square", "cube"), 4) | {
+        "*": (4, 4)
+    }
+
+
+def test_pysr_selects_by_its_own_default(constructor):
+    assert "model_selection" not in pysr_arguments(0, SymbolicSettings(engine="pysr"))
+    position = [own.arg for own in constructor.args].index("model_selection")
+    default = constructor.defaults[position - len(constructor.args)]
+    assert ast.literal_eval(default) == "best"
+
+
+def use_pysr_that_finds(monkeypatch, found):
+    """Puts a regressor in PySR's place that finds an equation, or raises what it is given."""
+
+    class Regressor:
+        def __init__(self, **arguments):
+            assert set(arguments) == set(pysr_arguments(0, SymbolicSettings()))
+
+        def fit(self, observations, target, variable_names):
+            assert variable_names == ["x0", "x1", "x2"]
+            if isinstance(found, Exception):
+                raise found
+
+        def get_best(self):
+            return {"equation": found}
+
+    monkeypatch.setitem(sys.modules, "pysr", SimpleNamespace(PySRRegressor=Regressor))
+
+
+def fit_by_pysr(generator):
+    observations = generator.normal(size=(10, 3))
+    settings = SymbolicSettings(engine="pysr")
+    return observations, fit_formulas(observations, np.zeros((10, 1)), 0, settings, (), 3)
+
+
+def test_what_pysr_finds_is_read(monkeypatch, generator):
+    use_pysr_that_finds(monkeypatch, "cube(x0) + (square(x1) - (sin(x2) * -0.25))")
+    x, [formula] = fit_by_pysr(generator)
+    expected = x[:, 0] ** 3 + x[:, 1] ** 2 + 0.25 * np.sin(x[:, 2])
+    np.testing.assert_allclose(Tape([formula], 3)(x)[:, 0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (RuntimeError("Julia: MethodError\n  in loop"), r"\(Julia: MethodError in loop\)"),
+        (MemoryError(), r"\(MemoryError\)"),
+    ],
+)
+def test_an_error_of_pysrs_search_is_told_in_one_sentence(error, told, monkeypatch, generator):
+    use_pysr_that_finds(monkeypatch, error)
+    with pytest.raises(InputError, match=f"engine 'pysr' ended with an error {told}") as raised:
+        fit_by_pysr(generator)
+    assert "\n" not in str(raised.value)
 
 
 def test_pysr_without_julia_is_refused_in_one_sentence(monkeypatch, generator):
     monkeypatch.setitem(sys.modules, "pysr", None)
     with pytest.raises(InputError, match="needs Julia") as raised:
-        fit_formulas(
-            generator.normal(size=(10, 3)),
-            np.zeros((10, 1)),
-            0,
-            SymbolicSettings(engine="pysr"),
-            (),
-            n_observed=3,
-        )
+        fit_by_pysr(generator)
     assert "\n" not in str(raised.value)
 
 

@@ -1,0 +1,1 @@
+"""What others published, done again by their own settings, which a file holds."""

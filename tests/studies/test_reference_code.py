@@ -1,0 +1,101 @@
+"""What the training page says of this side of each deviation from the paper's reference code."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.a1 import kinematics, robot
+from glassgait.models.a1.description import CALF, FOOT, HIP, THIGH, TRUNK
+from glassgait.models.task import observation
+from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.reward_machine import RewardMachine
+from glassgait.models.task.termination import TerminationLimits, failures
+from glassgait.studies.training.config import PpoConfig
+
+PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
+
+
+@pytest.fixture(scope="module")
+def told():
+    """What the page says of this project, by what it is about."""
+    rows = [line.split(" | ") for line in PAGE.read_text().splitlines() if line.count(" | ") == 2]
+    return {row[0].removeprefix("| "): row[1] for row in rows}
+
+
+def row(told, start):
+    [found] = [here for what, here in told.items() if what.startswith(start)]
+    return found
+
+
+def test_clearance_is_of_the_sole(told):
+    standing = kinematics.standing_state(robot.DEFAULT_STANCE[None])
+    assert np.abs(kinematics.foot_heights(standing)).min() < 1e-12
+    assert robot.FOOT_RADIUS == 0.02
+    assert {load_gait(name).clearance for name in gait_names()} == {0.03}
+    assert row(told, "a foot's clearance, 3 cm, and its greatest height, 25 cm") == "of the sole"
+    assert TerminationLimits().foot_height == 0.25
+
+
+def test_a_state_ends_at_the_commanded_step(told, trot):
+    machine = RewardMachine(trot)
+    state, fired = machine.initial((1,)), []
+    contact = np.array([[True, False, False, True]])
+    while not any(fired):
+        step = machine.step(
+            state,
+            foot_contact=contact,
+            foot_height=np.where(contact, 0.0, 0.1),
+            commanded_dwell=np.array([6]),
+        )
+        state = step.machine
+        fired.append(bool(step.fired[0]))
+    assert len(fired) == 6
+    assert "at the n-th step" in row(told, "commanded dwell")
+
+
+def test_commands_are_observed_as_they_are(told):
+    entries = observation.ObservationLayout(2).entries
+    assert [(own.unit, own.scale) for own in entries[:2]] == [("m/s", 1.0), ("rad/s", 1.0)]
+    assert observation.OVERDUE == 2
+    assert row(told, "observed commands") == "in m/s and rad/s"
+    assert "two steps beyond" in row(told, "observed time")
+
+
+def test_an_episode_ends_where_the_page_says(told):
+    limits = TerminationLimits()
+    assert row(told, "a joint out of range").startswith(f"{limits.joint_overrun:g} rad beyond")
+    assert row(told, "a low trunk") == f"below {limits.trunk_height:.2f} m"
+    assert row(told, "a change of the action") == f"above {limits.action_change:g}, squared"
+    assert limits.shank_share == 0.9
+    state, still = kinematics.standing_state(robot.DEFAULT_STANCE[None]), np.zeros((1, 12))
+    for beyond, fails in ((0.04, False), (0.06, True)):
+        state[0, robot.JOINT_POSITION.start] = robot.UPPER_LIMITS[0] + beyond
+        shown = failures(state, action=still, previous_action=still, limits=limits)
+        assert shown[0, 2] == fails
+
+
+def test_robots_start_on_their_lowest_foot(told):
+    states = Randomization().initial_states(50, np.random.default_rng(0))
+    np.testing.assert_allclose(kinematics.foot_heights(states).min(axis=1), 0.0, atol=1e-12)
+    assert row(told, "an episode's start") == "standing on the lowest foot"
+
+
+def test_robot_and_networks_are_those_that_the_page_names(told):
+    legs = (HIP, THIGH, CALF, FOOT)
+    whole = TRUNK.mass + 4 * sum(part.mass for part in legs)
+    assert whole == pytest.approx(robot.MASS)
+    parts = zip(("hip", "thigh", "calf", "foot"), legs, strict=True)
+    masses = ", ".join(f"{name} {part.mass:g}" for name, part in parts)
+    assert row(told, "masses") == f"{robot.MASS} kg: trunk {TRUNK.mass}, {masses}"
+    assert row(told, "motors' limits") == f"{robot.EFFORT_LIMIT} N·m"
+    ppo = PpoConfig()
+    assert ppo.actor_layers == ppo.critic_layers == (256, 128, 64)
+    assert row(told, "actor and critic") == "hidden layers of 256, 128 and 64"
+    station = StationConfig()
+    assert (station.contact_solver, station.time_step, station.slope) == ("sap", 0.01, 0.0)
+    assert row(told, "ground") == "flat"
+    walk = load_gait("walk")
+    assert row(told, "the walk's") == f"{walk.max_speed} m/s, {walk.max_yaw_rate:g} rad/s"
