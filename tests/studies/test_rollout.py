@@ -12,6 +12,7 @@ from queue import Empty, Queue
 import numpy as np
 import pytest
 import yaml
+from pydrake.systems.analysis import Simulator
 
 import glassgait.studies.rollout.command
 import glassgait.studies.rollout.live
@@ -21,9 +22,11 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.rollout.live import play_live
 from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -134,6 +137,29 @@ def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, t
     until_said(lines, r"stopped after ([\d.]+) s")
     assert process.wait(timeout=60) == 0
     assert (tmp_path / "expert_alone_changing.html").exists()
+
+
+def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_marked(browser):
+    meshcat = open_meshcat()
+    meshcat.AddButton("stop and save", "Escape")
+    gaits = [load_gait(name) for name in ("trot", "bound", "pace")]
+    simulator = Simulator(MeshcatGaitRequest(gaits, meshcat))
+    browser.set_window_size(480, 400)
+    browser.get(meshcat.web_url())
+
+    def labels():
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
+        found = browser.find_elements("css selector", ".dg .function .property-name")
+        shown = [label.get_attribute("textContent") for label in found]
+        return shown[shown.index("stop and save") :] if "stop and save" in shown else []
+
+    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
+    browser.find_element("xpath", "//*[text()='Open Controls']").click()
+    press(browser, "bound")
+    eventually(lambda: labels() == ["stop and save", "trot", "bound *", "pace"])
+    press(browser, "bound *")
+    press(browser, "trot")
+    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
 
 
 def running(browser):
