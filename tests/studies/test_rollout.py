@@ -17,15 +17,18 @@ from pydrake.systems.analysis import Simulator
 import glassgait.studies.rollout.command
 import glassgait.studies.rollout.live
 from glassgait.diagrams.commands import SliderCommand
+from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
+from glassgait.studies.figures import save_figure
 from glassgait.studies.rollout.live import play_live
-from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.gait_figure import gait_figure, session_figure
 from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
@@ -246,6 +249,31 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
 def test_bad_settings_are_told_before_anything_is_written(refused, tmp_path, arguments, message):
     assert message in refused(["rollout", *arguments, "--output", str(tmp_path / "shown")])
     assert not (tmp_path / "shown").exists()
+
+
+def test_a_session_of_several_gaits_has_a_whole_diagram_of_each_that_ran(tmp_path):
+    switch = GaitSwitch([load_gait(name) for name in ("trot", "bound", "pace", "walk")])
+    # 3 s of trot, 2 s of walk, 0.2 s of trot; the walk has the last four of ten states.
+    states = np.repeat([0, 1, 6, 7, 8, 9, 1], [75, 75, 25, 25, 25, 25, 10])
+    values = {"rm_state": np.eye(10)[states], "foot_contact": np.ones((260, 4))}
+    rollout = Rollout(np.arange(260) * 0.02, values)
+    figure = session_figure(rollout, switch, "session")
+    top, *rows = figure.axes
+    assert [label.get_text() for label in top.get_yticklabels()] == [
+        "trot",
+        "bound",
+        "pace",
+        "walk",
+    ]
+    assert [axes.get_title() for axes in rows] == ["trot", "walk"]
+    legends = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in rows]
+    assert legends == [["contact", "q0", "q1"], ["contact", "q0", "q1", "q2", "q3"]]
+    np.testing.assert_allclose([axes.get_xlim() for axes in rows], [(1.0, 3.0), (3.0, 5.0)])
+    save_figure(figure, tmp_path / "session", ("png",))
+    for axes in rows:
+        box = axes.get_legend().get_window_extent()
+        assert figure.bbox.y0 <= box.y0
+        assert box.y1 <= figure.bbox.y1
 
 
 @pytest.fixture
