@@ -256,7 +256,7 @@ def test_a_session_of_several_gaits_has_a_whole_diagram_of_each_that_ran(tmp_pat
     # 3 s of trot, 2 s of walk, 0.2 s of trot; the walk has the last four of ten states.
     states = np.repeat([0, 1, 6, 7, 8, 9, 1], [75, 75, 25, 25, 25, 25, 10])
     values = {"rm_state": np.eye(10)[states], "foot_contact": np.ones((260, 4))}
-    rollout = Rollout(np.arange(260) * 0.02, values)
+    rollout = Rollout(np.linspace(0.0, 5.18, 260), values)
     figure = session_figure(rollout, switch, "session")
     top, *rows = figure.axes
     assert [label.get_text() for label in top.get_yticklabels()] == [
