@@ -12,6 +12,7 @@ from glassgait.models.policies.formula_file import formula_lines
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
@@ -194,6 +195,7 @@ def test_a_page_lists_what_swings_in_the_order_of_the_file(few_page, page, embed
 
 def test_the_mirrored_lines_are_the_formulas_that_act():
     policy = load_student("trot", "page")
+    assert isinstance(policy, FormulaPolicy)
     own = file_lines(policy, 2)
     file, read = policy.to_file(), set()
     for state, joints in enumerate(own["mirrored"]):
