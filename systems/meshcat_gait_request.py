@@ -22,8 +22,12 @@ class MeshcatGaitRequest(LeafSystem):
         - requested_gait
 
     Outputs: requested_gait (1), the number of the gait; 0 until a button is clicked.
-    State: that number, latched every 20 ms (unrestricted update), which takes the clicks back: a
+    State: that number, latched every 20 ms (unrestricted update), which uses the clicks up: a
     context that begins anew begins with the first gait. Feedthrough: none.
+
+    The button of the requested gait carries a star. Meshcat cannot rename a button, and shows one
+    that is added again below all others, so that all of them are replaced at once: they stay where
+    they are as long as no other control is added after this system.
     """
 
     def __init__(self, gaits: Sequence[Gait], meshcat: Meshcat) -> None:
@@ -34,12 +38,9 @@ class MeshcatGaitRequest(LeafSystem):
         """
         super().__init__()
         self._meshcat = meshcat
-        self._buttons = [
-            (gait_button(gait), f"Digit{i + 1}" if i < MOST_KEYS else "")
-            for i, gait in enumerate(gaits)
-        ]
-        for button in self._buttons:
-            meshcat.AddButton(*button)
+        self._gaits = tuple(gaits)
+        self._active = 0
+        self._add_buttons()
         self._requested = self.DeclareDiscreteState(1)
         self._requested_gait_port = self.DeclareStateOutputPort("requested_gait", self._requested)
         self.DeclarePeriodicUnrestrictedUpdateEvent(
@@ -51,13 +52,28 @@ class MeshcatGaitRequest(LeafSystem):
         return self._requested_gait_port
 
     def _latch(self, context: Context, state: State) -> None:
-        for number, button in enumerate(self._buttons):
-            if self._meshcat.GetButtonClicks(button[0]) > 0:
-                # Adding a button that is there sets its clicks to zero.
-                self._meshcat.AddButton(*button)
-                state.get_mutable_discrete_state(self._requested).SetFromVector([float(number)])
+        requested = state.get_mutable_discrete_state(self._requested)
+        clicks = [self._meshcat.GetButtonClicks(label) for label in self._labels()]
+        for number, count in enumerate(clicks):
+            if count > self._clicks[number]:
+                requested.SetFromVector([float(number)])
+        self._clicks = clicks
+        active = int(requested.GetAtIndex(0))
+        if active != self._active:
+            for label in self._labels():
+                self._meshcat.DeleteButton(label)
+            self._active = active
+            self._add_buttons()
+
+    def _labels(self) -> list[str]:
+        return [gait_button(gait, i == self._active) for i, gait in enumerate(self._gaits)]
+
+    def _add_buttons(self) -> None:
+        for i, label in enumerate(self._labels()):
+            self._meshcat.AddButton(label, f"Digit{i + 1}" if i < MOST_KEYS else "")
+        self._clicks = [0] * len(self._gaits)
 
 
-def gait_button(gait: Gait) -> str:
-    """Returns what the button of a gait is called."""
-    return gait.name.replace("_", "-")
+def gait_button(gait: Gait, active: bool = False) -> str:
+    """Returns what the button of a gait is called, with a star where that gait is requested."""
+    return gait.name.replace("_", "-") + (" *" if active else "")

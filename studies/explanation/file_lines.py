@@ -17,7 +17,8 @@ def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
 
     Returns:
         `lines`; `acting` (n_states, 12), the first line of a formula and the one after its last;
-        and `mirrored` (n_states, 12), whether the formula that acts is these lines' mirror image.
+        and `mirrored` (n_states, 12), the lines of the formula that acts where it is the mirror
+        image of those of the file, or None where the file's own act.
     """
     file, lines = policy.to_file(), policy.to_text().splitlines()
     spans: dict[tuple[int, ...], tuple[int, int]] = {}
@@ -33,6 +34,6 @@ def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
         places = [
             (joint,) if file.n_states is None else (state, joint) for joint in range(robot.N_JOINTS)
         ]
-        mirrored.append([place not in spans for place in places])
+        mirrored.append([None if p in spans else formula_lines(file, p) for p in places])
         acting.append([spans[mirror.place(p) if mirror and p not in spans else p] for p in places])
     return {"lines": lines, "acting": acting, "mirrored": mirrored}

@@ -33,6 +33,9 @@ MOST_SHOWN = 30
 N_SHOWN = 14
 """Terms that the page then holds; it holds the sum of the others."""
 
+LEAST_SWING = 1e-9
+"""Swing (rad) below which a term is constant within each state, but for rounding."""
+
 
 @dataclass(frozen=True)
 class ExplainedJoint:
@@ -63,8 +66,15 @@ class ExplainedJoint:
         return Contributions(terms, contributions.values[kept])
 
     def importances(self) -> np.ndarray:
-        """Returns the mean size of each term's swings over the rollout (k)."""
-        return np.abs(self.values - self.values.mean(axis=0)).mean(axis=0)
+        """Returns the mean size of each term's swings around its mean of the state (k; rad).
+
+        A constant of one state has none: it only comes and goes with the machine.
+        """
+        swings = np.array(self.values)
+        for state in np.unique(self.states):
+            inside = self.states == state
+            swings[inside] -= swings[inside].mean(axis=0)
+        return np.abs(swings).mean(axis=0)
 
 
 def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, ...]:
@@ -132,6 +142,7 @@ def render_page(
         "units": known.units,
         "values": _values(quantities, known.values),
         "explained": [_joint_data(own, list(quantities)) for own in explained],
+        "figures": joint if figures else None,
         "file": file_lines(policy, len(gait.states)) if isinstance(policy, FormulaPolicy) else None,
         "certificate": certificate.data if certificate else None,
         "joint": joint,
@@ -172,6 +183,7 @@ def _values(quantities: Iterable[Expression], variables: np.ndarray) -> list:
 def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> dict[str, Any]:
     """Keeps each target's largest terms as pairs of index and value, and the others' sum.
 
+    The kept ones stand in the file's order, so that a row stays where it is from step to step.
     The terms of other states than the machine's are none of the target's.
     """
     values, active = explained.values, explained.active()
@@ -179,11 +191,13 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     order = np.argsort(-sizes, axis=1, kind="stable")
     n_active = active.sum(axis=1)
     n_shown = np.where(n_active > MOST_SHOWN, N_SHOWN, n_active)
-    index = [own[:n].tolist() for own, n in zip(order, n_shown, strict=True)]
+    index = [sorted(own[:n].tolist()) for own, n in zip(order, n_shown, strict=True)]
     shown = [own[kept] for own, kept in zip(values, index, strict=True)]
     rest = [own.sum() - kept.sum() for own, kept in zip(values, shown, strict=True)]
     importances = explained.importances()
-    ranked = np.argsort(-importances, kind="stable")[:N_SHOWN]
+    moving = np.flatnonzero(importances > LEAST_SWING)
+    largest = moving[np.argsort(-importances[moving], kind="stable")[:N_SHOWN]]
+    ranked = np.sort(largest)
     place = {quantity: index for index, quantity in enumerate(quantities)}
     return {
         "terms": [
@@ -201,6 +215,7 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
         "rest": _rounded(np.array(rest)),
         "error": float(np.abs(values.sum(axis=1) - explained.targets).max()),
         "ranked": ranked.tolist(),
+        "moving": len(moving),
         "importance": _rounded(importances[ranked]),
     }
 

@@ -28,7 +28,7 @@ from glassgait.studies.figures import save_figure
 from glassgait.studies.records import to_plain
 from glassgait.studies.rollout.live import play_live
 from glassgait.studies.rollout.stills import gait_strip
-from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.gait_figure import gait_figure, session_figure
 from glassgait.studies.rollouts.play import Seconds, play
 from glassgait.studies.run_folder import refuse_run
 from glassgait.studies.students.library import find_student, find_walker
@@ -178,7 +178,12 @@ class ShowRollout(Settings):
         write_atomically(stem.with_name(f"{name}.yaml"), record)
         title = f"{shown.description if self.change_to else shown.name}, {self.policy}"
         title += f", ratio {ratio}" if ratio else ""
-        save_figure(gait_figure(rollout, shown, title), stem)
+        figure = (
+            session_figure(rollout, gait, title)
+            if isinstance(gait, GaitSwitch)
+            else gait_figure(rollout, shown, title)
+        )
+        save_figure(figure, stem)
         if self.stills:
             save_figure(gait_strip(rollout, shown), stem.with_name(f"{name}_stills"))
         console.print(told)

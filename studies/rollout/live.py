@@ -55,8 +55,9 @@ def play_live(
     Raises:
         InputError: if a policy does not fit the gait.
     """
-    diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
+    # Before the gaits' buttons, which stay where they are only as the last controls.
     meshcat.AddButton(STOP_BUTTON, "Escape")
+    diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
     steered = "move the sliders" if isinstance(gait, Gait) else "use sliders and gaits' buttons"
     console.print(
         f"open {meshcat.web_url()} and {steered} under 'Open Controls'; '{STOP_BUTTON}' "

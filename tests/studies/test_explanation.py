@@ -7,12 +7,16 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
+from glassgait.models.a1 import robot
+from glassgait.models.policies.formula_file import formula_lines
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.policies.tape import Tape
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
+from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.explanation.products import products
 from glassgait.studies.explanation.variables import variables_of
@@ -50,7 +54,7 @@ def test_shown_terms_and_the_rest_are_the_target(page, embedded):
         assert joint["error"] < 1e-9
         total = np.sum(joint["value"], axis=1) + joint["rest"]
         np.testing.assert_allclose(total, joint["target"], atol=2e-4)
-        assert (np.diff(np.abs(joint["value"]), axis=1) <= 0).all()
+        assert (np.diff(joint["index"], axis=1) > 0).all()
 
 
 def test_page_needs_nothing_from_elsewhere(page, embedded):
@@ -162,6 +166,47 @@ def test_terms_of_other_states_are_none_of_the_actions(few_page, embedded):
             assert len(value) == len(index)
         total = np.array([sum(value) for value in joint["value"]]) + joint["rest"]
         np.testing.assert_allclose(total, joint["target"], atol=2e-4)
+
+
+def test_a_constant_of_a_state_is_no_motion(few):
+    policy, rollout = few
+    own = explain_rollout(policy, rollout)[0]
+    twice = Rollout(
+        np.arange(4.0), {name: np.concatenate([v, 2.0 * v]) for name, v in rollout.values.items()}
+    )
+    twice.values["rm_state"] = np.concatenate([rollout["rm_state"]] * 2)
+    swings = explain_rollout(policy, twice)[0].importances()
+    moving = np.array([bool(term.quantities) for term in own.products])
+    assert (~moving).sum() == 2
+    np.testing.assert_allclose(swings[~moving], 0.0, atol=1e-12)
+    values = explain_rollout(policy, twice)[0].values
+    # Each state has two steps; a term swings by half its change there, and not in the other one.
+    expected = sum(np.abs(values[state] - values[state + 2]) for state in (0, 1)) / 4.0
+    np.testing.assert_allclose(swings, expected)
+    assert swings[moving].min() > 0.0
+
+
+def test_a_page_lists_what_swings_in_the_order_of_the_file(few_page, page, embedded):
+    for path in (few_page, page):
+        for joint in embedded(path, "data")["explained"]:
+            assert joint["ranked"] == sorted(joint["ranked"])
+            assert all(joint["terms"][k]["of"] for k in joint["ranked"])
+
+
+def test_the_mirrored_lines_are_the_formulas_that_act():
+    policy = load_student("trot", "page")
+    assert isinstance(policy, FormulaPolicy)
+    own = file_lines(policy, 2)
+    file, read = policy.to_file(), set()
+    for state, joints in enumerate(own["mirrored"]):
+        for joint, lines in enumerate(joints):
+            if lines is not None:
+                place = (joint,) if file.n_states is None else (state, joint)
+                assert lines == formula_lines(file, place)
+                assert lines[0].startswith(f"{robot.JOINTS[joint]} = ")
+                read.add(place)
+    assert read == set(file.formulas) - set(file.written())
+    assert read
 
 
 def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):

@@ -12,18 +12,24 @@ from queue import Empty, Queue
 import numpy as np
 import pytest
 import yaml
+from pydrake.systems.analysis import Simulator
 
 import glassgait.studies.rollout.command
 import glassgait.studies.rollout.live
 from glassgait.diagrams.commands import SliderCommand
+from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
+from glassgait.studies.figures import save_figure
 from glassgait.studies.rollout.live import play_live
-from glassgait.studies.rollouts.gait_figure import gait_figure
+from glassgait.studies.rollouts.gait_figure import gait_figure, session_figure
+from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
@@ -136,6 +142,29 @@ def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, t
     assert (tmp_path / "expert_alone_changing.html").exists()
 
 
+def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_marked(browser):
+    meshcat = open_meshcat()
+    meshcat.AddButton("stop and save", "Escape")
+    gaits = [load_gait(name) for name in ("trot", "bound", "pace")]
+    simulator = Simulator(MeshcatGaitRequest(gaits, meshcat))
+    browser.set_window_size(480, 400)
+    browser.get(meshcat.web_url())
+
+    def labels():
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
+        found = browser.find_elements("css selector", ".dg .function .property-name")
+        shown = [label.get_attribute("textContent") for label in found]
+        return shown[shown.index("stop and save") :] if "stop and save" in shown else []
+
+    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
+    browser.find_element("xpath", "//*[text()='Open Controls']").click()
+    press(browser, "bound")
+    eventually(lambda: labels() == ["stop and save", "trot", "bound *", "pace"])
+    press(browser, "bound *")
+    press(browser, "trot")
+    eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
+
+
 def running(browser):
     """Reads which states of the machine the beacon above the trunk shows."""
     return set(
@@ -220,6 +249,32 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
 def test_bad_settings_are_told_before_anything_is_written(refused, tmp_path, arguments, message):
     assert message in refused(["rollout", *arguments, "--output", str(tmp_path / "shown")])
     assert not (tmp_path / "shown").exists()
+
+
+def test_a_session_of_several_gaits_has_a_whole_diagram_of_each_that_ran(tmp_path):
+    switch = GaitSwitch([load_gait(name) for name in ("trot", "bound", "pace", "walk")])
+    # 3 s of trot, 2 s of walk, 0.2 s of trot; the walk has the last four of ten states.
+    states = np.repeat([0, 1, 6, 7, 8, 9, 1], [75, 75, 25, 25, 25, 25, 10])
+    values = {"rm_state": np.eye(10)[states], "foot_contact": np.ones((260, 4))}
+    rollout = Rollout(np.linspace(0.0, 5.18, 260), values)
+    figure = session_figure(rollout, switch, "session")
+    top, *rows = figure.axes
+    assert [label.get_text() for label in top.get_yticklabels()] == [
+        "trot",
+        "bound",
+        "pace",
+        "walk",
+    ]
+    assert [axes.get_title() for axes in rows] == ["trot", "walk"]
+    legends = [legend for axes in rows if (legend := axes.get_legend())]
+    names = [[text.get_text() for text in legend.get_texts()] for legend in legends]
+    assert names == [["contact", "q0", "q1"], ["contact", "q0", "q1", "q2", "q3"]]
+    np.testing.assert_allclose([axes.get_xlim() for axes in rows], [(1.0, 3.0), (3.0, 5.0)])
+    save_figure(figure, tmp_path / "session", ("png",))
+    for legend in legends:
+        box = legend.get_window_extent()
+        assert figure.bbox.y0 <= box.y0
+        assert box.y1 <= figure.bbox.y1
 
 
 @pytest.fixture

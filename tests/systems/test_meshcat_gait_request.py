@@ -26,9 +26,11 @@ def packed(*words):
 
 
 def click(meshcat, *gaits):
-    """Does what a browser does when a person clicks."""
+    """Does what a browser does when a person clicks, on whichever label the gait's button has."""
+    shown = meshcat.GetButtonNames()
     for gait in gaits:
-        message = packed("type", "button", "name", gait_button(gait))
+        label = next(own for own in shown if own in (gait_button(gait), gait_button(gait, True)))
+        message = packed("type", "button", "name", label)
         meshcat._InjectWebsocketMessage(message=message)
 
 
@@ -42,8 +44,24 @@ def test_ports(port_sizes, meshcat):
 
 def test_every_gait_has_a_button(meshcat):
     MeshcatGaitRequest(GAITS, meshcat)
-    for name in ("walk", "trot", "half-bound"):
+    for name in ("walk *", "trot", "half-bound"):
         assert meshcat.GetButtonClicks(name) == 0
+
+
+def test_the_requested_gait_alone_is_marked(meshcat, latch):
+    system = MeshcatGaitRequest(GAITS, meshcat)
+    context = system.CreateDefaultContext()
+    # Meshcat gives the names sorted: in which order they show, a browser says.
+    for gait, labels in (
+        (GAITS[2], {"walk", "trot", "half-bound *"}),
+        (GAITS[1], {"walk", "trot *", "half-bound"}),
+        (GAITS[1], {"walk", "trot *", "half-bound"}),
+    ):
+        click(meshcat, gait)
+        latch(system, context)
+        assert set(meshcat.GetButtonNames()) == labels
+    latch(system, system.CreateDefaultContext())
+    assert set(meshcat.GetButtonNames()) == {"walk *", "trot", "half-bound"}
 
 
 def test_the_gait_of_the_button_is_requested_from_the_next_control_instant_on(meshcat, latch):

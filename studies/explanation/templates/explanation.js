@@ -127,14 +127,28 @@ function showFile() {
   const state = data.state[view.step], [first, end] = data.file.acting[state][view.joint];
   [...at("file").children].forEach((line, k) =>
     line.classList.toggle("acting", k >= first && k < end));
-  at("mirrored").textContent = data.file.mirrored[state][view.joint]
-    ? "; what acts is their mirror image, left and right exchanged." : ".";
+  const image = data.file.mirrored[state][view.joint];
+  at("image").hidden = !image;
+  at("image-of").textContent = `${shownJoint(view.joint)} in ${data.states[state]}`;
+  at("image-lines").textContent = image ? image.join("\n") : "";
   const file = at("file"), line = file.children[first];
   file.scrollTop = line.offsetTop - file.offsetTop - file.clientHeight / 3;
 }
 
+// The figures are of one joint alone; of another one the page has none.
+function showFigures() {
+  if (data.figures === null) return;
+  const other = data.figures !== view.joint;
+  at("figures").hidden = other;
+  at("other-figures").hidden = !other;
+  at("other-figures").textContent = `These are figures of ${shownJoint(data.figures)} at the step the page was made for; `
+    + `glassgait explain --joint ${data.joints[view.joint]} draws those of ${shownJoint(view.joint)}.`;
+}
+
 function showGlobal() {
   const own = data.explained[view.joint];
+  at("global-which").textContent = own.moving > own.ranked.length
+    ? `The ${own.ranked.length} of ${own.moving} terms that swing most. ` : "";
   at("global-title").textContent = `${shownJoint(view.joint)}: what moves it over the rollout`;
   const table = head(at("global"), ["term"], ["swing", "number"], [""]);
   const most = Math.max(...own.importance, 1e-9);
@@ -230,7 +244,7 @@ at("gait").addEventListener("click", event => {
   go(Math.round(((event.clientX - box.left) * 640 / box.width - left) / width * last));
 });
 data.joints.forEach((name, k) => at("joint").add(new Option(shownJoint(k), k)));
-function showAll() { at("joint").value = view.joint; show(); showGlobal(); }
+function showAll() { at("joint").value = view.joint; show(); showGlobal(); showFigures(); }
 at("joint").addEventListener("change", event => {
   view.joint = Number(event.target.value); showAll(); write();
 });
