@@ -50,9 +50,9 @@ class Claim(Settings):
         name: What it says, in words.
         kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
             `torque`: the torque at rest that targets ask for stays within `most` N·m, by default
-            the motors' limit. `never`: a target never rises (or falls) as an observation rises, or by
-            `most` rad for each of its units at most.
-            `effect`: an observation alone moves a target by `most` rad at most. `independent`:
+            the motors' limit. `never`: a target never rises (or falls) as an observation rises, or
+            by `most` rad for each of its units at most. `effect`: an observation alone moves a
+            target by `most` rad at most. `independent`:
             targets do not depend on observations. `mirror`: left and right are treated alike.
             `change`: where observations change by `changes`, the squared change of the action stays
             within `most`, by default the bound beyond which an episode ends.

@@ -85,8 +85,8 @@ class AlternatingPolicy:
 
         They do if the expert learned so, and if a student acts alone that is to be run so.
         """
-        alone = self.acting_expert is None and self.student is not None
-        return self.expert.limits_targets or (alone and self.student.limits_targets)
+        student = self.student if self.acting_expert is None else None
+        return self.expert.limits_targets or (student is not None and student.limits_targets)
 
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
