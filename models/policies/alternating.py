@@ -85,7 +85,7 @@ class AlternatingPolicy:
 
         They do if the expert learned so, and if a student acts alone that is to be run so.
         """
-        student = self.student if self.acting_expert is None else None
+        student = self.student if self.period == 0 else None
         return self.expert.limits_targets or (student is not None and student.limits_targets)
 
     def settings(self) -> dict[str, Any]:

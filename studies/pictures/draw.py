@@ -92,7 +92,7 @@ def loop_svg(gait: Gait) -> str:
 
 
 def _without_exports(dot: str) -> str:
-    """Leaves out exported outputs, the plant's unused ones, and module names: they hide the loop."""
+    """Leaves out exported outputs, the plant's unused ports, and module names."""
     dot = re.sub(r"^.*\[color=green\];\n", "", dot, flags=re.MULTILINE)
     dot = re.sub(r"subgraph clusters\d+out \{.*?^\}\n", "", dot, flags=re.DOTALL | re.MULTILINE)
     dot = re.sub(r"glassgait\.systems\.\w+\.", "", dot)

@@ -56,7 +56,9 @@ def test_either_engine_follows_the_nearest_targets_within_the_joints_ranges(
         pytest.importorskip("mujoco")
     task = TaskConfig(trot, NOMINAL, limit_targets=limited)
     physics = make_physics(StationConfig(time_step=0.01, engine=engine))
-    simulator = BatchSimulator(task, physics, n_robots=3, generator=np.random.default_rng(0))
+    simulator = BatchSimulator(
+        task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
+    )
     asked = generator.normal(size=(3, 12), scale=6.0)
     before = simulator.state.plant
     targets = robot.joint_targets(asked)

@@ -47,6 +47,7 @@ def batch(switch, policy, scenario, n_robots=1, seed=0):
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=policy.estimator,
+        policy=policy,
     )
 
 

@@ -93,9 +93,8 @@ def test_opening_meshcat_says_nothing_and_leaves_drakes_log_as_it_is(caplog):
 
 def test_sliders_command_the_robot(trot, make_policy):
     meshcat = open_meshcat()
-    diagram = MakeLocomotion(
-        trot, Scenario(command=SliderCommand()), policy=make_policy(trot), meshcat=meshcat
-    )
+    scenario = Scenario(command=SliderCommand(), true_body_state=True)
+    diagram = MakeLocomotion(trot, scenario, policy=make_policy(trot), meshcat=meshcat)
     simulator = make_simulator(diagram)
     meshcat.SetSliderValue(SPEED_SLIDER, -0.3)
     rollout = record(simulator, 2, stop_on_failure=False)

@@ -105,7 +105,7 @@ def move_split_out(content, generator):
 
 def leave_out_what_proves(content, generator):
     proved = [own for own in content["statements"] if own["of"] in ("slope", "effect")]
-    needed = [own for own in proved if own.get("observation", "").startswith("a.")]
+    needed = [own for own in proved if own.get("observation", "").startswith("dq.")]
     content["statements"].remove(needed[generator.integers(len(needed))])
 
 

@@ -151,7 +151,7 @@ def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
         np_less(low, high)
         and (high - low)[velocities].sum() < (shipped[1] - shipped[0])[velocities].sum()
     )
-    assert "2 robots a world" in found.measured
+    assert "2 robots a scenario" in found.measured
 
 
 def np_less(low, high) -> bool:
