@@ -51,8 +51,8 @@ class Claim(Settings):
         kind: `limits`: targets stay from `least` to `most` rad, by default in the joints' ranges.
             `torque`: the torque at rest that targets ask for stays within `most` N·m, by default
             the motors' limit. `never`: a target never rises (or falls) as an observation rises, or
-            by `most` rad for each of its units at most. `effect`: an observation alone moves a
-            target by `most` rad at most. `independent`:
+            by `most` rad for each of its units at most; any step of a table or a tree breaks it.
+            `effect`: an observation alone moves a target by `most` rad at most. `independent`:
             targets do not depend on observations. `mirror`: left and right are treated alike.
             `change`: where observations change by `changes`, the squared change of the action stays
             within `most`, by default the bound beyond which an episode ends.
@@ -97,6 +97,9 @@ class Claim(Settings):
         for key in ("stuck", "observations", "never", "least", "most", "changes"):
             if getattr(self, key) not in ((), None, {}) and key not in _ALLOWED[self.kind]:
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
+
+        if self.kind != "limits" and self.most is not None and self.most < 0.0:
+            raise InputError(f"most is {self.most:g}; give 0 or more")
 
         if self.least is not None and self.most is not None and self.least > self.most:
             raise InputError(
@@ -160,6 +163,12 @@ class Claim(Settings):
             raise InputError(
                 f"{self.refused_as()}: {claimed[0]} is a state of the machine, and each state is "
                 "decided by itself; name other observations"
+            )
+        counted = [entry.symbol for entry in entries if "iterations" in entry.group]
+        if self.kind == "never" and (sloped := sorted({*self.observations} & {*counted})):
+            raise InputError(
+                f"{self.refused_as()}: {sloped[0]} counts control steps and has no slope; claim an "
+                "effect of it"
             )
         symbols = [entry.symbol for entry in entries if entry.symbol not in states]
         kinds = {symbol.partition(".")[0] for symbol in symbols} - {"cmd"}

@@ -10,6 +10,7 @@ from glassgait.models.a1 import robot
 from glassgait.models.a1.robot import Array
 from glassgait.models.certificates.changes import largest_change, widest_change
 from glassgait.models.certificates.claims import Claim
+from glassgait.models.certificates.formula_targets import FormulaTargets
 from glassgait.models.certificates.maximum import Region
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
@@ -215,8 +216,14 @@ class Prover:
                 return [(Question("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
-        limit = claim.most or 0.0
+        # Tables and trees have steps, of which each is steeper than any slope.
+        steps = claim.kind == "never" and not isinstance(self.targets, FormulaTargets)
+        limit = 0.0 if steps else claim.most or 0.0
         used = self.targets.used(state, joint)
+        if claim.kind == "never":
+            place = Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
+            region = self.region(place, state)
+            used &= frozenset(np.flatnonzero(region.lower < region.upper).tolist())
         return [
             (Question(of, state, joint, sign, index), limit)
             for index in claim.observations_of(joint, self.symbols)

@@ -17,6 +17,8 @@ from glassgait.models.certificates.checker.tables import Tables, Trees, greatest
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.observation_box import operating_box
 from glassgait.models.certificates.prover import Prover
+from glassgait.models.errors import InputError
+from glassgait.models.files import digest
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.quantities import RobotUnits
@@ -219,3 +221,73 @@ def test_the_greatest_sum_is_the_greatest_of_all(generator):
 def test_a_sum_that_is_too_large_is_tried_label_by_label(generator, monkeypatch):
     monkeypatch.setattr("glassgait.models.certificates.checker.tables.LARGEST", 8)
     test_the_greatest_sum_is_the_greatest_of_all(generator)
+
+
+def forged(certified, folder, change, header=None):
+    """Returns the message with which a policy of changed arrays is refused."""
+    _, path, content = certified
+    data = path.read_bytes()
+    size = int.from_bytes(data[:8], "little")
+    told = json.loads(data[8 : 8 + size])
+    told["__metadata__"]["header"] = json.dumps(
+        json.loads(told["__metadata__"]["header"]) | (header or {})
+    )
+    change(told)
+    text = json.dumps(told).encode()
+    other = folder / path.name
+    other.write_bytes(len(text).to_bytes(8, "little") + text + data[8 + size :])
+    content = json.loads(json.dumps(content))
+    content["policy"]["sha256"] = digest(other)
+    with pytest.raises(RefusedError) as refused:
+        checked(content, other, folder)
+    return str(refused.value)
+
+
+def test_a_policy_that_observes_in_another_order_is_refused(certified, tmp_path):
+    names = list(NAMES)
+    names[0], names[1] = names[1], names[0]
+    told = forged(certified, tmp_path, lambda told: None, {"observation_names": names})
+    assert told == "the policy observes other things"
+
+
+def test_arrays_that_overlap_are_refused(certified, tmp_path):
+    def overlap(told):
+        own = next(own for name, own in told.items() if name != "intercepts" and "shape" in own)
+        start = own["data_offsets"][0]
+        width = own["data_offsets"][1] - start
+        own["data_offsets"] = [start - 8, start - 8 + width] if start else [8, 8 + width]
+
+    assert forged(certified, tmp_path, overlap) == "the policy's arrays overlap"
+
+
+def test_a_pair_of_one_observation_is_none():
+    policy = tables(np.random.default_rng(3))
+    arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
+    arrays["pairs"][0] = 7
+    with pytest.raises(RefusedError, match="a pair is of one observation"):
+        Tables(arrays, 2)
+    with pytest.raises(InputError, match="a pair is of one observation"):
+        AdditivePolicy("trot", NAMES, **arrays)
+
+
+def test_trees_without_questions_and_thresholds_between_numbers_are_refused():
+    policy = trees(np.random.default_rng(3))
+    arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
+    bare = arrays | {"features": arrays["features"][..., :0], "leaves": arrays["leaves"][..., :2]}
+    with pytest.raises(RefusedError, match="not complete"):
+        Trees(bare, 2)
+    del arrays["thresholds"]
+    between = np.full_like(policy.thresholds, 1.0 + 2.0**-40)
+    with pytest.raises(RefusedError, match="no number of single precision"):
+        Trees(arrays | {"thresholds_lower_neighbours": between}, 2)
+
+
+def test_any_step_of_a_table_breaks_the_claim_that_it_never_rises(certified):
+    policy, _, _ = certified
+    values = {"joints": ("FL_hip",), "observations": ("dq.own",), "never": "rises"}
+    strict, loose = (
+        Prover(policy, GAIT).decide(Claim("damped", "never", most=most, **values))
+        for most in (None, 100.0)
+    )
+    assert strict is not None and loose is not None
+    assert strict.outcome == loose.outcome != "proved"

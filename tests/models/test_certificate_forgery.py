@@ -444,6 +444,24 @@ def name_a_path(content):
     content["gait"] = "/work/trot"
 
 
+def claim_a_slope_of_counts(content):
+    shipped_claim(content, "never", "proved")["observations"] = ["t"]
+
+
+def bound_a_slope_of_counts(content):
+    own = next(own for own in content["statements"] if own["of"] == "slope")
+    own["observation"] = "t"
+
+
+def claim_less_than_nothing(content):
+    shipped_claim(content, "effect", "proved")["most"] = -1.0
+
+
+def count_beyond_the_gait(content):
+    for box in content["boxes"].values():
+        box["t"] = [0.0, 60000.0]
+
+
 def hold_a_huge_number(content):
     shipped_claim(content, "limits", "proved")["most"] = 10**400
 
@@ -468,6 +486,10 @@ FALSE = (
     forget_never,
     say_truth_for_a_number,
     name_a_path,
+    claim_a_slope_of_counts,
+    bound_a_slope_of_counts,
+    claim_less_than_nothing,
+    count_beyond_the_gait,
     hold_a_huge_number,
 )
 
@@ -509,3 +531,45 @@ def test_states_of_the_machine_are_no_observations_of_a_claim():
     ):
         with pytest.raises(InputError, match="state of the machine"):
             prover.decide(Claim("states", **values))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("states: &a [q0, q1]\nfaults: *a", "aliases"),
+        ("states: [q1, q0]", "not the trot that ships"),
+    ],
+)
+def test_refuses_another_gait_of_the_name(tmp_path, text, told):
+    path = tmp_path / "trot.yaml"
+    path.write_text(text)
+    certificate_path = tmp_path / "certificate.json"
+    certificate_path.write_text(certificate_text(json.loads(forged_from())))
+    with pytest.raises(RefusedError, match=told):
+        check(certificate_path, gait=path)
+    other = path.rename(tmp_path / "hop.yaml")
+    with pytest.raises(RefusedError, match="file of another gait"):
+        check(certificate_path, gait=other)
+
+
+def test_refuses_powers_of_powers(tmp_path):
+    policy = tmp_path / "page.formulas"
+    policy.write_text(attacked("(" * 30 + "3" + ")**3" * 30))
+    content = json.loads(forged_from())
+    content["policy"]["sha256"] = digest(policy)
+    with pytest.raises(RefusedError, match="multiplies too often"):
+        checked(content, policy, tmp_path)
+
+
+def test_a_mirror_is_proved_where_its_image_has_values_alone(tmp_path):
+    """The operating box need not be its own mirror image."""
+    text = attacked("0*sqrt(v.y + 0.47)")
+    policy = tmp_path / "page.formulas"
+    policy.write_text(text)
+    content = json.loads(forged_from())
+    content["policy"]["sha256"] = digest(policy)
+    claims = [own for own in content["claims"] if own["kind"] == "mirror"]
+    content |= {"claims": claims, "statements": []}
+    assert content["boxes"]["operating"]["v.y"] == [-0.4614, 0.5758]
+    with pytest.raises(RefusedError, match="sqrt may be"):
+        checked(content, policy, tmp_path)

@@ -33,6 +33,7 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
         ("claims: [{name: a, kind: mirror}, {name: a, kind: mirror}]", "two claims are called"),
         ("claims: [{name: a, kind: limits, most: .inf}]", "a finite number"),
         ("claims: [{name: a, kind: limits, least: 1, most: -1}]", "least is 1 and most is -1"),
+        ("claims: [{name: a, kind: torque, most: -1}]", "most is -1; give 0 or more"),
         ("claims: [{kind: mirror}]", "claim 1: needs the key 'name'; add it"),
     ],
 )
@@ -50,11 +51,12 @@ def test_refuses_what_is_no_claim(tmp_path, text, told):
     [
         ({"states": ("q9",)}, "has no state 'q9'"),
         ({"stuck": ("h.XX",)}, "no observation is called 'h.XX'"),
+        ({"kind": "never", "observations": ("t",), "never": "rises"}, "t counts control steps"),
     ],
 )
 def test_refuses_names_that_a_gait_does_not_know(values, told):
     with pytest.raises(InputError, match=told):
-        Claim(name="a", kind="torque", **values).refuse_unknown(load_gait("trot"))
+        Claim(**{"name": "a", "kind": "torque"} | values).refuse_unknown(load_gait("trot"))
 
 
 def test_own_quantities_are_those_of_the_joint():

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import struct
+from fractions import Fraction
 from itertools import product as ways
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from .robot import (
     Question,
     RefusedError,
     image_of,
+    observed_names,
     refuse_unless,
     symbols,
 )
@@ -63,7 +65,7 @@ def read_policy(data: bytes, kind: str, gait: str, n_states: int) -> tuple[Formu
     told, arrays = read_arrays(data)
     refuse_unless(told["gait"] == gait, "the policy is of another gait")
     refuse_unless(told["kind"] == kind, "the policy is of another kind")
-    same = len(told["observation_names"]) == len(symbols(n_states))
+    same = told["observation_names"] == observed_names(n_states)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
@@ -91,7 +93,11 @@ class Check:
             gait or (plain and shipped.is_file()),
             f"no gait {name!r} ships with the project; name its file by --gait",
         )
-        self.gait = Gait(gait or shipped)
+        path = gait or shipped
+        refuse_unless(path.stem == name, f"{path} is the file of another gait than the {name}")
+        same = not (gait and plain and shipped.is_file()) or read_yaml(path) == read_yaml(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
+        self.gait = Gait(path)
         states = self.gait.states
         refuse_unless(self.told["states"] == states, f"the {name} has other states: {states}")
         self.n_states, self.names = len(states), symbols(len(states))
@@ -153,6 +159,16 @@ class Check:
             for mine, theirs in zip(ends, boxes["physical"][name], strict=True)
         )
         refuse_unless(near, "the physical box is not what the robot and its sensors can be")
+        # Not by a hair narrower than it must be.
+        boxes["physical"] = {
+            name: [min(low, boxes["physical"][name][0]), max(high, boxes["physical"][name][1])]
+            for name, (low, high) in expected.items()
+        }
+        for name in COUNTED:
+            low, high = self.gait.limits(name)
+            ends = boxes["operating"][name]
+            whole = all(end == int(end) and low <= end <= high for end in ends)
+            refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
 
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
@@ -217,6 +233,8 @@ class Check:
         sensed = self.names_sensed()
         moved = asked.of in ("slope", "effect")
         refuse_unless(name in sensed if moved else name is None, f"{told}: of no observation")
+        counted = asked.of == "slope" and name in COUNTED
+        refuse_unless(not counted, f"{told}: {name} counts steps, and has no slope")
         refuse_unless(own["box"] in BOXES, f"{told}: there is no such box")
         refuse_unless(
             isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
@@ -263,6 +281,14 @@ class Check:
                 f"{claim['name']}: its witness is not where the claim is made",
             )
             scope = [own for own in scope if own[0] == state] if outcome == "refuted" else scope
+        counts = {"effect": 2, "independent": 2, "change": 2}
+        if kind == "never" and isinstance(self.targets, Tables):
+            counts["never"] = 2
+        needed = counts.get(kind, 1) if outcome == "refuted" else 0
+        refuse_unless(
+            len(points) == needed,
+            f"{claim['name']}: has {len(points)} witnesses, where {needed} decide it",
+        )
         decide = {"independent": self.depends, "mirror": self.lopsided, "change": self.abrupt}
         breaks = decide.get(kind, self.exceeds)
         right = outcome == "undecided"
@@ -283,9 +309,14 @@ class Check:
                 return [(own._replace(of="offset"), most) for own in (up, down)]
         asked = down if claim.get("never") == "falls" else up
         asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
-        most = claim.get("most", 0.0)
+        # Tables and trees have steps, of which each is steeper than any slope.
+        steps = claim["kind"] == "never" and isinstance(self.targets, Tables)
+        most = 0.0 if steps else claim.get("most", 0.0)
         used = self.targets.used(state, joint)
         names = [name for name in observations(claim, joint) if name in used]
+        if claim["kind"] == "never":
+            box = self.box(claim.get("box", "operating"), claim.get("stuck", []), state)
+            names = [name for name in names if box[name][0] < box[name][1]]
         return [(asked._replace(name=name), most) for name in names]
 
     def exceeds(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
@@ -327,8 +358,16 @@ class Check:
         refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
             theirs, turn = image_of(joint, image)
+            where = claim.get("box", "operating")
             for own in ((state, joint), (image[state], theirs)):
-                self.error(Question("target", *own, 1), claim.get("box", "operating"), [])
+                self.error(Question("target", *own, 1), where, [])
+            # What is seen in the mirror need not lie in the box.
+            seen = self.box(where, [], state)
+            there = {}
+            for name, (low, high) in seen.items():
+                new, sign = image_of(name, image)
+                there[new] = (low, high) if sign > 0 else (-high, -low)
+            self.targets.rounding(image[state], theirs, there)
             if not points and not self.targets.is_mirrored(state, joint, image):
                 return True
             if points:
@@ -348,7 +387,8 @@ class Check:
             kind = name.partition(".")[0]
             by[name] = changes.get(name, 0.0 if kind == "cmd" else changes.get(kind, 0.0))
         if points:
-            near = all(abs(points[0][k] - points[1][k]) <= by[k] + SLACK for k in by)
+            pairs = [(Fraction(points[0][k]), Fraction(points[1][k]), Fraction(by[k])) for k in by]
+            near = all(abs(one - other) <= most for one, other, most in pairs)
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
         squares = dict.fromkeys((state for state, _ in scope), 0.0)
         for state, joint in scope:

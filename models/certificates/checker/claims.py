@@ -4,7 +4,7 @@ import math
 import re
 from typing import Any
 
-from .robot import JOINTS, refuse_unless
+from .robot import COUNTED, JOINTS, refuse_unless
 
 OUTCOMES = ("proved", "refuted", "undecided")
 BOXES = ("operating", "physical")
@@ -63,6 +63,10 @@ def check_keys(claim: Any, states: list[str], names: list[str]) -> None:
     needed = {*WRITTEN, *NEEDED[kind]}
     known = {*needed, *SCOPE, *ALLOWED[kind]}
     refuse_unless(needed <= {*claim}, f"{told}: lacks the keys {sorted(needed - {*claim})}")
+    unsigned = kind in ("limits",) or claim.get("most", 0.0) >= 0.0
+    refuse_unless(unsigned, f"{told}: its 'most' is below 0")
+    counted = kind == "never" and {*claim["observations"]} & {*COUNTED}
+    refuse_unless(not counted, f"{told}: counts of steps have no slope; claim an effect")
     refuse_unless({*claim} <= known, f"{told}: has keys of no use, {sorted({*claim} - known)}")
     own = [*names, *(f"{kind}.own" for kind in ("q", "dq", "a"))]
     kinds = {name.partition(".")[0] for name in names} - {"cmd"}

@@ -35,8 +35,11 @@ def read_json(data: bytes) -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """Reads plain values."""
-    return yaml.safe_load(read_bytes(path, MOST_BYTES // 1000))
+    """Reads plain values; aliases, which unfold to gigabytes, are refused."""
+    data = read_bytes(path, MOST_BYTES // 1000)
+    named = any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data))
+    refuse_unless(not named, f"{path} holds aliases")
+    return yaml.safe_load(data)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from .text import FormulaText, Node
 
 ctx.prec = 96
 
-MOST_FUNCTIONS, MOST_TERMS, MOST_CORNERS = 100, 20_000, 10
+MOST_FUNCTIONS, MOST_TERMS, MOST_CORNERS, MOST_FACTORS = 100, 4_000, 10, 100
 OPERATORS = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
 
 Span = tuple[arb, arb]
@@ -90,6 +90,7 @@ class Formulas:
         return self.known[node]
 
     def combined(self, node: Node, parts: list[fmpq_mpoly]) -> fmpq_mpoly:
+        refuse_unless(node.degree <= MOST_FACTORS, "a formula multiplies too often")
         match node.operator, parts:
             case "constant", _:
                 return self.ring.constant(exact(node.value))
@@ -142,7 +143,7 @@ class Formulas:
     def used(self, state: int, joint: str) -> set[str]:
         """Returns the quantities that a target is written with, also those that cancel out."""
         if (state, joint) in self.written:
-            return self.written[state, joint].names()
+            return set(self.written[state, joint].names)
         return {name for name, weight in self.weights[state, joint].items() if name and weight}
 
     def rounding(self, state: int, joint: str, box: Box) -> arb:
@@ -241,6 +242,7 @@ class Formulas:
     def cell_bound(self, plan: tuple[list, list], box: Box) -> arb:
         """Bounds a sum over a cell, its factors taken for independent: affine in each."""
         corners, groups = plan
+        self.spans: dict[str, Span] = {}
         spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in groups]
         greatest = arb("-inf")
         for ends in ways(*(self.power(own, box) for own in corners)):
@@ -259,7 +261,12 @@ class Formulas:
         return hull([*ends, arb(0)] if power % 2 == 0 and holds_zero else ends)
 
     def ranged(self, name: str, box: Box) -> Span:
-        """Bounds a variable over a cell."""
+        """Bounds a variable over a cell, once."""
+        if name not in self.spans:
+            self.spans[name] = self.bounded(name, box)
+        return self.spans[name]
+
+    def bounded(self, name: str, box: Box) -> Span:
         if name not in self.inner:
             return arb(box[name][0]), arb(box[name][1])
         function, inner = self.inner[name]

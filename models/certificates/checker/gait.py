@@ -22,7 +22,9 @@ from .robot import (
     refuse_unless,
     symbols,
 )
-from .text import is_involution
+from .text import MOST_STATES, is_involution
+
+MOST_CHARACTERS = 1000
 
 STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), repeat=len(LEGS))]
 """All ways to touch the ground."""
@@ -39,7 +41,13 @@ class Gait:
     def __init__(self, path: Path) -> None:
         self.said = read_yaml(path)
         refuse_unless(isinstance(self.said, dict), f"{path} is no gait file")
-        self.states: list[str] = self.said["states"]
+        states, edges = self.said["states"], self.said["transitions"]
+        plain = isinstance(states, list) and all(isinstance(own, str) for own in states)
+        refuse_unless(plain and 0 < len(states) <= MOST_STATES, f"{path} names no states")
+        short = isinstance(edges, list) and len(edges) <= MOST_STATES * len(STANCES)
+        short = short and all(len(str(edge["when"])) <= MOST_CHARACTERS for edge in edges)
+        refuse_unless(short, f"{path} holds too much for a gait")
+        self.states: list[str] = states
 
     def mirrors(self, image: list[int] | None) -> bool:
         """Returns whether the machine in the mirror is the machine with its states renamed so.

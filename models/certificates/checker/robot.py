@@ -43,6 +43,17 @@ def symbols(n_states: int) -> list[str]:
     return ["cmd.v", "cmd.yaw", *of_joints, *(f"s{i}" for i in range(n_states)), *last]
 
 
+def observed_names(n_states: int) -> list[str]:
+    """Names the observations as policies of arrays do, in their order."""
+    titles = [f"{leg} {part.capitalize()}" for leg in LEGS for part in PARTS]
+    of_joints = [
+        f"{kind} {title}" for kind in ("DoF Pos", "DoF Vel", "Prev Action") for title in titles
+    ]
+    states = [f"RM State {i}" for i in range(n_states)]
+    last = [f"Base Lin Vel {axis}" for axis in "XYZ"] + [f"Foot Height {leg}" for leg in LEGS]
+    return ["Command X", "Command Yaw", *of_joints, *states, "RM Iters", "Command RM Iters", *last]
+
+
 def units(name: str) -> tuple[float, float]:
     """Returns scale and offset of a quantity: it is observed as (quantity - offset) * scale."""
     kind, _, joint = name.partition(".")

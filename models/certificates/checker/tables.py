@@ -7,6 +7,7 @@ up can make. Cuts count as met within `NEAR`.
 import json
 import math
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from .robot import (
 )
 from .rounding import of_sum
 
-NEAR, LARGEST = 1e-12, 2**23
+NEAR, LARGEST, MOST_BRANCHES = 1e-12, 2**23, 100
 
 Table = tuple[tuple[int, ...], Any]
 """Labels that a table is of, and its values, an axis a label."""
@@ -36,6 +37,10 @@ def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     (size,) = struct.unpack("<Q", data[:8])
     header = json.loads(data[8 : 8 + size])
     told, arrays = json.loads(header.pop("__metadata__")["header"]), {}
+    places = sorted(own["data_offsets"] for own in header.values())
+    ends = [0, *(end for _, end in places)]
+    tiled = all(start == before for (start, _), before in zip(places, ends, strict=False))
+    refuse_unless(tiled and ends[-1] == len(data) - 8 - size, "the policy's arrays overlap")
     for name, own in header.items():
         start, end = own["data_offsets"]
         kind = {"F64": "<f8", "F32": "<f4", "F16": "<f2", "U8": "|u1", "I32": "<i4", "I64": "<i8"}
@@ -52,6 +57,8 @@ class Tables:
         self.arrays, self.names = arrays, symbols(n_states)
         sound = all(np.isfinite(own).all() for name, own in arrays.items() if name in self.summed)
         refuse_unless(sound, "the policy holds what is no number")
+        twice = arrays.get("pairs", np.zeros((0, 2)))
+        refuse_unless((twice[:, 0] != twice[:, 1]).all(), "a pair is of one observation")
 
     summed = ("tables", "pair_tables", "intercepts")
     """Arrays of what is added up."""
@@ -98,7 +105,8 @@ class Tables:
             # Policies observe a count as this very product.
             first = last = np.arange(math.ceil(low), math.floor(high) + 1.0) * scale
         else:
-            low, high = (low - offset) * scale - NEAR, (high - offset) * scale + NEAR
+            low, high = (low - offset) * scale, (high - offset) * scale
+            low, high = low - near(low), high + near(high)
             cuts = np.concatenate([fine, coarse])
             first = np.unique([low, *cuts[(cuts > low) & (cuts <= high)]])
             last = np.append(first[1:], high)
@@ -154,8 +162,21 @@ class Tables:
         return max(self.change(one, box, most) for one in asked)
 
 
-def greatest_sum(tables: list[Table], sizes: list[int]) -> float:
-    """Returns the greatest sum of tables, by eliminating one label after another."""
+def near(value: Any) -> Any:
+    """Returns by how much a cut may be missed: rounding of what is observed, and of the cut."""
+    return NEAR + 2.0**-50 * np.where(np.isfinite(value), np.abs(value), 0.0)
+
+
+def greatest_sum(
+    tables: list[Table], sizes: list[int], budget: Iterator[int] | None = None
+) -> float:
+    """Returns the greatest sum of tables, by eliminating one label after another.
+
+    Raises:
+        RefusedError: if more than `MOST_BRANCHES` ways must be tried.
+    """
+    budget = budget or iter(range(MOST_BRANCHES))
+    refuse_unless(next(budget, None) is not None, "too many tables meet to be checked")
     while labels := {label for axes, _ in tables for label in axes}:
         met = {own: {x for axes, _ in tables if own in axes for x in axes} for own in labels}
         cost = {own: math.prod(sizes[label] for label in met[own]) for own in labels}
@@ -163,7 +184,7 @@ def greatest_sum(tables: list[Table], sizes: list[int]) -> float:
         if cost[label] > LARGEST:
             label = max(labels, key=lambda own: (len(met[own]), own))
             cut = [[held(table, label, value) for table in tables] for value in range(sizes[label])]
-            return max(greatest_sum(own, sizes) for own in cut)
+            return max(greatest_sum(own, sizes, budget) for own in cut)
         order = [*sorted(met[label] - {label}), label]
         whole = np.zeros([1] * len(order))
         for axes, values in (table for table in tables if label in table[0]):
@@ -187,10 +208,15 @@ class Trees(Tables):
 
     def __init__(self, arrays: dict[str, Any], n_states: int) -> None:
         super().__init__(arrays, n_states)
+        nodes, leaves = arrays["features"].shape[-1], arrays["leaves"].shape[-1]
+        whole = leaves == nodes + 1 and leaves >= 2 and leaves & nodes == 0
+        refuse_unless(whole, "the policy's trees are not complete")
         # A file may hold the number of single precision below a cut, which is halfway to the next.
         stored = "thresholds" in arrays
         below = above = arrays["thresholds" if stored else "thresholds_lower_neighbours"]
         if not stored:
+            single = below.astype(np.float32).astype(float) == below
+            refuse_unless(single.all(), "a threshold is no number of single precision")
             above = np.nextafter(below.astype(np.float32), np.float32(np.inf)).astype(float)
         self.cuts = 0.5 * below + 0.5 * above
         refuse_unless(not np.isnan(self.cuts).any(), "the policy holds what is no number")
@@ -211,8 +237,9 @@ class Trees(Tables):
         features, leaves = self.arrays["features"][joint], self.arrays["leaves"][joint]
         scaled = [(np.array(box[name]) - units(name)[1]) * units(name)[0] for name in self.names]
         lower, upper = np.array(scaled).T
-        left = lower[features] <= self.cuts[joint] + NEAR
-        right = upper[features] > self.cuts[joint] - NEAR
+        cuts = self.cuts[joint]
+        left = lower[features] <= cuts + near(cuts)
+        right = upper[features] > cuts - near(cuts)
         reached = np.ones((len(features), 1), dtype=bool)
         while reached.shape[1] < leaves.shape[1]:
             nodes = slice(reached.shape[1] - 1, 2 * reached.shape[1] - 1)

@@ -7,6 +7,7 @@ one that robots act by, and refuses what that one refuses.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from keyword import iskeyword
 
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
@@ -38,6 +39,7 @@ class Node:
         name: The quantity, of a variable.
         depth: Nodes from here down to the lowest.
         size: Nodes from here down.
+        degree: Factors of its longest product, numbers included.
     """
 
     operator: str
@@ -46,21 +48,33 @@ class Node:
     name: str = ""
     depth: int = field(init=False)
     size: int = field(init=False)
+    degree: int = field(init=False)
 
     def __post_init__(self) -> None:
+        degrees = [own.degree for own in self.parts] or [1]
+        products = {"mul": sum(degrees), "square": 2 * degrees[0], "cube": 3 * degrees[0]}
+        whole = 1 if self.operator in FUNCTIONS else max(degrees)
+        object.__setattr__(self, "degree", products.get(self.operator, whole))
         object.__setattr__(self, "depth", 1 + max((own.depth for own in self.parts), default=0))
         object.__setattr__(self, "size", 1 + sum(own.size for own in self.parts))
 
-    def replaced(self, images: dict[str, "Node"]) -> "Node":
-        """Puts formulas in the place of variables."""
+    def replaced(
+        self, images: dict[str, "Node"], known: dict["Node", "Node"] | None = None
+    ) -> "Node":
+        """Puts formulas in the place of variables; a part that stands twice is built once."""
         if self.operator == "variable":
             return images.get(self.name, self)
-        parts = tuple(part.replaced(images) for part in self.parts)
-        return Node(self.operator, parts, self.value) if parts else self
+        known = {} if known is None else known
+        if self not in known:
+            parts = tuple(part.replaced(images, known) for part in self.parts)
+            known[self] = Node(self.operator, parts, self.value) if parts else self
+        return known[self]
 
-    def names(self) -> set[str]:
-        """Returns the variables that the formula is written with."""
-        return {self.name} if self.name else set().union(*(part.names() for part in self.parts))
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The variables that the formula is written with."""
+        own = frozenset([self.name] if self.name else [])
+        return own.union(*(part.names for part in self.parts))
 
 
 class Formula:
