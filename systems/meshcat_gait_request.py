@@ -54,9 +54,11 @@ class MeshcatGaitRequest(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         requested = state.get_mutable_discrete_state(self._requested)
         clicks = [self._meshcat.GetButtonClicks(label) for label in self._labels()]
-        for number, count in enumerate(clicks):
-            if count > self._clicks[number]:
-                requested.SetFromVector([float(number)])
+        pressed = [i for i, count in enumerate(clicks) if count > self._clicks[i]]
+        # Which of two was pressed last is not known; the gait that is requested already gives way.
+        pressed.sort(key=lambda number: number != self._active)
+        if pressed:
+            requested.SetFromVector([float(pressed[-1])])
         self._clicks = clicks
         active = int(requested.GetAtIndex(0))
         if active != self._active:

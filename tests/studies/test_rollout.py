@@ -152,8 +152,11 @@ def test_buttons_stay_where_they_are_when_pressed_and_the_requested_gait_is_mark
 
     def labels():
         simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
-        found = browser.find_elements("css selector", ".dg .function .property-name")
-        shown = [label.get_attribute("textContent") for label in found]
+        # At once: buttons are replaced meanwhile.
+        shown = browser.execute_script(
+            "return [...document.querySelectorAll('.dg .function .property-name')]"
+            ".map(label => label.textContent)"
+        )
         return shown[shown.index("stop and save") :] if "stop and save" in shown else []
 
     eventually(lambda: labels() == ["stop and save", "trot *", "bound", "pace"])
