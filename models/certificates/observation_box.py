@@ -186,8 +186,8 @@ def load_box(path: Path, gait: Gait) -> ObservationBox:
         raise InputError(f"{path}: lacks the key 'ranges'; measure the box anew")
     if (theirs := found.get("gait")) != gait.name:
         raise InputError(
-            f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or measure one "
-            f"with 'glassgait certify --gait {gait.name} --measure'"
+            f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
+            "--measure to 'glassgait certify'"
         )
     names = ObservationLayout(gait.n_states).names
     for symbol, ends in ranges.items():
@@ -217,8 +217,8 @@ def operating_box(gait: Gait, path: Path | None = None) -> ObservationBox:
     path = path or BOX_DIRECTORY / f"{gait.name}.yaml"
     if not path.exists():
         raise InputError(
-            f"{path}: there is no operating box of the {gait.name}; measure one with "
-            f"'glassgait certify --gait {gait.name} --measure'"
+            f"{path}: there is no operating box of the {gait.name}; add --measure to "
+            "'glassgait certify', or give its file by --box"
         )
     return load_box(path, gait)
 

@@ -58,6 +58,7 @@ class _Reader:
     """Takes a text line by line."""
 
     header: dict[str, str] = field(default_factory=dict)
+    lines: dict[str, int] = field(default_factory=dict)
     definitions: list[Definition] = field(default_factory=list)
     formulas: dict[Place, Expression] = field(default_factory=dict)
     names: tuple[str, ...] = ()
@@ -84,6 +85,7 @@ class _Reader:
             if key in self.header:
                 raise TextError(f"{key!r} is said twice; leave one out", line, 1)
             self.header[key] = value.strip()
+            self.lines[key] = line
         elif _is_title(bare):
             self._begin(bare, line)
         elif assigned := _STATEMENT.fullmatch(statement):
@@ -122,17 +124,25 @@ class _Reader:
                     f"the header lacks {key!r}; add a line such as {_SAID[key]}", line, 1
                 )
         if self.header["format"] != str(FORMAT):
-            raise TextError(f"is of format {shown(self.header['format'])}, not {FORMAT}", 1, 1)
+            raise TextError(
+                f"is of format {shown(self.header['format'])}, not {FORMAT}",
+                self.lines["format"],
+                1,
+            )
         if not re.fullmatch(r"\d{1,3}", self.header["states"]) or not (
             1 <= self._n_states <= MOST_STATES
         ):
-            raise TextError(f"states: must be a number from 1 to {MOST_STATES}", line, 1)
+            raise TextError(
+                f"states: must be a number from 1 to {MOST_STATES}", self.lines["states"], 1
+            )
         self.names = ObservationLayout(self._n_states).names
         self.observed = Vocabulary(self.names).symbols
         if "mirror" in self.header:
-            self.mirror = self._mirror(self.header["mirror"], line)
+            self.mirror = self._mirror(self.header["mirror"], self.lines["mirror"])
         if self.header.get("targets", LIMITED) != LIMITED:
-            raise TextError(f"targets: must be {LIMITED!r}, or be left out", line, 1)
+            raise TextError(
+                f"targets: must be {LIMITED!r}, or be left out", self.lines["targets"], 1
+            )
 
     def _mirror(self, text: str, line: int) -> tuple[int, ...]:
         images = text.split()

@@ -171,7 +171,15 @@ class Policy(ABC):
         """Returns the policy with the estimator that it was distilled with, its expert's.
 
         Files hold no estimator: a policy that was loaded from one has none until it is given one.
+
+        Raises:
+            InputError: if the expert is of another gait.
         """
+        if expert.gait != self.gait:
+            raise InputError(
+                f"the expert is of the {expert.gait} and the policy of the {self.gait}; name the "
+                f"expert of the {self.gait}"
+            )
         own = copy.copy(self)
         own.observes_by, own._estimator = expert.digest(), expert.estimator
         return own

@@ -44,7 +44,7 @@ class Check(Settings):
                 raise InputError(f"{option}: is of one certificate; name one")
         for named in self.certificates or shipped_certificates():
             path = named / CERTIFICATE_NAME if named.is_dir() else named
-            if not path.is_file():
+            if not path.exists():
                 raise InputError(f"{path}: no such file; 'glassgait certify' writes one")
             try:
                 console.print(f"{path}: {check(path, self.policy, self.gait)}")

@@ -152,6 +152,7 @@ def render_page(
         gait=gait,
         policy=policy_title(policy_name),
         joint=robot.JOINTS[joint].replace("_", " "),
+        limited=policy.limits_targets,
         additive=any(not term.weights for own in explained for term in own.products),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,

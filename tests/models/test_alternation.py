@@ -99,3 +99,8 @@ def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_e
     region = Region(names, np.zeros((2, len(names))), np.ones((2, len(names))))
     with pytest.raises(InputError, match=told):
         AssuredPolicy(other, page, region, Hysteresis(0.1, 0.05, return_steps=3))
+
+
+def test_a_policy_does_not_observe_by_an_expert_of_another_gait():
+    with pytest.raises(InputError, match="the expert is of the trot and the policy of the bound"):
+        load_student("bound", "page").with_estimator_of(load_expert("trot"))

@@ -288,15 +288,15 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"format: 1\ngait: trot\n{EVERY}", 3, "lacks 'states'"),
         (f"format: 2\ngait: trot\nstates: 2\n{EVERY}", 1, "is of format '2', not 1"),
         (f"{HEAD}gait: trot\n{EVERY}", 4, "'gait' is said twice"),
-        (f"format: 1\ngait: trot\nstates: 0\n{EVERY}", 4, "from 1 to 32"),
-        (f"format: 1\ngait: trot\nstates: 33\n{EVERY}", 4, "from 1 to 32"),
-        (f"format: 1\ngait: trot\nstates: two\n{EVERY}", 4, "from 1 to 32"),
-        (f"{HEAD}mirror: 1\n{EVERY}", 5, "mirror: must name"),
-        (f"{HEAD}mirror: 1 1\n{EVERY}", 5, "mirror: must name"),
-        (f"{HEAD}mirror: 2 1\n{EVERY}", 5, "mirror: must name"),
-        (f"{HEAD}mirror:\n{EVERY}", 5, "mirror: must name"),
-        (f"{HEAD}targets: free\n{EVERY}", 5, "targets: must be 'limited', or be left out"),
-        (f"{HEAD}targets:\n{EVERY}", 5, "targets: must be 'limited'"),
+        (f"format: 1\ngait: trot\nstates: 0\n{EVERY}", 3, "from 1 to 32"),
+        (f"format: 1\ngait: trot\nstates: 33\n{EVERY}", 3, "from 1 to 32"),
+        (f"format: 1\ngait: trot\nstates: two\n{EVERY}", 3, "from 1 to 32"),
+        (f"{HEAD}mirror: 1\n{EVERY}", 4, "mirror: must name"),
+        (f"{HEAD}mirror: 1 1\n{EVERY}", 4, "mirror: must name"),
+        (f"{HEAD}mirror: 2 1\n{EVERY}", 4, "mirror: must name"),
+        (f"{HEAD}mirror:\n{EVERY}", 4, "mirror: must name"),
+        (f"{HEAD}targets: free\n{EVERY}", 4, "targets: must be 'limited', or be left out"),
+        (f"{HEAD}targets:\n{EVERY}", 4, "targets: must be 'limited'"),
         (f"{HEAD}kind: symbolic\n{EVERY}", 4, "'kind: symbolic' is no line"),
         (f"{HEAD}FL_hip = 0.1\n", 4, "stands under 'state 0'"),
         (f"{HEAD}{EVERY}gait: pace\n", 17, "no line of a formula file"),
@@ -333,3 +333,16 @@ def test_a_formula_that_cannot_be_read_is_told_with_its_own_line(formula):
 def test_a_line_that_goes_on_after_a_title_is_no_comment(title):
     text = f"{HEAD}definitions\nlate = t\n{EVERY}".replace(title, f"{title}  # so\n    FL_hip = t")
     refusal(text)
+
+
+@pytest.mark.parametrize(
+    ("line", "header"),
+    [
+        (1, "format: 2\ngait: trot\nstates: 2\n"),
+        (3, "format: 1\ngait: trot\nstates: 99\n"),
+        (4, HEAD + "mirror: 5 5\n"),
+        (5, HEAD + "mirror: 1 0\ntargets: limit\n"),
+    ],
+)
+def test_what_is_wrong_in_a_header_is_named_by_its_line(line, header):
+    assert refusal(f"{header}\n\nevery state\n{shared()}").startswith(f"line {line}, column 1: ")

@@ -100,6 +100,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
     rollout = Rollout(
         np.zeros(2), {name: np.zeros((2, n)) for name, n in {**values, "foot_contact": 4}.items()}
     )
+    policy.limits_targets = True
     page = render_page(
         gait=gait,
         policy_name="<u>mine</u>",
@@ -113,6 +114,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
     )
     for tag in ("<b>bold", "<i>slanted", "<u>mine", "<script>throw"):
         assert tag not in page
+    assert "Targets are limited" in page
     path = tmp_path / "index.html"
     path.write_text(page)
     assert tuple(embedded(path, "data")["states"]) == states
