@@ -557,7 +557,7 @@ def test_refuses_powers_of_powers(tmp_path):
     policy.write_text(attacked("(" * 30 + "3" + ")**3" * 30))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
-    with pytest.raises(RefusedError, match="multiplies too often"):
+    with pytest.raises(RefusedError, match=r"multiplies too often|may overflow"):
         checked(content, policy, tmp_path)
 
 

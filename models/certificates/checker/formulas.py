@@ -43,7 +43,7 @@ class Formulas:
 
     Attributes:
         inner: What each function is of, by the name of its variable.
-        targets: A polynomial a state and joint.
+        targets: The polynomials by state and joint, of those that were asked for.
         written: The formulas, of a formula file.
         weights: Weights by quantity and the intercept, of a linear law.
     """
@@ -62,10 +62,15 @@ class Formulas:
     def read(cls, told: FormulaText) -> "Formulas":
         """Takes what a formula file says."""
         own = cls(told.n_states)
-        for place, formula in told.targets.items():
-            own.targets[place] = own.multiplied_out(formula)
-            own.written[place] = formula
+        own.written |= told.targets
         return own
+
+    def target(self, state: int, joint: str) -> fmpq_mpoly:
+        """Returns the polynomial of a target, multiplied out when it is first asked for."""
+        place = state, joint
+        if place not in self.targets:
+            self.targets[place] = self.multiplied_out(self.written[place])
+        return self.targets[place]
 
     @classmethod
     def linear(cls, arrays: dict[str, Any], n_states: int) -> "Formulas":
@@ -137,8 +142,8 @@ class Formulas:
         for name in symbols(len(image)):
             new, sign = image_of(name, image)
             put[name] = self.variables[new] * sign
-        own = self.put(self.targets[image[state], theirs], put) * image_of(theirs, image)[1]
-        return self.targets[state, joint] == own
+        own = self.put(self.target(image[state], theirs), put) * image_of(theirs, image)[1]
+        return self.target(state, joint) == own
 
     def used(self, state: int, joint: str) -> set[str]:
         """Returns the quantities that a target is written with, also those that cancel out."""
@@ -192,7 +197,7 @@ class Formulas:
 
     def bound(self, asked: Question, box: Box, splits: list | None = None) -> Any:
         """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
-        formula, counted = self.targets[asked.state, asked.joint], set[str](COUNTED)
+        formula, counted = self.target(asked.state, asked.joint), set[str](COUNTED)
         if asked.name is not None:
             box = {**box, "other": box[asked.name]}
             counted |= {"other"} if asked.name in COUNTED else set()
