@@ -17,6 +17,7 @@ from glassgait.models.certificates.elimination import greatest_sum
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.question import Question
 from glassgait.models.certificates.rounding import sum_error
+from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.task.observation import indices_of
@@ -51,6 +52,12 @@ class AdditiveTargets:
     """Targets of an additive policy."""
 
     def __init__(self, policy: AdditivePolicy) -> None:
+        """
+        Raises:
+            InputError: if a pair is of one observation, whose tables are not bounded.
+        """
+        if np.any(policy.pairs[:, 0] == policy.pairs[:, 1]):
+            raise InputError("a pair of the policy is of one observation; nothing is proved of it")
         self._policy = policy
         self._units = RobotUnits.of(policy.observation_names)
         self._positions = indices_of("joint position", policy.observation_names)

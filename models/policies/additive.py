@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.a1.robot import Array
-from glassgait.models.errors import InputError
 from glassgait.models.policies.arrays import Indices, Reals
 from glassgait.models.policies.policy import (
     INTERCEPT,
@@ -91,10 +90,6 @@ class AdditivePolicy(Policy):
             pair_deviations=pair_deviations,
             intercepts=intercepts,
         )
-        if np.any(self.pairs[:, 0] == self.pairs[:, 1]):
-            raise InputError(
-                f"{self.kind} policy: a pair is of one observation twice; make it anew"
-            )
         self._feature = np.arange(len(cuts))
         self._pair = np.arange(len(pairs))
         # Sums the pairs of each joint: (p, 12).

@@ -266,8 +266,8 @@ def test_a_pair_of_one_observation_is_none():
     arrays["pairs"][0] = 7
     with pytest.raises(RefusedError, match="a pair is of one observation"):
         Tables(arrays, 2)
-    with pytest.raises(InputError, match="a pair is of one observation"):
-        AdditivePolicy("trot", NAMES, **arrays)
+    with pytest.raises(InputError, match="a pair of the policy is of one observation"):
+        Prover(AdditivePolicy("trot", NAMES, **arrays), GAIT)
 
 
 def test_trees_without_questions_and_thresholds_between_numbers_are_refused():
