@@ -6,10 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import delayed
 
-from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.a1.robot import Array
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
@@ -17,7 +14,6 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
-from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
@@ -26,6 +22,7 @@ from glassgait.studies.parallel.loop import run_parallel
 from glassgait.studies.robustness.worlds import world_jobs
 from glassgait.studies.rollouts.config import RolloutConfig
 from glassgait.studies.rollouts.jobs import RolloutJob
+from glassgait.studies.rollouts.roll_out import make_batch
 
 MARGIN = 0.1
 """Share of its width that a measured range is widened by, on both sides."""
@@ -98,13 +95,8 @@ def _corners(
 def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
     scenario = job.config.commanding(job.scenario)
-    simulator = BatchSimulator(
-        TaskConfig.of_scenario(job.gait, scenario, job.policy, episode_steps=job.config.n_steps),
-        make_physics(scenario.station),
-        n_robots=min(job.config.n_robots, scenario.max_robots or job.config.n_robots),
-        generator=np.random.default_rng(job.config.seed),
-        estimator=estimator_in_loop(job.policy, true_body_state=scenario.true_body_state),
-    )
+    n_robots = min(job.config.n_robots, scenario.max_robots or job.config.n_robots)
+    simulator = make_batch(job.gait, job.policy, scenario, n_robots=n_robots, seed=job.config.seed)
     observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
     guard = job.policy.begin(simulator.n_robots)
     for step in range(job.config.n_steps):

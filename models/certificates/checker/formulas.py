@@ -20,7 +20,7 @@ from .robot import (
     symbols,
     units,
 )
-from .rounding import Rounding, of_sum
+from .rounding import Rounding, hull, of_sum
 from .text import FormulaText, Node
 
 ctx.prec = 96
@@ -296,13 +296,6 @@ class Formulas:
             turns = range(int(first) + 1, int(last) + 1)[:2]
             ends += [arb((-1) ** (turn % 2)) for turn in turns]
         return hull(ends)
-
-
-def hull(values: list[arb]) -> Span:
-    least = greatest = values[0]
-    for value in values[1:]:
-        least, greatest = least.min(value), greatest.max(value)
-    return least, greatest
 
 
 def spanned(spans: list[Span]) -> Span:

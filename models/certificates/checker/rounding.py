@@ -99,14 +99,14 @@ def sub(a: Ranged, b: Ranged) -> Ranged:
 def mul(a: Ranged, b: Ranged) -> Ranged:
     ends = [x * y for x in a[:2] for y in b[:2]]
     error = size(*a[:2]) * b[2] + size(*b[:2]) * a[2] + a[2] * b[2]
-    return least(ends), greatest(ends), error
+    return *hull(ends), error
 
 
 def div(a: Ranged, b: Ranged) -> Ranged:
     away = b[0] if b[0] > 0 else -b[1]
     refuse_unless(away > b[2], "a formula divides by what may be 0")
     ends = [x / y for x in a[:2] for y in b[:2]]
-    low, high = least(ends), greatest(ends)
+    low, high = hull(ends)
     return low, high, (a[2] + size(low, high) * b[2]) / (away - b[2])
 
 
@@ -169,18 +169,12 @@ RULES: dict[str, Callable[..., Ranged]] = {
 APPLIED = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
 
 
-def least(values: list[arb]) -> arb:
-    whole = values[0]
+def hull(values: list[arb]) -> tuple[arb, arb]:
+    """Returns the least and the greatest of numbers."""
+    least = greatest = values[0]
     for value in values[1:]:
-        whole = whole.min(value)
-    return whole
-
-
-def greatest(values: list[arb]) -> arb:
-    whole = values[0]
-    for value in values[1:]:
-        whole = whole.max(value)
-    return whole
+        least, greatest = least.min(value), greatest.max(value)
+    return least, greatest
 
 
 def of_sum(parts: list[float], joint: str) -> arb:
