@@ -103,8 +103,10 @@ class _Sums(_Chains):
         ]
 
     def row(self, values: Array) -> Array:
-        # `np.add.reduceat` would add up in pairs, in another order.
-        total: Array = np.bincount(self._nodes, self._signs * values[self._flat])  # type: ignore
+        # `np.add.reduceat` would add up in pairs, in another order. What changes no number that is
+        # added to it, not even the sign of a zero, is -0.
+        total = np.full(len(self._starts), -0.0)
+        np.add.at(total, self._nodes, self._signs * values[self._flat])
         return total
 
     def rows(self, values: Array) -> Array:

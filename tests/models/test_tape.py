@@ -57,10 +57,18 @@ def test_every_digit_is_that_of_one_operation_after_the_other(formulas, seed):
     tape = Tape(formulas, N)
     together = tape(rows)
     for row, values in zip(rows, together, strict=True):
-        # Of a zero alone the sign may differ, and a square is a product.
+        # Signs of zeros count, too: a quotient by one of them is infinite, this way or that.
         np.testing.assert_array_equal(tape(row), values)
         expected = [in_order(formula, row) for formula in formulas]
         np.testing.assert_array_equal(values, expected)
+
+
+def test_zeros_keep_their_signs():
+    minus_zero = Expression("neg", (constant(0.0),))
+    infinite = Expression("div", (variable(0), minus_zero))
+    tape = Tape([infinite, Expression("div", (variable(0), Expression("add", (minus_zero, minus_zero))))], 1)
+    np.testing.assert_array_equal(tape(np.ones(1)), [-np.inf, -np.inf])
+    np.testing.assert_array_equal(tape(np.ones((2, 1))), np.full((2, 2), -np.inf))
 
 
 def test_a_long_sum_is_taken_from_left_to_right():
