@@ -3,8 +3,8 @@
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import PortSwitch
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
+from glassgait.models.robots import quadruped
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.policy import PolicySystem
@@ -23,7 +23,7 @@ def AddActingPolicies(  # noqa: N802
     Returns:
         `actions` (12), of who acts; under assurance also `expert_acts` (1) and `overrun` (1).
     """
-    switch = builder.AddNamedSystem("alternation", PortSwitch(robot.N_JOINTS))
+    switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
     ports: dict[str, InputPortIndex] = {}
     for name, one in {"expert": policy.acting_expert, "student": policy.acting_student}.items():
         # One that never acts has no port, and is never chosen.

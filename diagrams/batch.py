@@ -15,8 +15,8 @@ from glassgait.diagrams.commands import DrawnCommands, FixedCommand
 from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import FootSense, sense_feet
@@ -187,7 +187,7 @@ class BatchSimulator:
         machine = self._step_machine(s, feet, command)
         reward = step_reward(
             state=plant,
-            previous_joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
+            previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
             action=action,
             previous_action=s.action,
             command=command.velocity,
@@ -254,7 +254,7 @@ class BatchSimulator:
     def _begin(self, plant: Array, command: Command) -> TaskState:
         count = len(plant)
         randomization = self.task.randomization
-        feet = sense_feet(plant, np.zeros((count, robot.N_LEGS), dtype=bool))
+        feet = sense_feet(plant, np.zeros((count, quadruped.N_LEGS), dtype=bool))
         nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(
             self.machine.initial((count,)),
@@ -268,9 +268,9 @@ class BatchSimulator:
             command=command,
             machine=start.machine,
             touching=feet.touching,
-            air_time=np.zeros((count, robot.N_LEGS)),
+            air_time=np.zeros((count, quadruped.N_LEGS)),
             tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
-            action=np.zeros((count, robot.N_JOINTS)),
+            action=np.zeros((count, quadruped.N_JOINTS)),
             joint_noise=randomization.joint_noise(count, self.generator),
             latency=randomization.latencies(count, self.generator),
             estimate=nothing,
@@ -281,8 +281,8 @@ class BatchSimulator:
     def _proprioception(self, s: TaskState) -> Array:
         return proprioception(
             command=s.command.velocity,
-            joint_position=s.plant[:, robot.JOINT_POSITION],
-            joint_velocity=s.plant[:, robot.JOINT_VELOCITY],
+            joint_position=s.plant[:, quadruped.JOINT_POSITION],
+            joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
             previous_action=s.action,
             rm_state=self.machine.one_hot(s.machine.state),
             rm_iterations=s.machine.iterations,
@@ -298,4 +298,4 @@ class BatchSimulator:
 
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
         # The estimator sees the machine's state, so the machine reads what it estimated before.
-        return feet.height if self.estimator is None else estimate[:, -robot.N_LEGS :]
+        return feet.height if self.estimator is None else estimate[:, -quadruped.N_LEGS :]

@@ -13,8 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 from glassgait.diagrams.ground import set_friction
 from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import touches_ground
 
@@ -121,8 +121,10 @@ class _Group:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
         port = self._diagram.GetInputPort("desired_state")
-        self._desired = port.FixValue(self._context, np.zeros(2 * robot.N_JOINTS))
-        self._actuator_order = [robot.JOINTS.index(name) for name in actuated_joints(self._plant)]
+        self._desired = port.FixValue(self._context, np.zeros(2 * quadruped.N_JOINTS))
+        self._actuator_order = [
+            quadruped.JOINTS.index(name) for name in actuated_joints(self._plant)
+        ]
 
     def set_friction(self, friction: float) -> None:
         context = self._scene_graph.GetMyMutableContextFromRoot(self._context)
@@ -160,8 +162,8 @@ class _Group:
     def _advance(
         self, states: Array, targets: Array, n_steps: int, parallelism: Parallelism | None
     ) -> Array:
-        desired = np.zeros((len(states), 2 * robot.N_JOINTS))
-        desired[:, : robot.N_JOINTS] = targets[:, self._actuator_order]
+        desired = np.zeros((len(states), 2 * quadruped.N_JOINTS))
+        desired[:, : quadruped.N_JOINTS] = targets[:, self._actuator_order]
         if parallelism is None or len(states) <= FEW_ROBOTS:
             pairs = zip(states, desired, strict=True)
             return np.array([self._advance_one(state, own, n_steps) for state, own in pairs])

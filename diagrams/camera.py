@@ -21,8 +21,8 @@ from pydrake.systems.sensors import CameraInfo
 from glassgait.diagrams.egl import check_egl
 from glassgait.diagrams.station import AddA1Station, StationConfig
 from glassgait.diagrams.visualization import TILE
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 
 _RENDERER = "vtk"
 _SKY = np.array([0.93, 0.95, 0.97])
@@ -70,7 +70,7 @@ class Camera:
         """Renders a plant state x (37) as a picture (height, width, 3)."""
         plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._plant.SetPositionsAndVelocities(plant_context, state)
-        target = np.array([*state[robot.POSITION][:2], 0.17])
+        target = np.array([*state[quadruped.POSITION][:2], 0.17])
         eye = target + np.array([0.45, -1.25, 0.5])
         query = self._scene_graph.get_query_output_port().Eval(
             self._scene_graph.GetMyContextFromRoot(self._context)

@@ -22,7 +22,7 @@ from glassgait.diagrams.linked_robot import MakeLinkedRobot
 from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, unpack_answer
 from glassgait.models.link.settings import Channels

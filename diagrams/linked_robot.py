@@ -12,11 +12,11 @@ from glassgait.diagrams.locomotion import AddNoise
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.fall_monitor import FallMonitor
@@ -76,7 +76,7 @@ def MakeLinkedRobot(  # noqa: N802
     builder = DiagramBuilder()
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
-    noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
+    noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS)
     plant, scene_graph, instance = AddA1Station(builder, scenario.station)
     state = plant.get_state_output_port()
 
@@ -85,8 +85,10 @@ def MakeLinkedRobot(  # noqa: N802
     builder.ExportInput(guard.get_message_input_port(), "answer")
     builder.Connect(state, guard.get_state_input_port())
     # The plant's joints stand in its own order, and are to come to rest at their targets.
-    order = [robot.JOINTS.index(name) for name in actuated_joints(plant)]
-    at_rest = np.concatenate([np.eye(robot.N_JOINTS)[order], np.zeros(2 * (robot.N_JOINTS,))])
+    order = [quadruped.JOINTS.index(name) for name in actuated_joints(plant)]
+    at_rest = np.concatenate(
+        [np.eye(quadruped.N_JOINTS)[order], np.zeros(2 * (quadruped.N_JOINTS,))]
+    )
     desired_state = builder.AddNamedSystem("desired_state", MatrixGain(at_rest))
     builder.Connect(guard.get_targets_output_port(), desired_state.get_input_port())
     builder.Connect(desired_state.get_output_port(), plant.get_desired_state_input_port(instance))
@@ -159,7 +161,9 @@ def _check(scenario: Scenario) -> None:
 def _add_fall_monitor(builder: DiagramBuilder, scenario: Scenario, state: OutputPort) -> OutputPort:
     monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(scenario.limits))
     builder.Connect(state, monitor.get_state_input_port())
-    no_action = builder.AddNamedSystem("no_action", ConstantVectorSource(np.zeros(robot.N_JOINTS)))
+    no_action = builder.AddNamedSystem(
+        "no_action", ConstantVectorSource(np.zeros(quadruped.N_JOINTS))
+    )
     builder.Connect(no_action.get_output_port(), monitor.get_action_input_port())
     builder.Connect(no_action.get_output_port(), monitor.get_previous_action_input_port())
     return monitor.get_failures_output_port()

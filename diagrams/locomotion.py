@@ -11,10 +11,10 @@ from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddA1Station, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.a1 import robot
 from glassgait.models.counterfactuals.intervention import Intervention
 from glassgait.models.policies.assured import ActingPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -103,8 +103,8 @@ def MakeLocomotion(  # noqa: N802
     # and without, and the same noise whatever the robot's pose is drawn from.
     drawn = AddCommand(builder, gait, scenario.command, meshcat)
     command, commanded_dwell = AddGivenCommand(builder, gait, drawn)
-    joint_noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * robot.N_JOINTS)
-    contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, robot.N_LEGS)
+    joint_noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS)
+    contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, quadruped.N_LEGS)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddA1Station(builder, scenario.station)

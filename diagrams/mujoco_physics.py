@@ -14,8 +14,8 @@ from pydrake.common import Parallelism
 
 from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import GRAVITY, PAYLOAD_BOX, StationConfig
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 
 LEAST_FORCE = 1e-3
@@ -45,7 +45,7 @@ class MujocoPhysics(Physics):
         n_threads = n_threads or Parallelism.Max().num_threads()
         self._data = [[mujoco.MjData(model) for _ in range(n_threads)] for model in self._models]
         self._rollout = Rollout(nthread=n_threads)
-        joints = [self._models[0].joint(name) for name in robot.JOINTS]
+        joints = [self._models[0].joint(name) for name in quadruped.JOINTS]
         self._q = [joint.qposadr[0] for joint in joints]
         self._v = [joint.dofadr[0] for joint in joints]
 
@@ -85,7 +85,7 @@ class MujocoPhysics(Physics):
         latency = np.zeros(len(states)) if latency is None else latency
         sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
         after = np.full_like(states, np.nan)
-        touching = np.zeros((len(states), robot.N_LEGS), dtype=bool)
+        touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
         for group, members in enumerate(self.members(len(states))):
             mine = members[sound[members]]
             if len(mine):
@@ -113,22 +113,22 @@ class MujocoPhysics(Physics):
         _, angular = kinematics.base_velocity(states)
         given = np.zeros((len(states), model.nq + model.nv))
         q, v = given[:, : model.nq], given[:, model.nq :]
-        q[:, :3], q[:, 3:7] = states[:, robot.POSITION], states[:, robot.QUATERNION]
-        q[:, self._q] = states[:, robot.JOINT_POSITION]
+        q[:, :3], q[:, 3:7] = states[:, quadruped.POSITION], states[:, quadruped.QUATERNION]
+        q[:, self._q] = states[:, quadruped.JOINT_POSITION]
         # The turning of a free joint is expressed in the body's frame, as nothing else is.
-        v[:, :3], v[:, 3:6] = states[:, robot.LINEAR_VELOCITY], angular
-        v[:, self._v] = states[:, robot.JOINT_VELOCITY]
+        v[:, :3], v[:, 3:6] = states[:, quadruped.LINEAR_VELOCITY], angular
+        v[:, self._v] = states[:, quadruped.JOINT_VELOCITY]
         return given
 
     def _from_mujoco(self, model: mujoco.MjModel, given: Array) -> Array:
         q, v = given[:, : model.nq], given[:, model.nq :]
-        states = np.zeros((len(given), robot.N_POSITIONS + robot.N_VELOCITIES))
-        states[:, robot.POSITION], states[:, robot.QUATERNION] = q[:, :3], q[:, 3:7]
-        states[:, robot.JOINT_POSITION] = q[:, self._q]
-        to_world = kinematics.rotation_matrix(states[:, robot.QUATERNION])
-        states[:, robot.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, v[:, 3:6])
-        states[:, robot.LINEAR_VELOCITY] = v[:, :3]
-        states[:, robot.JOINT_VELOCITY] = v[:, self._v]
+        states = np.zeros((len(given), quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
+        states[:, quadruped.POSITION], states[:, quadruped.QUATERNION] = q[:, :3], q[:, 3:7]
+        states[:, quadruped.JOINT_POSITION] = q[:, self._q]
+        to_world = kinematics.rotation_matrix(states[:, quadruped.QUATERNION])
+        states[:, quadruped.ANGULAR_VELOCITY] = np.einsum("nij,nj->ni", to_world, v[:, 3:6])
+        states[:, quadruped.LINEAR_VELOCITY] = v[:, :3]
+        states[:, quadruped.JOINT_VELOCITY] = v[:, self._v]
         return states
 
 
@@ -184,7 +184,7 @@ def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
 def _add_motors(spec: mujoco.MjSpec, station: StationConfig) -> None:
     strength = station.motor_strength
     stiffness, damping = strength * station.stiffness, strength * station.damping
-    for name in robot.JOINTS:
+    for name in quadruped.JOINTS:
         joint = spec.joint(name)
         joint.armature = station.armature
         joint.solref_limit = [LIMIT_TIME_CONSTANT, 1.0]
@@ -201,7 +201,7 @@ def _add_motors(spec: mujoco.MjSpec, station: StationConfig) -> None:
 
 
 def _add_foot_sensors(spec: mujoco.MjSpec) -> None:
-    for leg in robot.LEGS:
+    for leg in quadruped.LEGS:
         # A touch sensor adds up the normal forces inside its site, which holds the whole foot.
         spec.body(f"{leg}_calf").add_site(
             name=leg,

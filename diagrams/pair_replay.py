@@ -22,9 +22,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.visualization import draw_ground, open_meshcat
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH
 
@@ -69,7 +69,7 @@ def save_pair_replay(
     meshcat, robots = open_meshcat(), (left, right)
     diagram, plant, instances = _make_display(meshcat, robots)
     places = _positions(left.rollout, LANE / 2), _positions(right.rollout, -LANE / 2)
-    middle = middle_of_paths(*(positions[:, robot.POSITION][:, :2] for positions in places))
+    middle = middle_of_paths(*(positions[:, quadruped.POSITION][:, :2] for positions in places))
     context = diagram.CreateDefaultContext()
     own = plant.GetMyMutableContextFromRoot(context)
     meshcat.StartRecording(
@@ -146,8 +146,8 @@ def _paint(
 
 def _positions(rollout: Rollout, lane: float) -> Array:
     """Returns a robot's positions q (n + 1, 19), moved sideways into its lane (m)."""
-    positions = rollout["state"][:, : robot.N_POSITIONS].copy()
-    positions[:, robot.POSITION] += [0.0, lane, 0.0]
+    positions = rollout["state"][:, : quadruped.N_POSITIONS].copy()
+    positions[:, quadruped.POSITION] += [0.0, lane, 0.0]
     return positions
 
 

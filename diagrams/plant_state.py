@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.systems.fall_monitor import FallMonitor
 
 
@@ -56,7 +56,7 @@ def push(diagram: Diagram, context: Context, velocity: Array) -> None:
     """
     plant, plant_context = _find_plant(diagram, context)
     state = plant.GetPositionsAndVelocities(plant_context)
-    state[robot.LINEAR_VELOCITY] += velocity
+    state[quadruped.LINEAR_VELOCITY] += velocity
     plant.SetPositionsAndVelocities(plant_context, state)
 
 

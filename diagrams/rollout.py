@@ -11,7 +11,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from glassgait.diagrams.plant_state import find_locomotion, set_plant_state
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.termination import FAILURES

@@ -31,8 +31,8 @@ from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction, set_ground
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import NOMINAL, Friction
@@ -215,7 +215,7 @@ def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
 
     Inputs: desired_state (24; rad, rad/s), joint positions then velocities, in the order of the
     plant's actuators.
-    Outputs: state (37), as laid out in `glassgait.models.a1.robot`. contact_results (abstract).
+    Outputs: state (37), as laid out in `glassgait.models.robots.robot`. contact_results (abstract).
     """
     builder = DiagramBuilder()
     plant, _, instance = AddA1Station(builder, config or StationConfig())
@@ -262,15 +262,15 @@ def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
 
 
 def _set_initial_poses(plant: MultibodyPlant) -> None:
-    positions = kinematics.standing_state(robot.DEFAULT_STANCE)[: robot.N_POSITIONS]
+    positions = kinematics.standing_state(robot.DEFAULT_STANCE)[: quadruped.N_POSITIONS]
     plant.SetDefaultPositions(positions)
     least, greatest = NOMINAL.joint_scale
-    for name, angle in zip(robot.JOINTS, robot.DEFAULT_STANCE, strict=True):
+    for name, angle in zip(quadruped.JOINTS, robot.DEFAULT_STANCE, strict=True):
         uniform = Variable(name, Variable.Type.RANDOM_UNIFORM)
         scale = least + (greatest - least) * uniform
         plant.GetJointByName(name).set_random_angle_distribution(angle * scale)
     # The joints draw one by one, so that the trunk's height cannot follow from the legs' pose.
-    place = positions[robot.POSITION] + [0.0, 0.0, RANDOM_LIFT]
+    place = positions[quadruped.POSITION] + [0.0, 0.0, RANDOM_LIFT]
     base = plant.GetJointByName("trunk")
     base.set_random_translation_distribution([Expression(value) for value in place])
 

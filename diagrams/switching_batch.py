@@ -9,7 +9,7 @@ from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import FootSense

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.reward_machine import MachineState
 
@@ -94,7 +94,7 @@ class TaskState:
     def pushed(self, velocity: Array) -> "TaskState":
         """Returns a state with a velocity (n, 3; m/s, world frame) added to each trunk's."""
         plant = self.plant.copy()
-        plant[:, robot.LINEAR_VELOCITY] += velocity
+        plant[:, quadruped.LINEAR_VELOCITY] += velocity
         return replace(self, plant=plant)
 
     def with_commands(self, index: NDArray[np.int64], command: Command) -> "TaskState":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 
 Map = Callable[[Array, NDArray[np.int64]], Array]
 """Maps points (n, d), each of the problem (n,) whose number is given, to their images (n, d)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from glassgait.models.errors import InputError, shown
-from glassgait.studies.ending import (
+from glassgait.studies.common.exit_codes import (
     end_at_once_from_now_on,
     ended_at_once,
     take_signals,
@@ -16,7 +16,7 @@ from glassgait.studies.ending import (
 
 COMMANDS = {
     "demo": (
-        "glassgait.studies.demo.command:Demo",
+        "glassgait.studies.reproduction.demo.command:Demo",
         "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
     ),
     "train": ("glassgait.studies.training.command:Train", "Train a neural expert by PPO."),
@@ -25,7 +25,7 @@ COMMANDS = {
         "Distil an expert into glass-box students by DAgger with alternation.",
     ),
     "refine": (
-        "glassgait.studies.refinement.command:Refine",
+        "glassgait.studies.distillation.refinement.command:Refine",
         "Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.",
     ),
     "evaluate": (
@@ -33,27 +33,27 @@ COMMANDS = {
         "Roll policies out in closed loop and score them.",
     ),
     "robustness": (
-        "glassgait.studies.robustness.command:Robustness",
+        "glassgait.studies.evaluation.robustness.command:Robustness",
         "Let the expert and every student walk alone in every scenario, and tell who falls where.",
     ),
     "assurance": (
-        "glassgait.studies.assurance.command:Assurance",
+        "glassgait.studies.evaluation.assurance.command:Assurance",
         "Let a student act in distribution, and the expert elsewhere, and count falls.",
     ),
     "compare": (
-        "glassgait.studies.compare.command:Compare",
+        "glassgait.studies.evaluation.compare.command:Compare",
         "Set two policies side by side: their lines, targets, scores, and one replay of both.",
     ),
     "convergence": (
-        "glassgait.studies.convergence.command:Convergence",
+        "glassgait.studies.reproduction.convergence.command:Convergence",
         "Drop the robot and roll an expert out with every contact solver and time step.",
     ),
     "pareto": (
-        "glassgait.studies.pareto.command:Pareto",
+        "glassgait.studies.distillation.pareto.command:Pareto",
         "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
     ),
     "curricula": (
-        "glassgait.studies.curricula.command:Curricula",
+        "glassgait.studies.reproduction.curricula.command:Curricula",
         "Distil by other curricula with as many samples, and let the students walk alone.",
     ),
     "importance": (
@@ -61,31 +61,31 @@ COMMANDS = {
         "Measure what each student looks at, and take it away to see whether that is true.",
     ),
     "symmetry": (
-        "glassgait.studies.symmetry.command:Symmetry",
+        "glassgait.studies.evaluation.symmetry.command:Symmetry",
         "Measure whether an expert and its students treat left and right alike.",
     ),
     "pushes": (
-        "glassgait.studies.pushes.command:PushBasin",
+        "glassgait.studies.evaluation.pushes.command:PushBasin",
         "Push walking robots from every side, and draw which pushes each policy survives.",
     ),
     "transitions": (
-        "glassgait.studies.transitions.command:Transitions",
+        "glassgait.studies.evaluation.transitions.command:Transitions",
         "Change the gait of walking robots, each to each, and tell who falls and how soon.",
     ),
     "stability": (
-        "glassgait.studies.stability.command:Stability",
+        "glassgait.studies.evaluation.stability.command:Stability",
         "Tell whether small differences grow or fade from one stride to the next, and test it.",
     ),
     "claims": (
-        "glassgait.studies.claims.command:Claims",
+        "glassgait.studies.explanation.interventions.command:Claims",
         "Test what a policy of formulas says: change a term, and see whether the robot moves so.",
     ),
     "certify": (
-        "glassgait.studies.certification.command:Certify",
+        "glassgait.studies.verification.command:Certify",
         "Prove what a policy can never do, or find the observation where it does.",
     ),
     "check": (
-        "glassgait.studies.certification.check_command:Check",
+        "glassgait.studies.verification.check_command:Check",
         "Check a certificate by arithmetic of its own, without the program that proved it.",
     ),
     "explain": (
@@ -93,39 +93,39 @@ COMMANDS = {
         "Roll a student out alone and write a page that explains its every action.",
     ),
     "counterfactual": (
-        "glassgait.studies.counterfactuals.command:Counterfactual",
+        "glassgait.studies.explanation.counterfactuals.command:Counterfactual",
         "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
     ),
     "show": (
-        "glassgait.studies.show_command:Show",
+        "glassgait.studies.explanation.show_command:Show",
         "Print the formulas of a policy: the lines that its file holds, and that act.",
     ),
     "export": (
-        "glassgait.studies.export.command:Export",
+        "glassgait.studies.deployment.export.command:Export",
         "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
     ),
     "drive": (
-        "glassgait.studies.drive.command:Drive",
+        "glassgait.studies.deployment.drive.command:Drive",
         "Run a robot and its controller as two processes over LCM, and count what is late or lost.",
     ),
     "report": (
-        "glassgait.studies.report.command:Report",
+        "glassgait.studies.reproduction.report.command:Report",
         "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
     ),
     "reproduce": (
-        "glassgait.studies.reproduce.command:Reproduce",
+        "glassgait.studies.reproduction.command:Reproduce",
         "Do what the paper did by its own settings: train, distil, evaluate and explain.",
     ),
     "rollout": (
-        "glassgait.studies.rollout.command:ShowRollout",
+        "glassgait.studies.view.command:ShowRollout",
         "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
     ),
     "gait": (
-        "glassgait.studies.gait_command:ShowGait",
+        "glassgait.studies.training.gait_command:ShowGait",
         "Check a gait file and draw its reward machine.",
     ),
     "benchmark": (
-        "glassgait.studies.benchmark.command:Benchmark",
+        "glassgait.studies.reproduction.benchmark.command:Benchmark",
         "Measure training throughput and the time of one action, as ratios.",
     ),
 }

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
 
@@ -52,8 +52,8 @@ class ActionDelay(LeafSystem):
                 f"action delay: latency is {latency}; it must be a multiple of {time_step}"
             )
         self._phase = round(steps)
-        self._action = self.DeclareDiscreteState(robot.N_JOINTS)
-        self._held_action_port = self.DeclareVectorInputPort("held_action", robot.N_JOINTS)
+        self._action = self.DeclareDiscreteState(quadruped.N_JOINTS)
+        self._held_action_port = self.DeclareVectorInputPort("held_action", quadruped.N_JOINTS)
         self._delayed_action_port = self.DeclareStateOutputPort("delayed_action", self._action)
         if time_step:
             self.DeclarePeriodicUnrestrictedUpdateEvent(

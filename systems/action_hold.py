@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort, State
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
 
@@ -29,7 +29,7 @@ class ActionHold(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        n = robot.N_JOINTS
+        n = quadruped.N_JOINTS
         self._actions = self.DeclareDiscreteState(2 * n)
         self._action_port = self.DeclareVectorInputPort("action", n)
         self._held_action_port = self.DeclareVectorOutputPort(
@@ -64,6 +64,6 @@ class ActionHold(LeafSystem):
         return context.get_discrete_state(self._actions).value()
 
     def _latch(self, context: Context, state: State) -> None:
-        held = self._stored(context)[: robot.N_JOINTS]
+        held = self._stored(context)[: quadruped.N_JOINTS]
         latest = np.concatenate([self._action_port.Eval(context), held])
         state.get_mutable_discrete_state(self._actions).SetFromVector(latest)

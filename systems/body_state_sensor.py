@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import InputPort, OutputPort
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import N_ESTIMATED, body_state
 from glassgait.systems.function import FunctionSystem
 
@@ -25,7 +25,7 @@ class BodyStateSensor(FunctionSystem):
 
     def __init__(self) -> None:
         super().__init__(
-            inputs={"state": robot.N_POSITIONS + robot.N_VELOCITIES},
+            inputs={"state": quadruped.N_POSITIONS + quadruped.N_VELOCITIES},
             output=("body_state", N_ESTIMATED),
             function=body_state,
         )

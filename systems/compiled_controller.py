@@ -12,9 +12,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, NO_GAIT, LoadedController, Step, sensed
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 
@@ -51,7 +51,7 @@ class CompiledController(LeafSystem):
         self._controller = controller
         self._memory = self.DeclareDiscreteState(controller.initial())
         self._state_port = self.DeclareVectorInputPort(
-            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
         self._command_port = self.DeclareVectorInputPort("command", 2)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
@@ -69,13 +69,13 @@ class CompiledController(LeafSystem):
         of_step = {self._step.ticket()}
         self._action_port = self.DeclareVectorOutputPort(
             name="action",
-            size=robot.N_JOINTS,
+            size=quadruped.N_JOINTS,
             calc=self._calc_action,
             prerequisites_of_calc=of_step,
         )
         self._targets_port = self.DeclareVectorOutputPort(
             name="targets",
-            size=robot.N_JOINTS,
+            size=quadruped.N_JOINTS,
             calc=self._calc_targets,
             prerequisites_of_calc=of_step,
         )

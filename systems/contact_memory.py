@@ -9,7 +9,7 @@ from pydrake.systems.framework import (
     State,
 )
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
 
@@ -34,11 +34,11 @@ class ContactMemory(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self._touched = self.DeclareDiscreteState(robot.N_LEGS)
-        self._touching_port = self.DeclareVectorInputPort("touching", robot.N_LEGS)
+        self._touched = self.DeclareDiscreteState(quadruped.N_LEGS)
+        self._touching_port = self.DeclareVectorInputPort("touching", quadruped.N_LEGS)
         self._foot_contact_port = self.DeclareVectorOutputPort(
             name="foot_contact",
-            size=robot.N_LEGS,
+            size=quadruped.N_LEGS,
             calc=self._calc_foot_contact,
             prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
         )

@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.contact import flip_contacts
 
 
@@ -35,11 +35,11 @@ class ContactNoise(LeafSystem):
         if not 0.0 <= flip_share <= 1.0:
             raise ValueError(f"contact noise: flip_share is {flip_share}; it must be from 0 to 1")
         self._flip_share = flip_share
-        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
-        self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", robot.N_LEGS)
+        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
+        self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", quadruped.N_LEGS)
         self._sensed_contact_port = self.DeclareVectorOutputPort(
             name="sensed_contact",
-            size=robot.N_LEGS,
+            size=quadruped.N_LEGS,
             calc=self._calc_sensed_contact,
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )

@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 
@@ -29,9 +29,9 @@ class FallMonitor(LeafSystem):
         super().__init__()
         self._limits = limits or TerminationLimits()
         declare = self.DeclareVectorInputPort
-        self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
-        self._action_port = declare("action", robot.N_JOINTS)
-        self._previous_action_port = declare("previous_action", robot.N_JOINTS)
+        self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
+        self._action_port = declare("action", quadruped.N_JOINTS)
+        self._previous_action_port = declare("previous_action", quadruped.N_JOINTS)
         self._failures_port = self.DeclareVectorOutputPort(
             name="failures",
             size=len(FAILURES),

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import FootSense, sense_feet
 
@@ -28,7 +28,7 @@ class FootSensor(LeafSystem):
         - foot_contact
         - foot_height
 
-    Inputs: state (37), the plant's, as laid out in `glassgait.models.a1.robot`.
+    Inputs: state (37), the plant's, as laid out in `glassgait.models.robots.robot`.
     Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
     foot_height (4, m), of each foot's lowest point above the ground, world frame.
     State: contacts of the previous control step, latched every 20 ms (unrestricted update).
@@ -37,9 +37,9 @@ class FootSensor(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self._touching = self.DeclareDiscreteState(robot.N_LEGS)
+        self._touching = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._state_port = self.DeclareVectorInputPort(
-            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
         # Both outputs and the update come from one look at the feet.
         self._sense = self.DeclareCacheEntry(
@@ -51,13 +51,13 @@ class FootSensor(LeafSystem):
         )
         self._foot_contact_port = self.DeclareVectorOutputPort(
             name="foot_contact",
-            size=robot.N_LEGS,
+            size=quadruped.N_LEGS,
             calc=self._calc_foot_contact,
             prerequisites_of_calc={self._sense.ticket()},
         )
         self._foot_height_port = self.DeclareVectorOutputPort(
             name="foot_height",
-            size=robot.N_LEGS,
+            size=quadruped.N_LEGS,
             calc=self._calc_foot_height,
             prerequisites_of_calc={self._sense.ticket()},
         )

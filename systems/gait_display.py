@@ -5,7 +5,7 @@ from pydrake.geometry import Box, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem
 
-from glassgait.models.a1 import kinematics, robot
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
 
@@ -43,14 +43,14 @@ class GaitDisplay(LeafSystem):
         self._gait = gait
         self._meshcat = meshcat
         self._state_port = self.DeclareVectorInputPort(
-            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
         self._rm_state_port = self.DeclareVectorInputPort("rm_state", gait.n_states)
-        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
+        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         # By number, since a state's name may hold a slash.
         for i, color in enumerate(state_colors(gait)):
             meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(color))
-        for leg in robot.LEGS:
+        for leg in quadruped.LEGS:
             meshcat.SetObject(f"{PATH}/contact/{leg}", Sphere(0.024), Rgba(0.9, 0.6, 0.0, 1.0))
         self.DeclarePeriodicPublishEvent(
             period_sec=DISPLAY_PERIOD, offset_sec=0.0, publish=self._publish
@@ -74,8 +74,8 @@ class GaitDisplay(LeafSystem):
         state = self._state_port.Eval(context)
         rm_state = self._rm_state_port.Eval(context)
         contact = self._foot_contact_port.Eval(context)
-        origin = state[robot.POSITION]
-        rotation = kinematics.rotation_matrix(state[robot.QUATERNION])
+        origin = state[quadruped.POSITION]
+        rotation = kinematics.rotation_matrix(state[quadruped.QUATERNION])
         # The world passes under the robot, which a recording's camera cannot follow.
         self._meshcat.SetTransform(WORLD_PATH, RigidTransform([-origin[0], -origin[1], 0.0]), time)
         tiles = TILE * np.round(origin[:2] / TILE)
@@ -84,8 +84,8 @@ class GaitDisplay(LeafSystem):
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i in range(self._gait.n_states):
             self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
-        feet = origin + kinematics.foot_positions(state[robot.JOINT_POSITION]) @ rotation.T
-        for leg, foot, touches in zip(robot.LEGS, feet, contact, strict=True):
+        feet = origin + kinematics.foot_positions(state[quadruped.JOINT_POSITION]) @ rotation.T
+        for leg, foot, touches in zip(quadruped.LEGS, feet, contact, strict=True):
             self._meshcat.SetTransform(f"{PATH}/contact/{leg}", RigidTransform(foot), time)
             self._show(f"{PATH}/contact/{leg}", bool(touches > 0.5), time)
         return EventStatus.Succeeded()

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task.command import Command, limit_command
 from glassgait.models.task.gait import Gait

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import InputPort, OutputPort
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped, robot
 from glassgait.systems.function import FunctionSystem
 
 
@@ -21,7 +21,7 @@ class JointTargets(FunctionSystem):
         output_ports:
         - desired_state
 
-    Inputs: action (12), in the order of `robot.JOINTS`.
+    Inputs: action (12), in the order of `quadruped.JOINTS`.
     Outputs: desired_state (24; rad, rad/s), target positions, then zero velocities, in the order of
     the plant's actuators. State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
@@ -33,19 +33,19 @@ class JointTargets(FunctionSystem):
             limited: Whether targets are kept within the joints' ranges.
 
         Raises:
-            ValueError: if the names are not those of `robot.JOINTS`.
+            ValueError: if the names are not those of `quadruped.JOINTS`.
         """
-        if sorted(actuated_joints) != sorted(robot.JOINTS):
+        if sorted(actuated_joints) != sorted(quadruped.JOINTS):
             raise ValueError(f"joint targets: {list(actuated_joints)} are not the robot's joints")
-        order = [robot.JOINTS.index(name) for name in actuated_joints]
+        order = [quadruped.JOINTS.index(name) for name in actuated_joints]
 
         def desired_state(action: Array) -> Array:
             targets = robot.joint_targets(action, limited=limited)[order]
             return np.concatenate([targets, 0.0 * targets])
 
         super().__init__(
-            inputs={"action": robot.N_JOINTS},
-            output=("desired_state", 2 * robot.N_JOINTS),
+            inputs={"action": quadruped.N_JOINTS},
+            output=("desired_state", 2 * quadruped.N_JOINTS),
             function=desired_state,
         )
 

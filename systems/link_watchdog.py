@@ -11,10 +11,10 @@ from pydrake.systems.framework import (
     State,
 )
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.packing import unpack_answer
 from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_watch
+from glassgait.models.robots import kinematics, quadruped
 
 N_SCALARS = 4
 """Numbers of a watch that are no joint targets."""
@@ -61,12 +61,12 @@ class LinkWatchdog(LeafSystem):
             "message", AbstractValue.Make(targets_t())
         )
         self._state_port = self.DeclareVectorInputPort(
-            name="state", size=robot.N_POSITIONS + robot.N_VELOCITIES
+            name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
         of_state = {self.xd_ticket()}
         self._targets_port = self.DeclareVectorOutputPort(
             name="targets",
-            size=robot.N_JOINTS,
+            size=quadruped.N_JOINTS,
             calc=self._calc_targets,
             prerequisites_of_calc=of_state,
         )
@@ -119,7 +119,7 @@ class LinkWatchdog(LeafSystem):
     def _latch(self, context: Context, state: State) -> None:
         answer = unpack_answer(self._message_port.Eval(context))
         heard = answer if answer.session == self._session else None
-        lean = kinematics.lean(self._state_port.Eval(context)[robot.QUATERNION])
+        lean = kinematics.lean(self._state_port.Eval(context)[quadruped.QUATERNION])
         watch = step_watch(
             self._stored(context), heard, context.get_time(), self._settings, lean=float(lean)
         )
@@ -135,5 +135,5 @@ def pack_watch(watch: Watch) -> np.ndarray:
 def unpack_watch(numbers: np.ndarray) -> Watch:
     """Returns the watch that numbers (40) stand for."""
     phase, since, answered, unsteady = numbers[:N_SCALARS].tolist()
-    targets = numbers[N_SCALARS:].reshape(-1, robot.N_JOINTS)
+    targets = numbers[N_SCALARS:].reshape(-1, quadruped.N_JOINTS)
     return Watch(int(phase), since, answered, unsteady, *targets)

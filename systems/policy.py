@@ -3,9 +3,9 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy, first_not_finite
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 
 
@@ -36,7 +36,7 @@ class PolicySystem(LeafSystem):
         )
         self._action_port = self.DeclareVectorOutputPort(
             name="action",
-            size=robot.N_JOINTS,
+            size=quadruped.N_JOINTS,
             calc=self._calc_action,
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )
@@ -57,7 +57,7 @@ class PolicySystem(LeafSystem):
         if found is not None and np.isfinite(observation).all():
             step = round(context.get_time() / CONTROL_PERIOD)
             raise InputError(
-                f"the {self._policy.kind} policy's action of {robot.JOINTS[found[-1]]} is not "
+                f"the {self._policy.kind} policy's action of {quadruped.JOINTS[found[-1]]} is not "
                 f"finite at control step {step}; give a policy that is"
             )
         output.SetFromVector(action)

@@ -4,8 +4,8 @@ import math
 
 from pydrake.systems.framework import InputPort, OutputPort
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
 from glassgait.systems.function import FunctionSystem
 
@@ -51,13 +51,13 @@ class Proprioception(FunctionSystem):
         self._half_width = noise_factor * JOINT_NOISE
         super().__init__(
             inputs={
-                "state": robot.N_POSITIONS + robot.N_VELOCITIES,
+                "state": quadruped.N_POSITIONS + quadruped.N_VELOCITIES,
                 "command": 2,
                 "commanded_dwell": 1,
-                "previous_action": robot.N_JOINTS,
+                "previous_action": quadruped.N_JOINTS,
                 "rm_state": layout.n_machine_states,
                 "rm_iterations": 1,
-                "uniform_noise": 2 * robot.N_JOINTS,
+                "uniform_noise": 2 * quadruped.N_JOINTS,
             },
             optional=("uniform_noise",),
             output=("proprioception", layout.n_proprioceptive),
@@ -108,8 +108,8 @@ class Proprioception(FunctionSystem):
     ) -> Array:
         return proprioception(
             command=command,
-            joint_position=state[robot.JOINT_POSITION],
-            joint_velocity=state[robot.JOINT_VELOCITY],
+            joint_position=state[quadruped.JOINT_POSITION],
+            joint_velocity=state[quadruped.JOINT_VELOCITY],
             previous_action=previous_action,
             rm_state=rm_state,
             rm_iterations=rm_iterations[0],

@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.reward import REWARD_TERMS, Reward, RewardWeights, step_reward
 
@@ -56,16 +56,16 @@ class RewardSystem(LeafSystem):
         super().__init__()
         self._weights = weights or RewardWeights()
         self._limit_targets = limit_targets
-        self._joint_velocity = self.DeclareDiscreteState(robot.N_JOINTS)
+        self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
-        self._air_time = self.DeclareDiscreteState(np.full(robot.N_LEGS, -CONTROL_PERIOD))
+        self._air_time = self.DeclareDiscreteState(np.full(quadruped.N_LEGS, -CONTROL_PERIOD))
         self._tracked = self.DeclareDiscreteState(2)
         declare = self.DeclareVectorInputPort
-        self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
         self._command_port = declare("command", 2)
-        self._action_port = declare("action", robot.N_JOINTS)
-        self._previous_action_port = declare("previous_action", robot.N_JOINTS)
-        self._foot_contact_port = declare("foot_contact", robot.N_LEGS)
+        self._action_port = declare("action", quadruped.N_JOINTS)
+        self._previous_action_port = declare("previous_action", quadruped.N_JOINTS)
+        self._foot_contact_port = declare("foot_contact", quadruped.N_LEGS)
         self._reward_multiplier_port = declare("reward_multiplier", 1)
         step_ports = (
             self._state_port,
@@ -174,7 +174,7 @@ class RewardSystem(LeafSystem):
         output.SetFromVector(self._eval_reward(context).terms)
 
     def _latch(self, context: Context, state: State) -> None:
-        velocity = self._state_port.Eval(context)[robot.JOINT_VELOCITY]
+        velocity = self._state_port.Eval(context)[quadruped.JOINT_VELOCITY]
         reward = self._eval_reward(context)
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(reward.air_time)

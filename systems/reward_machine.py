@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
@@ -48,8 +48,8 @@ class RewardMachineSystem(LeafSystem):
         super().__init__()
         self._machine = RewardMachine(gait)
         self._machine_state = self.DeclareDiscreteState(np.ravel(self._machine.initial()))
-        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", robot.N_LEGS)
-        self._foot_height_port = self.DeclareVectorInputPort("foot_height", robot.N_LEGS)
+        self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
+        self._foot_height_port = self.DeclareVectorInputPort("foot_height", quadruped.N_LEGS)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
         # Four outputs and the update tell of one step; the machine takes it once.
         self._step = self.DeclareCacheEntry(

@@ -3,9 +3,9 @@
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
 from glassgait.models.link.messages import sensors_t
 from glassgait.models.link.packing import unpack_state, unpack_touching
+from glassgait.models.robots import quadruped
 
 
 class SensorsReceiver(LeafSystem):
@@ -34,13 +34,13 @@ class SensorsReceiver(LeafSystem):
         of_message = {self.all_input_ports_ticket()}
         self._state_port = self.DeclareVectorOutputPort(
             name="state",
-            size=robot.N_POSITIONS + robot.N_VELOCITIES,
+            size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES,
             calc=self._calc_state,
             prerequisites_of_calc=of_message,
         )
         self._touching_port = self.DeclareVectorOutputPort(
             name="touching",
-            size=robot.N_LEGS,
+            size=quadruped.N_LEGS,
             calc=self._calc_touching,
             prerequisites_of_calc=of_message,
         )

@@ -4,10 +4,10 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.binding import Sensors, sensed
 from glassgait.models.link.messages import sensors_t
 from glassgait.models.link.packing import pack_sensors
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import JOINT_NOISE
 
 
@@ -47,9 +47,9 @@ class SensorsSender(LeafSystem):
             )
         self._session, self._half_width = session, noise_factor * JOINT_NOISE
         declare = self.DeclareVectorInputPort
-        self._state_port = declare("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
         self._followed_port = declare("followed", 1)
-        self._uniform_noise_port = declare("uniform_noise", 2 * robot.N_JOINTS)
+        self._uniform_noise_port = declare("uniform_noise", 2 * quadruped.N_JOINTS)
         self._message_port = self.DeclareAbstractOutputPort(
             name="message",
             alloc=lambda: AbstractValue.Make(sensors_t()),

@@ -11,8 +11,8 @@ from pydrake.systems.framework import (
     State,
 )
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import N_ESTIMATED
 
@@ -60,7 +60,7 @@ class StateEstimator(LeafSystem):
             prerequisites_of_calc={self.all_input_ports_ticket()},
         )
 
-        self._foot_height = self.DeclareDiscreteState(robot.N_LEGS)
+        self._foot_height = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._previous_foot_height_port = self.DeclareStateOutputPort(
             "previous_foot_height", self._foot_height
         )
@@ -84,5 +84,5 @@ class StateEstimator(LeafSystem):
         output.SetFromVector(self._estimator(self._proprioception_port.Eval(context)))
 
     def _latch(self, context: Context, state: State) -> None:
-        heights = self._body_state_port.Eval(context)[-robot.N_LEGS :]
+        heights = self._body_state_port.Eval(context)[-quadruped.N_LEGS :]
         state.get_mutable_discrete_state(self._foot_height).SetFromVector(heights)

@@ -8,15 +8,15 @@ import numpy as np
 import pydrake.symbolic as drake
 from pydrake.systems.primitives import SymbolicVectorSystem
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import Expression
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
 Symbols: TypeAlias = Sequence[drake.Variable]
@@ -150,7 +150,7 @@ def _formulas(
 ) -> list[drake.Expression]:
     """Returns the actions (12) whose joint targets formulas of the quantities are."""
     translated = []
-    for joint, formula in zip(robot.JOINTS, formulas, strict=True):
+    for joint, formula in zip(quadruped.JOINTS, formulas, strict=True):
         try:
             translated.append(_translated(formula, quantities))
         except (RuntimeError, ValueError) as error:

@@ -3,9 +3,9 @@
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.a1 import robot
 from glassgait.models.link.messages import sensors_t, targets_t
 from glassgait.models.link.packing import pack_targets
+from glassgait.models.robots import quadruped, robot
 
 
 class TargetsSender(LeafSystem):
@@ -27,7 +27,7 @@ class TargetsSender(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self._action_port = self.DeclareVectorInputPort("action", robot.N_JOINTS)
+        self._action_port = self.DeclareVectorInputPort("action", quadruped.N_JOINTS)
         self._sensors_port = self.DeclareAbstractInputPort(
             "sensors", AbstractValue.Make(sensors_t())
         )

@@ -10,8 +10,7 @@ from hypothesis import settings
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.switching_controller import write_switching_controller
@@ -19,13 +18,14 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
-from glassgait.studies.ending import BAD_INPUT
-from glassgait.studies.export.compiler import has_compiler, load_controller
+from glassgait.studies.common.exit_codes import BAD_INPUT
+from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
 
 # How long an example takes says how busy the machine is, nothing else.
 settings.register_profile("no deadline", deadline=None)
@@ -90,10 +90,10 @@ def random_states() -> Callable[[int], Array]:
 
     def draw(count: int) -> Array:
         generator = np.random.default_rng(11)
-        state = generator.normal(size=(count, robot.N_POSITIONS + robot.N_VELOCITIES))
+        state = generator.normal(size=(count, quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
         state[:, :4] /= np.linalg.norm(state[:, :4], axis=1, keepdims=True)
-        state[:, robot.JOINT_POSITION] = generator.uniform(
-            robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=(count, robot.N_JOINTS)
+        state[:, quadruped.JOINT_POSITION] = generator.uniform(
+            robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=(count, quadruped.N_JOINTS)
         )
         return state
 
@@ -106,8 +106,8 @@ def make_policy() -> Callable[..., LinearPolicy]:
 
     def make(gait: Gait, seed: int = 3) -> LinearPolicy:
         names = ObservationLayout(gait.n_states).names
-        weights = 0.1 * np.random.default_rng(seed).normal(size=(robot.N_JOINTS, len(names)))
-        return LinearPolicy(gait.name, names, weights, np.zeros(robot.N_JOINTS))
+        weights = 0.1 * np.random.default_rng(seed).normal(size=(quadruped.N_JOINTS, len(names)))
+        return LinearPolicy(gait.name, names, weights, np.zeros(quadruped.N_JOINTS))
 
     return make
 

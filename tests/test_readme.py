@@ -19,9 +19,9 @@ from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
 from glassgait.studies.cli import COMMANDS, main
-from glassgait.studies.drive.command import Part
-from glassgait.studies.students import registry
-from glassgait.studies.students.library import default_student, find_student
+from glassgait.studies.deployment.drive.command import Part
+from glassgait.studies.distillation.students import registry
+from glassgait.studies.distillation.students.library import default_student, find_student
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("models", "systems", "diagrams", "studies", "tests")

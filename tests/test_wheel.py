@@ -12,7 +12,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from glassgait.studies.students.library import default_student
+from glassgait.studies.distillation.students.library import default_student
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("models", "systems", "diagrams", "studies")

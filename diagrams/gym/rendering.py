@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.egl import check_egl
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import CONTROL_PERIOD
 

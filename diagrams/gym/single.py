@@ -17,8 +17,8 @@ from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -104,7 +104,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
             InputError: if the action is of another shape, or not of finite numbers.
             ResetNeeded: before the first reset.
         """
-        action = check_actions(action, (robot.N_JOINTS,))
+        action = check_actions(action, (quadruped.N_JOINTS,))
         simulator = self._standing("step")
         context = simulator.get_mutable_context()
         self._diagram.GetInputPort("actions").FixValue(context, action)

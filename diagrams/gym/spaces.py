@@ -7,8 +7,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector.utils import batch_space
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -35,7 +35,7 @@ class ActionSpace(gym.spaces.Box):
 
     def __init__(
         self,
-        shape: tuple[int, ...] = (robot.N_JOINTS,),
+        shape: tuple[int, ...] = (quadruped.N_JOINTS,),
         seed: int | np.random.Generator | None = None,
     ) -> None:
         super().__init__(-ACTION_BOUND, ACTION_BOUND, shape, np.float64, seed)
@@ -52,7 +52,7 @@ def _batch_actions(space: ActionSpace, n: int = 1) -> ActionSpace:
 
 
 def action_space() -> ActionSpace:
-    """Returns the space of actions (12,); see `glassgait.models.a1.robot.joint_targets`."""
+    """Returns the space of actions (12,); see `glassgait.models.robots.robot.joint_targets`."""
     return ActionSpace()
 
 

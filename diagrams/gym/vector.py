@@ -24,8 +24,8 @@ from glassgait.diagrams.gym.spaces import action_space, observation_space
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -127,7 +127,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             ResetNeeded: before the first reset, or if robots whose episode ended were to be reset
                 and were not.
         """
-        actions = check_actions(actions, (self.num_envs, robot.N_JOINTS))
+        actions = check_actions(actions, (self.num_envs, quadruped.N_JOINTS))
         begun = self._check_reset("step")
         if self._mode == AutoresetMode.DISABLED and begun.any():
             raise ResetNeeded(

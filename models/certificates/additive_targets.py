@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.elimination import greatest_sum
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.question import Question
 from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 INSIDE = 1e-9

@@ -11,11 +11,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.maximum import Tree
 from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.certificates.statement import Statement
 from glassgait.models.files import digest
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import mirrored_states
 
@@ -103,7 +103,7 @@ def _statement(statement: Statement, prover: Prover) -> dict[str, Any]:
     told: dict[str, Any] = {
         "of": question.of,
         "state": question.state,
-        "joint": robot.JOINTS[question.joint],
+        "joint": quadruped.JOINTS[question.joint],
         "sign": question.sign,
         "box": place.box,
         "bound": statement.bound,

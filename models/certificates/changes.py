@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import Region
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.question import Targets
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import robot
 
 PAIRS = 512
 SWEEPS = 3

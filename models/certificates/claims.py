@@ -7,9 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import MaxLen, MinLen
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
@@ -90,7 +90,7 @@ class Claim(Settings):
         """
         super().__post_init__()
         for joint in self.joints:
-            robot.joint_index(joint)
+            quadruped.joint_index(joint)
         for key in _NEEDED.get(self.kind, ()):
             if not getattr(self, key):
                 raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
@@ -112,7 +112,7 @@ class Claim(Settings):
 
     def joint_indices(self) -> tuple[int, ...]:
         """Returns the joints, by index."""
-        return tuple(robot.joint_index(joint) for joint in self.joints or robot.JOINTS)
+        return tuple(quadruped.joint_index(joint) for joint in self.joints or quadruped.JOINTS)
 
     def state_indices(self, gait: Gait) -> tuple[int, ...]:
         """Returns the machine's states, by index.
@@ -212,4 +212,4 @@ def _where(path: Path, index: int, values: Any) -> str:
 def _of_joint(symbol: str, joint: int) -> str:
     if not symbol.endswith(OWN):
         return symbol
-    return f"{symbol.removesuffix(OWN)}.{robot.JOINTS[joint]}"
+    return f"{symbol.removesuffix(OWN)}.{quadruped.JOINTS[joint]}"

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 
 LARGEST = 2**23
 """Greatest number of entries of a table."""

@@ -2,9 +2,9 @@
 
 import math
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.claims import Claim, ClaimKind
 from glassgait.models.certificates.prover import Outcome, Verdict
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
 
@@ -27,7 +27,7 @@ ROUNDING = 1e-8
 def claimed_joint(verdict: Verdict) -> int | None:
     """Returns the joint that the worst case is of; None where it is of none alone."""
     first = verdict.where.split(",")[0].split(" ")[0]
-    return robot.JOINTS.index(first) if first in robot.JOINTS else None
+    return quadruped.JOINTS.index(first) if first in quadruped.JOINTS else None
 
 
 def box_in_words(claim: Claim) -> str:

@@ -6,22 +6,22 @@ from functools import cache
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import Maximum, Region, maximize
-from glassgait.models.certificates.polynomial import (
+from glassgait.models.certificates.question import Question, with_copy
+from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.rounding import formula_error, sum_error
+from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.polynomial import (
     Polynomial,
     PolynomialRing,
     combined,
 )
-from glassgait.models.certificates.question import Question, with_copy
-from glassgait.models.certificates.relaxation import Relaxation
-from glassgait.models.certificates.rounding import formula_error, sum_error
-from glassgait.models.policies.expression import Expression, constant, variable
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.policies.tape import Tape
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
 
@@ -65,7 +65,7 @@ class FormulaTargets:
         cls, policy: LinearPolicy | StatewiseLinearPolicy, n_states: int
     ) -> "FormulaTargets":
         """Writes weighted sums of observations as formulas of quantities."""
-        shape = (-1, robot.N_JOINTS)
+        shape = (-1, quadruped.N_JOINTS)
         intercepts = np.tile(policy.intercepts.reshape(shape), (n_states, 1))
         weights = np.tile(
             policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1)
@@ -74,7 +74,7 @@ class FormulaTargets:
         rows = [
             [
                 _weighted_sum(weights[state, joint], intercepts[state, joint], units, joint)
-                for joint in range(robot.N_JOINTS)
+                for joint in range(quadruped.N_JOINTS)
             ]
             for state in range(n_states)
         ]

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.findings import claimed_joint
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Observed, Verdict
 from glassgait.models.certificates.question import Targets
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.task.assurance import Region
 from glassgait.models.task.observation import entries_of, indices_of, machine_state_entries
 

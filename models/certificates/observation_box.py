@@ -10,11 +10,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.robots import robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,

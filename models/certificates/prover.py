@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.changes import largest_change, widest_change
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.formula_targets import FormulaTargets
@@ -23,6 +22,7 @@ from glassgait.models.certificates.statement import Place, Statement
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.symmetry import mirrored_states
@@ -178,7 +178,7 @@ class Prover:
         try:
             return self.targets.rounding(state, joint, self.region(place, state))
         except InputError as error:
-            where = f"{robot.JOINTS[joint]} in {self.gait.states[state]}"
+            where = f"{quadruped.JOINTS[joint]} in {self.gait.states[state]}"
             raise InputError(f"{where}: {error}") from error
 
     def _bounded(self, claim: Claim) -> Verdict:
@@ -240,7 +240,7 @@ class Prover:
         witnesses: tuple[Observed, ...],
     ) -> Verdict:
         question = statement.question
-        where = f"{robot.JOINTS[question.joint]}, {self.gait.states[question.state]}"
+        where = f"{quadruped.JOINTS[question.joint]}, {self.gait.states[question.state]}"
         if question.observation is not None:
             where += f", {self.symbols[question.observation]}"
         claimed = question.sign * allowed + 0.0
@@ -281,7 +281,7 @@ class Prover:
             return Verdict(claim, "proved", 0.0, 0.0, "each formula is its image's image")
         box = self.boxes[claim.box]
         difference, joint, quantities = asymmetry(self.policy, images, box)
-        where = f"{robot.JOINTS[joint]} and its image"
+        where = f"{quadruped.JOINTS[joint]} and its image"
         if difference > FINE:
             witness = self.observed(quantities)
             return Verdict(claim, "refuted", difference, 0.0, where, (witness,))

@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
 from glassgait.models.task.observation import entries_of

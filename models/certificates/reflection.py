@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.formula_targets import FormulaTargets
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.question import Targets
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 SAMPLES = 1000
@@ -31,7 +31,7 @@ def mirrored_exactly(targets: Targets, images: Sequence[int], names: tuple[str, 
         targets.polynomial(state, joint)
         == targets.image(image, int(REFLECT_JOINTS.index[joint]), reflection)
         for state, image in enumerate(images)
-        for joint in range(robot.N_JOINTS)
+        for joint in range(quadruped.N_JOINTS)
     )
 
 

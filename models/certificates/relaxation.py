@@ -7,9 +7,9 @@ from itertools import product as combinations_of
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
-from glassgait.models.certificates.interval import FUNCTIONS, Interval
-from glassgait.models.certificates.polynomial import Monomial, Polynomial, PolynomialRing
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.interval import FUNCTIONS, Interval
+from glassgait.models.formulas.polynomial import Monomial, Polynomial, PolynomialRing
 
 Element = tuple[int, int]
 """A factor and its power: what a relaxation takes for a variable of its own."""

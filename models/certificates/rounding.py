@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.certificates.interval import FUNCTIONS, Interval
 from glassgait.models.certificates.maximum import Region
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.interval import FUNCTIONS, Interval
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.robots import robot
 
 UNIT = 2.0**-53
 """Error of one operation, as a share of its result."""

@@ -6,13 +6,13 @@ observations.
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.question import Question
 from glassgait.models.certificates.rounding import sum_error
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 SLACK = 1e-12

@@ -6,7 +6,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.projection import shortest_steps
 from glassgait.models.counterfactuals.question import TOLERANCE, Answer, Question, answered, moved
 from glassgait.models.counterfactuals.smooth import SmoothTarget

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.cells import Cells
 from glassgait.models.counterfactuals.question import Question
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.robots import robot
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
-from glassgait.models.policies.expression import Expression, constant
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression, constant
 
 Interval = tuple[Array, Array]
 """Least and greatest values; of several boxes, arrays of equal shape."""

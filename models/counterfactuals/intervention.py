@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 
 
 @dataclass(frozen=True)

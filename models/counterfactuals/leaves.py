@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.forest import Leaves
 from glassgait.models.counterfactuals.program import SLACK, Program
 

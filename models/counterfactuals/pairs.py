@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.cells import Cells
 
 Chosen = dict[int, int]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 
 _HALVINGS = 45
 """Halvings of the multiplier's interval, down to rounding errors."""

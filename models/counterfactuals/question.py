@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import Group, entries_of
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from glassgait.models.a1 import robot
 from glassgait.models.counterfactuals.branching import SmoothSearch
 from glassgait.models.counterfactuals.question import Answer, Question
 from glassgait.models.counterfactuals.smooth import AffineTarget, FormulaTarget
@@ -15,6 +14,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 
 
 class Search(Protocol):
@@ -59,7 +59,7 @@ def answer(question: Question) -> Answers:
         way = "rise" if question.by > 0 else "fall"
         raise InputError(
             f"--by {question.by:g}: no observation within the range measured lets the target of "
-            f"{robot.JOINTS[question.joint]} {way} so much; the most that was found is "
+            f"{quadruped.JOINTS[question.joint]} {way} so much; the most that was found is "
             f"{question.sign * search.reach():.3f} rad, so ask for less or name another --step"
         )
     return Answers(nearest, search.fewest())

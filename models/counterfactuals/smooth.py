@@ -6,14 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.intervals import bounds_of, with_values
 from glassgait.models.counterfactuals.question import Question
-from glassgait.models.policies.expression import Expression
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.cells import cells_of
 from glassgait.models.counterfactuals.pairs import Chosen, nearest_pair, nearest_single
 from glassgait.models.counterfactuals.program import SLACK, Program
 from glassgait.models.counterfactuals.question import Answer, Question, answered
 from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.robots import robot
 
 _PRICES = 14
 """Prices of distance that descents are tried with."""

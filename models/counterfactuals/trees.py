@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.cells import cells_of
 from glassgait.models.counterfactuals.forest import Forest
 from glassgait.models.counterfactuals.leaves import nearest_leaves

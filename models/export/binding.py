@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import INITIALISED, ControllerSource
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import touches_ground
 
@@ -21,12 +21,12 @@ OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 
 NO_GAIT = -1
 """A request for no gait, which every controller of several refuses as bad input."""
 
-N_MEMORY = robot.N_JOINTS + 2 * robot.N_LEGS + 3
+N_MEMORY = quadruped.N_JOINTS + 2 * quadruped.N_LEGS + 3
 """Numbers that a controller remembers from one step to the next."""
 
-ACTION = slice(0, robot.N_JOINTS)
-FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + robot.N_LEGS)
-TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + robot.N_LEGS)
+ACTION = slice(0, quadruped.N_JOINTS)
+FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + quadruped.N_LEGS)
+TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
 MACHINE = slice(TOUCHED.stop, N_MEMORY)
 """Where its parts stand among them, as `Step` tells."""
 
@@ -65,8 +65,8 @@ class Sensors:
 def sensed(state: Array) -> Sensors:
     """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
     return Sensors(
-        state[robot.JOINT_POSITION],
-        state[robot.JOINT_VELOCITY],
+        state[quadruped.JOINT_POSITION],
+        state[quadruped.JOINT_VELOCITY],
         touches_ground(kinematics.foot_heights(state)),
     )
 
@@ -90,8 +90,8 @@ class LoadedController:
             InputError: if there is no such library, or it holds another controller.
         """
         real: Any = ctypes.c_double if written.real == "double" else ctypes.c_float
-        joints = real * robot.N_JOINTS
-        feet, flags = real * robot.N_LEGS, ctypes.c_int * robot.N_LEGS
+        joints = real * quadruped.N_JOINTS
+        feet, flags = real * quadruped.N_LEGS, ctypes.c_int * quadruped.N_LEGS
         number = ctypes.c_int
         self.n_gaits = len(written.n_states)
         self.limits_targets = written.limits_targets

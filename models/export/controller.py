@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
 from glassgait.models.export.network import network_code
@@ -11,6 +10,7 @@ from glassgait.models.export.policy_code import policy_code
 from glassgait.models.export.reward_machine import cases, state_constants
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
@@ -135,11 +135,11 @@ def common_values(
         "gait": gait,
         "policy_name": commented(policy_name),
         "version": commented(version),
-        "legs": list(robot.LEGS),
+        "legs": list(quadruped.LEGS),
         "stance": robot.DEFAULT_STANCE.tolist(),
         "limits_targets": limits_targets,
-        "lowest": robot.LOWER_LIMITS[: len(robot.LEG_JOINTS)].tolist(),
-        "highest": robot.UPPER_LIMITS[: len(robot.LEG_JOINTS)].tolist(),
+        "lowest": robot.LOWER_LIMITS[: len(quadruped.LEG_JOINTS)].tolist(),
+        "highest": robot.UPPER_LIMITS[: len(quadruped.LEG_JOINTS)].tolist(),
         "mark": INITIALISED,
         "action_scale": robot.ACTION_SCALE,
         "stiffness": robot.STIFFNESS,

@@ -4,7 +4,6 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.code import Code, act_signature
 from glassgait.models.export.language import (
     LINE_LENGTH,
@@ -15,10 +14,11 @@ from glassgait.models.export.language import (
     number,
     rendered,
 )
-from glassgait.models.policies.expression import BINARY, Expression
-from glassgait.models.policies.formula_language import GLUE, SIGNS
-from glassgait.models.policies.quantities import Definition, Vocabulary
+from glassgait.models.formulas.expression import BINARY, Expression
+from glassgait.models.formulas.formula_language import GLUE, SIGNS
+from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of
 
 RESERVED = frozenset(
@@ -67,7 +67,7 @@ def formula_code(
     formulas = [
         [
             _lines(f"target[{joint.upper()}] = ", formula, symbols, real, 8 if statewise else 4)
-            for joint, formula in zip(robot.JOINTS, row, strict=True)
+            for joint, formula in zip(quadruped.JOINTS, row, strict=True)
         ]
         for row in rows
     ]
@@ -102,7 +102,7 @@ def _helpers(
     powers = [power for power in ("square", "cube") if _asks_for(formulas, power)]
     texts = [rendered("power.c", real, power=power) for power in powers]
     if {"q", "dq", "a"} & set(quantities):
-        texts.append(rendered("joints.c", real, joints=robot.JOINTS))
+        texts.append(rendered("joints.c", real, joints=quadruped.JOINTS))
     return tuple(texts)
 
 

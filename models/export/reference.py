@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.binding import (
     ACTION,
     FOOT_HEIGHT,
@@ -19,6 +18,7 @@ from glassgait.models.export.binding import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import proprioception
@@ -77,7 +77,7 @@ class PythonController:
         body = self._estimator(own)
         action = self._policy(np.concatenate([own, body]))
         after = np.empty(N_MEMORY)
-        after[ACTION], after[FOOT_HEIGHT] = action, body[-robot.N_LEGS :]
+        after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
         return Step(after, robot.joint_targets(action, limited=self._limits_targets), OK)
 

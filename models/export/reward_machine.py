@@ -4,9 +4,9 @@ import ast
 import textwrap
 from dataclasses import dataclass
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.language import LINE_LENGTH, Real, commented, is_identifier, number
-from glassgait.models.policies.formula_language import GLUE
+from glassgait.models.formulas.formula_language import GLUE
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait, Transition
 
 
@@ -56,7 +56,9 @@ def cases(gait: Gait, real: Real, own: str = "") -> list[Case]:
 def _condition(edge: Transition, real: Real) -> tuple[str, ...]:
     """Returns the lines of a condition over `now`, the propositions of a control step."""
     parts = _conjuncts(ast.parse(edge.when.text, mode="eval").body)
-    swing = [leg for leg, swings in zip(robot.LEGS, edge.when.swing_feet, strict=True) if swings]
+    swing = [
+        leg for leg, swings in zip(quadruped.LEGS, edge.when.swing_feet, strict=True) if swings
+    ]
     parts += [f"now->height[{leg}] >= CLEARANCE" for leg in swing]
     if edge.dwell > 0.0:
         share = "" if edge.dwell == 1.0 else f"{number(edge.dwell, real)} * "

@@ -5,11 +5,11 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.binding import Sensors
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.watchdog import Answer
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, limit_command
 from glassgait.models.task.gait import Gait
@@ -83,9 +83,9 @@ def unpack_state(message: sensors_t) -> Array:
 
     The trunk's entries are NaN: what would read them does not go by sensors alone.
     """
-    state = np.full(robot.N_POSITIONS + robot.N_VELOCITIES, np.nan)
-    state[robot.JOINT_POSITION] = message.joint_position
-    state[robot.JOINT_VELOCITY] = message.joint_velocity
+    state = np.full(quadruped.N_POSITIONS + quadruped.N_VELOCITIES, np.nan)
+    state[quadruped.JOINT_POSITION] = message.joint_position
+    state[quadruped.JOINT_VELOCITY] = message.joint_velocity
     return state
 
 

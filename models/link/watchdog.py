@@ -17,8 +17,8 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 from annotated_types import Ge, Le
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy, refuse_other_estimator
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.assurance import Guard, initial_guard

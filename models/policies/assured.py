@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy, Turn
 from glassgait.models.policies.policy import Policy, refuse_other_estimator

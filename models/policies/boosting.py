@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegressor
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.arrays import Indices, Reals
 from glassgait.models.policies.fitted_trees import compiled_trees

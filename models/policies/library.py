@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.formula_reader import read_formulas
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy

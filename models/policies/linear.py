@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.arrays import Reals
 from glassgait.models.policies.policy import (
     INTERCEPT,

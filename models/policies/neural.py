@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
 from glassgait.models.policies.policy import Policy

@@ -13,12 +13,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
 from glassgait.models.policies.precision import narrowest
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import Group, ObservationLayout, indices_of
 
 FORMAT_VERSION = 1
@@ -123,7 +123,7 @@ class Policy(ABC):
         """
         _refuse_other_than_observations(observation_names, cls.needed_groups)
         return {
-            "joints": robot.N_JOINTS,
+            "joints": quadruped.N_JOINTS,
             "observations": len(observation_names),
             "states": len(indices_of("machine state", observation_names)),
         }
@@ -194,7 +194,7 @@ class Policy(ABC):
         Raises:
             InputError: if there is no such joint, or this kind of policy has no such parts.
         """
-        return self._explain(observation, robot.joint_index(joint))
+        return self._explain(observation, quadruped.joint_index(joint))
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         raise InputError(

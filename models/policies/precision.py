@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 
 _NARROW = {"i": (np.uint8, np.int32), "f": (np.float16, np.float32)}
 """Narrower types of whole numbers and of doubles, the narrowest first."""

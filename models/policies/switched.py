@@ -8,11 +8,11 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import (
     N_ESTIMATED,
@@ -85,7 +85,7 @@ class SwitchedPolicy(Policy):
         self._columns = [_columns(layout, self._gait_of == i) for i in range(len(walkers))]
 
     def __call__(self, observation: Array) -> Array:
-        action = self._by_gait(observation, self.policies, self._columns, robot.N_JOINTS)
+        action = self._by_gait(observation, self.policies, self._columns, quadruped.N_JOINTS)
         previous = observation[..., self._previous_action]
         change = action - previous
         length = np.sqrt(np.sum(np.square(change), axis=-1, keepdims=True))

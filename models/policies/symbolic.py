@@ -11,18 +11,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.expression_text import refuse_unfit
-from glassgait.models.policies.formula_file import SUFFIX, FormulaFile, write_formulas
-from glassgait.models.policies.formula_language import write_formula
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.expression_text import refuse_unfit
+from glassgait.models.formulas.formula_file import SUFFIX, FormulaFile, write_formulas
+from glassgait.models.formulas.formula_language import write_formula
+from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.policies.quantities import Definition, RobotUnits, Vocabulary, actions_of
-from glassgait.models.policies.tape import Tape
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import machine_state_entries
 
 
@@ -111,7 +111,7 @@ class FormulaPolicy(Policy):
         kind: type[FormulaPolicy] = SymbolicPolicy
         expressions: Any = tuple(rows)
         if file.n_states is not None:
-            kind, joints = StatewiseSymbolicPolicy, robot.N_JOINTS
+            kind, joints = StatewiseSymbolicPolicy, quadruped.N_JOINTS
             expressions = tuple(
                 tuple(expressions[start : start + joints])
                 for start in range(0, len(expressions), joints)
@@ -245,7 +245,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
             state = int(np.argmax(observation[self._one_hot]))
             return actions_of(self._tapes[state](quantities))
         states = np.argmax(observation[..., self._one_hot], axis=-1)
-        targets = np.empty((*states.shape, robot.N_JOINTS))
+        targets = np.empty((*states.shape, quadruped.N_JOINTS))
         for index, tape in enumerate(self._tapes):
             mine = states == index
             if mine.any():
@@ -300,4 +300,4 @@ def _naming_the_formula(place: Sequence[int]) -> Iterator[None]:
         yield
     except InputError as error:
         state = f" in state {place[0]}" if len(place) > 1 else ""
-        raise InputError(f"{robot.JOINTS[place[-1]]}{state}: {error}") from error
+        raise InputError(f"{quadruped.JOINTS[place[-1]]}{state}: {error}") from error

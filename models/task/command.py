@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.task.gait import Gait
 
 DEAD_BAND = 0.2

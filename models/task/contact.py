@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import kinematics
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics
 
 
 class FootSense(NamedTuple):

@@ -12,13 +12,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError, shown
+from glassgait.models.robots import quadruped
 
-N_STANCES: Final = 2**robot.N_LEGS
+N_STANCES: Final = 2**quadruped.N_LEGS
 
 STANCES: Final[NDArray[np.bool_]] = (
-    np.arange(N_STANCES)[:, None] >> np.arange(robot.N_LEGS) & 1
+    np.arange(N_STANCES)[:, None] >> np.arange(quadruped.N_LEGS) & 1
 ).astype(bool)
 """The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
 
@@ -52,7 +52,7 @@ class Formula:
 
 def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Encodes contacts (..., 4) as stance codes (...) in 0..15."""
-    return contact.astype(np.intp) @ (1 << np.arange(robot.N_LEGS))
+    return contact.astype(np.intp) @ (1 << np.arange(quadruped.N_LEGS))
 
 
 def parse_formula(text: str) -> Formula:
@@ -102,10 +102,12 @@ def _foreign(text: str) -> InputError:
 
 def _evaluate(node: ast.expr) -> NDArray[np.bool_]:
     match node:
-        case ast.Name(id=foot) if foot in robot.LEGS:
-            return STANCES[:, robot.LEGS.index(foot)]
+        case ast.Name(id=foot) if foot in quadruped.LEGS:
+            return STANCES[:, quadruped.LEGS.index(foot)]
         case ast.Name(id=name):
-            raise InputError(f"unknown foot {shown(name)}; the feet are {', '.join(robot.LEGS)}")
+            raise InputError(
+                f"unknown foot {shown(name)}; the feet are {', '.join(quadruped.LEGS)}"
+            )
         case ast.UnaryOp(op=ast.Invert(), operand=operand):
             return ~_evaluate(operand)
         case ast.BinOp(left=left, op=ast.BitAnd(), right=right):

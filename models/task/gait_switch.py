@@ -17,9 +17,9 @@ from itertools import product
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import N_STANCES, STANCES, stance_code
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.reward_machine import (
@@ -33,7 +33,7 @@ from glassgait.models.task.reward_machine import (
 PATIENCE = 2.0
 """Multiple of the commanded steps in a state after which a gait is waited for no more."""
 
-_FAR = robot.N_LEGS + 1
+_FAR = quadruped.N_LEGS + 1
 """More feet than a robot has: how far states are that a gait never begins in."""
 
 

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.gait_keys import MOST_STATES
 
 JOINT_VELOCITY_SCALE = 0.05
@@ -22,7 +22,7 @@ JOINT_POSITION_NOISE = 0.01
 JOINT_VELOCITY_NOISE = 1.5
 """Half-width of the uniform noise on observed joint velocities (rad/s)."""
 
-JOINT_NOISE: Array = np.repeat([JOINT_POSITION_NOISE, JOINT_VELOCITY_NOISE], robot.N_JOINTS)
+JOINT_NOISE: Array = np.repeat([JOINT_POSITION_NOISE, JOINT_VELOCITY_NOISE], quadruped.N_JOINTS)
 """Half-widths of the noise on joint positions, then velocities (24)."""
 JOINT_NOISE.flags.writeable = False
 
@@ -130,7 +130,7 @@ class ObservationLayout:
                 "n^{*}",
             ),
             *(_base_velocity(axis) for axis in "xyz"),
-            *(_foot_height(leg) for leg in robot.LEGS),
+            *(_foot_height(leg) for leg in quadruped.LEGS),
         )
 
     @cached_property
@@ -179,8 +179,8 @@ def _of_joints(
             merged_name=f"{title} {joint.title()}",
             mirror_sign=-1.0 if joint == "hip" else 1.0,
         )
-        for leg in robot.LEGS
-        for joint in robot.LEG_JOINTS
+        for leg in quadruped.LEGS
+        for joint in quadruped.LEG_JOINTS
     ]
 
 
@@ -303,8 +303,8 @@ def proprioception(
     return np.concatenate(
         [
             command,
-            measured[..., : robot.N_JOINTS] - robot.DEFAULT_STANCE,
-            measured[..., robot.N_JOINTS :] * JOINT_VELOCITY_SCALE,
+            measured[..., : quadruped.N_JOINTS] - robot.DEFAULT_STANCE,
+            measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
             previous_action,
             rm_state,
             counts * ITERATIONS_SCALE,

@@ -7,8 +7,8 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import flip_contacts
@@ -57,17 +57,17 @@ class Randomization(Settings):
 
         Joints are kept inside their limits.
         """
-        scale = generator.uniform(*self.joint_scale, size=(count, robot.N_JOINTS))
+        scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.DEFAULT_STANCE * scale, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
         state = kinematics.standing_state(joints)
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
-        state[:, robot.ANGULAR_VELOCITY] = velocity[:, :3]
-        state[:, robot.LINEAR_VELOCITY] = velocity[:, 3:]
+        state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
+        state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]
         return state
 
     def joint_noise(self, count: int, generator: np.random.Generator) -> Array:
         """Draws noise on joint positions, then velocities (count, 24; rad, rad/s)."""
-        noise = generator.uniform(-1.0, 1.0, size=(count, 2 * robot.N_JOINTS))
+        noise = generator.uniform(-1.0, 1.0, size=(count, 2 * quadruped.N_JOINTS))
         return noise * (self.observation_noise * JOINT_NOISE)
 
     def latencies(self, count: int, generator: np.random.Generator) -> Array:

@@ -6,8 +6,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.settings import NotNegative, Positive, Settings
 from glassgait.models.task import CONTROL_PERIOD
 
@@ -131,8 +131,8 @@ def step_reward(
         limit_targets: Whether the joints follow targets within their ranges alone.
     """
     linear, angular = kinematics.base_velocity(state)
-    joint_position = state[..., robot.JOINT_POSITION]
-    joint_velocity = state[..., robot.JOINT_VELOCITY]
+    joint_position = state[..., quadruped.JOINT_POSITION]
+    joint_velocity = state[..., quadruped.JOINT_VELOCITY]
     torque = robot.joint_torque(
         target=robot.joint_targets(action, limited=limit_targets),
         position=joint_position,

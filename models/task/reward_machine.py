@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import N_STANCES, stance_code
 from glassgait.models.task.gait import Gait
 
@@ -70,7 +70,7 @@ class RewardMachine:
         self._fires = np.append(np.ones(none, dtype=bool), False)
         self._dwell = np.zeros(none + 1)
         self._grace = np.zeros(none + 1, dtype=np.int64)
-        self._swing = np.zeros((none + 1, robot.N_LEGS), dtype=bool)
+        self._swing = np.zeros((none + 1, quadruped.N_LEGS), dtype=bool)
         for i, transition in enumerate(gait.transitions):
             source = gait.states.index(transition.source)
             self._edge[source, np.array(transition.when.table)] = i

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import STANCES, stance_code
 from glassgait.models.task.gait import Gait, Transition
 from glassgait.models.task.observation import ObservationEntry, entries_of
 
 MIRRORED_LEGS = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
 
-_LEG_ORDER = np.array([robot.LEGS.index(MIRRORED_LEGS[leg]) for leg in robot.LEGS])
+_LEG_ORDER = np.array([quadruped.LEGS.index(MIRRORED_LEGS[leg]) for leg in quadruped.LEGS])
 _MIRRORED_STANCES = stance_code(STANCES[:, _LEG_ORDER])
 """Code of each stance's mirror image (16)."""
 
@@ -125,9 +125,9 @@ def _image_name(entry: ObservationEntry, states: Sequence[int]) -> str:
 
 
 def _reflect_joints() -> Reflection:
-    joints = np.arange(robot.N_JOINTS).reshape(robot.N_LEGS, -1)[_LEG_ORDER].ravel()
-    sign = [-1.0 if joint == "hip" else 1.0 for joint in robot.LEG_JOINTS]
-    return Reflection(joints, np.tile(sign, robot.N_LEGS))
+    joints = np.arange(quadruped.N_JOINTS).reshape(quadruped.N_LEGS, -1)[_LEG_ORDER].ravel()
+    sign = [-1.0 if joint == "hip" else 1.0 for joint in quadruped.LEG_JOINTS]
+    return Reflection(joints, np.tile(sign, quadruped.N_LEGS))
 
 
 REFLECT_JOINTS = _reflect_joints()

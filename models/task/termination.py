@@ -7,8 +7,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.settings import Settings
 
 FAILURES = (
@@ -63,7 +63,7 @@ def failures(
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)
-    joint_position = state[..., robot.JOINT_POSITION]
+    joint_position = state[..., quadruped.JOINT_POSITION]
     overrun = np.maximum(
         joint_position - robot.UPPER_LIMITS, robot.LOWER_LIMITS - joint_position
     ).max(axis=-1)
@@ -71,7 +71,7 @@ def failures(
     shown = np.stack(
         [
             kinematics.body_clearance(state, limits.shank_share).min(axis=-1) < 0.0,
-            state[..., robot.POSITION][..., 2] < limits.trunk_height,
+            state[..., quadruped.POSITION][..., 2] < limits.trunk_height,
             overrun > limits.joint_overrun,
             np.sum(np.square(change), axis=-1) > limits.action_change,
             kinematics.foot_heights(state).max(axis=-1) > limits.foot_height,

@@ -7,18 +7,18 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.worlds import Worlds
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
+from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.distillation.rounds import Round
-from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.distillation.students.dataset import Dataset
 
 
 def collect(
@@ -96,7 +96,7 @@ def collect(
 def _refuse_not_finite(expert: NeuralPolicy, step: int, observation: Array, label: Array) -> None:
     found = first_not_finite(np.concatenate([observation, label], axis=1))
     if found is not None:
-        actions = (f"the action of {joint}" for joint in robot.JOINTS)
+        actions = (f"the action of {joint}" for joint in quadruped.JOINTS)
         name = (*expert.observation_names, *actions)[found[1]]
         raise InputError(
             f"expert: {name} is not finite at control step {step} of its episode; train it again, "

@@ -10,15 +10,15 @@ import tyro
 
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.console import console, say
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.parallel.loop import parallel_backend
+from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
+from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.library import DISTILLATION_FOLDER
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
-from glassgait.studies.experts import find_expert
-from glassgait.studies.parallel.loop import parallel_backend
-from glassgait.studies.students.library import DISTILLATION_FOLDER
-from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
-from glassgait.studies.tables import print_table
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
-from glassgait.studies.parallel.loop import Jobs
-from glassgait.studies.students.dataset import HELD_OUT_EVERY
-from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.students.settings import StudentKind, StudentsSettings
-from glassgait.studies.students.student import ITSELF
+from glassgait.studies.common.parallel.loop import Jobs
+from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.settings import StudentKind, StudentsSettings
+from glassgait.studies.distillation.students.student import ITSELF
 
 Steps = Annotated[Count, Ge(2)]
 """Control steps of an episode: R² needs two samples of one that is held out."""

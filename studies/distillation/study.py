@@ -13,27 +13,27 @@ from threadpoolctl import threadpool_limits
 
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.worlds import Worlds
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
 from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.parallel.loop import run_parallel, runs_here
+from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
-from glassgait.studies.parallel.loop import run_parallel, runs_here
-from glassgait.studies.rollouts.selection import rank_alone, simplest_of_the_best
-from glassgait.studies.run_folder import open_run
-from glassgait.studies.students.dataset import Dataset, r2_scores
-from glassgait.studies.students.formula_latex import write_latex
-from glassgait.studies.students.linear import untrained_student
-from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.students.student import Student, StudentSettings, TrainingSet
-from glassgait.studies.tables import write_table
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
+from glassgait.studies.distillation.students.formula_latex import write_latex
+from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 
 SHUFFLED_TEST_SHARE = 0.2
 
@@ -232,7 +232,9 @@ class _Distillation:
             "held_out_samples": len(held_out.actions),
             "r2": float(scores.mean()),
             "r2_shuffled_split": float(r2_scores(shuffled, tested).mean()),
-            **{f"r2_{joint}": float(r2) for joint, r2 in zip(robot.JOINTS, scores, strict=True)},
+            **{
+                f"r2_{joint}": float(r2) for joint, r2 in zip(quadruped.JOINTS, scores, strict=True)
+            },
         }
 
     def _choose(self, kind: str, samples: TrainingSet) -> tuple[StudentSettings, Policy]:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.studies.students.registry import STUDENTS, student_title
-from glassgait.studies.tables import write_metrics, write_table
+from glassgait.studies.common.tables import write_metrics, write_table
+from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 
 
 def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:

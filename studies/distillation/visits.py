@@ -6,10 +6,10 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.rounds import Round
-from glassgait.studies.rollouts.config import distilled_speeds
-from glassgait.studies.students.dataset import Dataset
+from glassgait.studies.distillation.students.dataset import Dataset
 
 N_SPEEDS = 4
 """Forward speeds that robots are given in turn, as in a distillation."""

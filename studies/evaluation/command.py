@@ -16,8 +16,20 @@ from glassgait.models.policies.library import shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console
-from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.common.console import console
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.parallel.loop import parallel_backend
+from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, finish_jobs, inputs_of, run_jobs
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
+from glassgait.studies.common.tables import print_table
+from glassgait.studies.distillation.students.library import (
+    distillation_folder,
+    find_student,
+    load_students,
+)
 from glassgait.studies.evaluation.results import (
     write_alternation,
     write_scorecard,
@@ -25,14 +37,6 @@ from glassgait.studies.evaluation.results import (
 )
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.evaluation.tracking import follow, steady_jobs
-from glassgait.studies.experts import find_expert
-from glassgait.studies.parallel.loop import parallel_backend
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob, finish_jobs, inputs_of, run_jobs
-from glassgait.studies.run_folder import open_run
-from glassgait.studies.students.library import distillation_folder, find_student, load_students
-from glassgait.studies.sweep import ALL_GAITS, Gaits, WorkersConfig, gaits_named, run_each
-from glassgait.studies.tables import print_table
 
 ALL_SCENARIOS = ("all",)
 

@@ -6,11 +6,11 @@ from matplotlib.figure import Figure
 
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.palette import COLORS
-from glassgait.studies.evaluation.alternation import PERIODS
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.rollouts.alternation import PERIODS
+from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.evaluation.tables import alternation_table, policy_title
 from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED
-from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.students.registry import STUDENTS
 
 LEAST_SHARE = 0.9
 """Share of the expert's reward from which students are told apart."""

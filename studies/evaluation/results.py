@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.scores import summarize
+from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
 from glassgait.studies.evaluation.tables import (
     alternation_table,
@@ -13,9 +16,6 @@ from glassgait.studies.evaluation.tables import (
     standalone_table,
 )
 from glassgait.studies.evaluation.tracking import tracking_table
-from glassgait.studies.figures import save_figure
-from glassgait.studies.rollouts.scores import summarize
-from glassgait.studies.tables import write_metrics, write_table
 
 
 def write_scorecard(scores: pd.DataFrame, titles: Mapping[str, str], folder: Path) -> pd.DataFrame:

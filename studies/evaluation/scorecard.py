@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
 
 
 def scorecard_jobs(

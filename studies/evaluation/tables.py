@@ -4,13 +4,8 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from glassgait.studies.rollouts.scores import SPEED_ERROR_TITLE, summarize, summarize_against
-from glassgait.studies.students.registry import student_title
-
-
-def policy_title(name: str) -> str:
-    """Returns what people call the expert, a student, or a policy of another name."""
-    return "Neural expert" if name == "expert" else student_title(name)
+from glassgait.studies.common.rollouts.scores import SPEED_ERROR_TITLE, summarize, summarize_against
+from glassgait.studies.distillation.students.registry import policy_title
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:

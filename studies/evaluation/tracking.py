@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob
-from glassgait.studies.rollouts.roll_out import log_policy, make_batch
-from glassgait.studies.rollouts.scores import interval
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob
+from glassgait.studies.common.rollouts.roll_out import log_policy, make_batch
+from glassgait.studies.common.rollouts.scores import interval
 
 SPEEDS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 """Forward speeds that are commanded (m/s), without turning, as far as the gait goes."""

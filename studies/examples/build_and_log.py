@@ -16,8 +16,8 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, stop_at_falls
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1 import kinematics
 from glassgait.models.policies.library import load_expert
+from glassgait.models.robots import kinematics
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 

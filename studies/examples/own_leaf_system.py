@@ -12,8 +12,8 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_expert
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 
@@ -28,8 +28,10 @@ class PowerMeter(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self._state = self.DeclareVectorInputPort("state", robot.N_POSITIONS + robot.N_VELOCITIES)
-        self._actions = self.DeclareVectorInputPort("actions", robot.N_JOINTS)
+        self._state = self.DeclareVectorInputPort(
+            "state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES
+        )
+        self._actions = self.DeclareVectorInputPort("actions", quadruped.N_JOINTS)
         self.DeclareStateOutputPort("work", self.DeclareDiscreteState(1))
         # Not a discrete update: those come after what the loop latches, and would see the next
         # observation's action.
@@ -37,7 +39,7 @@ class PowerMeter(LeafSystem):
 
     def _add(self, context: Context, after: State) -> None:
         state, action = self._state.Eval(context), self._actions.Eval(context)
-        position, velocity = state[robot.JOINT_POSITION], state[robot.JOINT_VELOCITY]
+        position, velocity = state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]
         target = robot.joint_targets(action)
         torque = robot.joint_torque(target=target, position=position, velocity=velocity)
         work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
@@ -60,7 +62,7 @@ def main() -> None:
         context = simulator.get_context()
         (work,) = meter.get_output_port().Eval(meter.GetMyContextFromRoot(context))
         state = loop.GetOutputPort("state").Eval(loop.GetMyContextFromRoot(context))
-        distance = state[robot.POSITION][0]
+        distance = state[quadruped.POSITION][0]
         cost = work / (WEIGHT * distance)
         print(f"{gait}: {work / 5:.0f} W, {distance:.2f} m, cost of transport {cost:.2f}")
 

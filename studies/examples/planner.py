@@ -11,9 +11,9 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, stop_at_falls
-from glassgait.models.a1 import robot
-from glassgait.models.a1.kinematics import rotation_matrix
 from glassgait.models.policies.library import load_student
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.kinematics import rotation_matrix
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 
@@ -42,7 +42,9 @@ class Planner(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self._state = self.DeclareVectorInputPort("state", robot.N_POSITIONS + robot.N_VELOCITIES)
+        self._state = self.DeclareVectorInputPort(
+            "state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES
+        )
         self._next = self.DeclareDiscreteState(1)
         self.DeclareVectorOutputPort("command", 2, self._calc_command)
         self.DeclarePeriodicUnrestrictedUpdateEvent(CONTROL_PERIOD, 0.0, self._choose)
@@ -55,8 +57,8 @@ class Planner(LeafSystem):
         """Returns the way to the next waypoint in the trunk's frame (2; m)."""
         state = self._state.Eval(context)
         way = np.zeros(3)
-        way[:2] = WAYPOINTS[self.next_waypoint(context)] - state[robot.POSITION][:2]
-        return (rotation_matrix(state[robot.QUATERNION]).T @ way)[:2]
+        way[:2] = WAYPOINTS[self.next_waypoint(context)] - state[quadruped.POSITION][:2]
+        return (rotation_matrix(state[quadruped.QUATERNION]).T @ way)[:2]
 
     def _choose(self, context: Context, after: State) -> None:
         number = self.next_waypoint(context)
@@ -85,7 +87,9 @@ def main() -> None:
     stop_at_falls(simulator)
     simulator.AdvanceTo(10.0)
     context = simulator.get_context()
-    x, y, _ = loop.GetOutputPort("state").Eval(loop.GetMyContextFromRoot(context))[robot.POSITION]
+    x, y, _ = loop.GetOutputPort("state").Eval(loop.GetMyContextFromRoot(context))[
+        quadruped.POSITION
+    ]
     print(f"after {context.get_time():.1f} s at {x:.2f} m, {y:.2f} m")
 
 

@@ -12,8 +12,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_student
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_hold import ActionHold
@@ -68,7 +68,7 @@ def main() -> None:
     diagram = make_diagram()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(5.0)
-    x, y, height = diagram.GetOutputPort("state").Eval(simulator.get_context())[robot.POSITION]
+    x, y, height = diagram.GetOutputPort("state").Eval(simulator.get_context())[quadruped.POSITION]
     print(
         f"after 5 s at a command of 0.5 m/s: {x:.2f} m ahead, {y:+.2f} m aside, {height:.2f} m high"
     )

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.certificates.certificate import shipped_certificates
 from glassgait.models.certificates.findings import (
     OUTCOME_WORDS,
@@ -22,9 +21,10 @@ from glassgait.models.certificates.prover import Outcome, Verdict
 from glassgait.models.certificates.question import Targets
 from glassgait.models.certificates.reading import Certificate
 from glassgait.models.certificates.targets import targets_of
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import robot
 from glassgait.studies.explanation.variables import variables_of
 
 MARKS: dict[Outcome, str] = {"proved": "✓", "refuted": "✗", "undecided": "○"}

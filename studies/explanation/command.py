@@ -11,26 +11,30 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.console import console, say
-from glassgait.studies.experts import find_expert
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.play import Seconds, play
+from glassgait.studies.common.run_folder import refuse_run
+from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.distillation.students.certificates import find_certificate
+from glassgait.studies.distillation.students.library import (
+    default_student,
+    find_student,
+    student_file,
+)
+from glassgait.studies.distillation.students.registry import sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student
-from glassgait.studies.records import to_plain
-from glassgait.studies.rollouts.play import Seconds, play
-from glassgait.studies.run_folder import refuse_run
-from glassgait.studies.students.certificates import find_certificate
-from glassgait.studies.students.library import default_student, find_student, student_file
-from glassgait.studies.students.registry import sums_of_terms
 
 EXPLANATION_FOLDER = Path("runs/explanation")
 

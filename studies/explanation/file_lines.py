@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from glassgait.models.a1 import robot
-from glassgait.models.policies.formula_file import formula_lines
-from glassgait.models.policies.formula_mirror import FormulaMirror
+from glassgait.models.formulas.formula_file import formula_lines
+from glassgait.models.formulas.formula_mirror import FormulaMirror
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 
 
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
@@ -32,7 +32,8 @@ def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
     acting, mirrored = [], []
     for state in range(n_states):
         places = [
-            (joint,) if file.n_states is None else (state, joint) for joint in range(robot.N_JOINTS)
+            (joint,) if file.n_states is None else (state, joint)
+            for joint in range(quadruped.N_JOINTS)
         ]
         mirrored.append([None if p in spans else formula_lines(file, p) for p in places])
         acting.append([spans[mirror.place(p) if mirror and p not in spans else p] for p in places])

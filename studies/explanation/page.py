@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.a1 import robot
-from glassgait.models.policies.expression import Expression, variable
-from glassgait.models.policies.formula_language import write_formula
+from glassgait.models.formulas.expression import Expression, variable
+from glassgait.models.formulas.formula_language import write_formula
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.policies.tape import Tape
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
-from glassgait.studies.evaluation.tables import policy_title
+from glassgait.studies.common.pages import inline_image, page_template
+from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.explanation.certificate import CertificatePanel
 from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.products import Product, products
 from glassgait.studies.explanation.variables import variables_of
-from glassgait.studies.pages import inline_image, page_template
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -96,7 +96,7 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
             targets[:, joint],
             states,
         )
-        for joint in range(robot.N_JOINTS)
+        for joint in range(quadruped.N_JOINTS)
     )
 
 
@@ -131,8 +131,8 @@ def render_page(
     quantities = _quantities(known.titles, explained)
     data = {
         "period": CONTROL_PERIOD,
-        "joints": robot.JOINTS,
-        "legs": robot.LEGS,
+        "joints": quadruped.JOINTS,
+        "legs": quadruped.LEGS,
         "states": gait.states,
         "colors": state_colors(gait),
         "state": rollout["rm_state"].argmax(axis=1).tolist(),
@@ -151,7 +151,7 @@ def render_page(
     return page_template(TEMPLATES, "explanation.html").render(
         gait=gait,
         policy=policy_title(policy_name),
-        joint=robot.JOINTS[joint].replace("_", " "),
+        joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.limits_targets,
         additive=any(not term.weights for own in explained for term in own.products),
         formulas=isinstance(policy, FormulaPolicy),

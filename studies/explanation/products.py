@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from glassgait.models.a1 import robot
+from glassgait.models.formulas.expression import Expression, constant, variable
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.expression import Expression, constant, variable
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import robot
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from glassgait.models.policies.policy import Contributions
-from glassgait.studies.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
+from glassgait.studies.common.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
 

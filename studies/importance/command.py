@@ -9,15 +9,32 @@ import pandas as pd
 import tyro
 from annotated_types import Ge
 
-from glassgait.models.a1.robot import joint_index
 from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import console, say
-from glassgait.studies.experts import find_expert
-from glassgait.studies.figures import save_figure
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.dataset import round_paths
+from glassgait.studies.distillation.students.library import (
+    distillation_folder,
+    kept_students,
+    load_shipped_students,
+    load_students,
+    samples_folder,
+)
+from glassgait.studies.distillation.students.linear import STATEWISE_LINEAR
+from glassgait.studies.distillation.students.settings import StudentKind
+from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import (
@@ -26,23 +43,6 @@ from glassgait.studies.importance.study import (
     measure_importances,
     visited_samples,
 )
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import run_jobs
-from glassgait.studies.run_folder import digest_of_files, open_run
-from glassgait.studies.students.additive import EBM
-from glassgait.studies.students.boosting import GBM
-from glassgait.studies.students.dataset import round_paths
-from glassgait.studies.students.library import (
-    distillation_folder,
-    kept_students,
-    load_shipped_students,
-    load_students,
-    samples_folder,
-)
-from glassgait.studies.students.linear import STATEWISE_LINEAR
-from glassgait.studies.students.settings import StudentKind
-from glassgait.studies.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.tables import print_table, write_metrics, write_table
 
 MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_SYMBOLIC.name)
 """Kinds of students that are measured where none are named."""

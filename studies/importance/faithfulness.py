@@ -9,16 +9,16 @@ import pandas as pd
 from scipy import stats
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
+from glassgait.studies.common.rollouts.scores import summarize_against
 from glassgait.studies.importance.observations import observation_groups
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed
-from glassgait.studies.rollouts.scores import summarize_against
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
 

@@ -8,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
-from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
 from glassgait.studies.importance.methods import METHOD_TITLES
-from glassgait.studies.students.registry import student_title
 
 _MODE_COLORS: dict[AblationMode, str] = {
     "mean": "#0072B2",
@@ -30,7 +30,9 @@ def importance_map(importances: Array, names: tuple[str, ...], title: str) -> Fi
     shares = np.divide(positive, totals, out=np.zeros_like(positive), where=totals > 0)
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 2.9))
     image = axes.imshow(shares, cmap="viridis", aspect="auto", vmin=0.0)
-    axes.set_yticks(range(robot.N_JOINTS), [name.replace("_", " ") for name in robot.JOINTS])
+    axes.set_yticks(
+        range(quadruped.N_JOINTS), [name.replace("_", " ") for name in quadruped.JOINTS]
+    )
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=5)
     axes.set_title(title)
     axes.grid(visible=False)

@@ -6,7 +6,7 @@ import numpy as np
 from interpret.glassbox import ExplainableBoostingRegressor
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.additive import AdditivePolicy
 
 HISTOGRAM_BINS = 20

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import indices_of
-from glassgait.studies.students.dataset import Dataset, r2_scores
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 
 METHOD_TITLES = {
     "permutation": "permutation importance",

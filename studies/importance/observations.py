@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.task.observation import entries_of
 
 

@@ -7,18 +7,24 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.console import say
+from glassgait.studies.common.console import say
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.tables import to_latex, write_table
+from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
+from glassgait.studies.distillation.students.library import samples_folder
+from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.distillation.visits import visit
-from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.interpret_model import interpret_model
@@ -30,12 +36,6 @@ from glassgait.studies.importance.methods import (
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.tables import PAPER_TOP, top_table
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
-from glassgait.studies.rollouts.scores import interval
-from glassgait.studies.students.dataset import Dataset, load_rounds
-from glassgait.studies.students.library import samples_folder
-from glassgait.studies.students.registry import student_title
-from glassgait.studies.students.settings import StudentKind
-from glassgait.studies.tables import to_latex, write_table
 
 N_SHAPES = 3
 """Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
@@ -162,7 +162,7 @@ def draw_student(
     Returns:
         The figures' paths, less extension.
     """
-    name = robot.JOINTS[joint]
+    name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
     figures: dict[str, Figure] = {}
     match student:
@@ -191,7 +191,7 @@ def draw_student(
 
 
 def _by_joint(importances: Array, names: tuple[str, ...]) -> pd.DataFrame:
-    return pd.DataFrame(importances, columns=pd.Index(names)).assign(joint=robot.JOINTS)
+    return pd.DataFrame(importances, columns=pd.Index(names)).assign(joint=quadruped.JOINTS)
 
 
 def _by_group(values: Array, names: tuple[str, ...], policy: str, method: str) -> pd.DataFrame:

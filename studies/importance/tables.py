@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 
 N_TOP = 3
@@ -96,8 +96,8 @@ def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, li
     groups = tuple(observation_groups(names))
     order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
     tops = {}
-    for kind_index, kind in enumerate(robot.LEG_JOINTS):
-        joints = range(kind_index, robot.N_JOINTS, len(robot.LEG_JOINTS))
+    for kind_index, kind in enumerate(quadruped.LEG_JOINTS):
+        joints = range(kind_index, quadruped.N_JOINTS, len(quadruped.LEG_JOINTS))
         places = [
             Counter(groups[order[joint, place]] for joint in joints) for place in range(N_TOP)
         ]

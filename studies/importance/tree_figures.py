@@ -5,11 +5,11 @@ from matplotlib.figure import Figure
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.inspection import PartialDependenceDisplay
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.studies.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
+from glassgait.models.robots import quadruped
+from glassgait.studies.common.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 
 _BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
 
@@ -141,4 +141,4 @@ def _place(node: int) -> tuple[float, float]:
 
 
 def _title(joint: int) -> str:
-    return robot.JOINTS[joint].replace("_", " ")
+    return quadruped.JOINTS[joint].replace("_", " ")

@@ -23,11 +23,11 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.console import say
-from glassgait.studies.figures import save_figure
-from glassgait.studies.rollout.stills import gait_strip
-from glassgait.studies.students.linear import untrained_student
+from glassgait.studies.common.console import say
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.training.figures import ablation_curves, learning_curves
+from glassgait.studies.view.stills import gait_strip
 
 FOLDER = Path(__file__).parent
 ABLATION_DIRECTORY = EXPERT_DIRECTORY / "ablation"

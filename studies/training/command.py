@@ -10,10 +10,10 @@ import tyro
 from glassgait.models.errors import InputError
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.console import console, progress_bar
-from glassgait.studies.experts import TRAINING_FOLDER
-from glassgait.studies.run_folder import open_run
-from glassgait.studies.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
+from glassgait.studies.common.console import console, progress_bar
+from glassgait.studies.common.experts import TRAINING_FOLDER
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.learning_run import LearningRun

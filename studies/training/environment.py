@@ -13,8 +13,8 @@ from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.training.config import TrainingConfig
@@ -132,7 +132,7 @@ class TrainingEnvironment:
         _, angular = kinematics.base_velocity(s.plant)
         return np.concatenate(
             [
-                kinematics.gravity_direction(s.plant[:, robot.QUATERNION]),
+                kinematics.gravity_direction(s.plant[:, quadruped.QUATERNION]),
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
                 self.simulator.friction_of_robots()[:, None],

@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from glassgait.studies.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 
 _SMOOTHED_UPDATES = 10
 

@@ -11,7 +11,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import nn
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import OBSERVATION_GROUPS
 from glassgait.studies.training.estimator import EstimatorTrainer, StateEstimator
@@ -28,7 +28,7 @@ def gaussian_actor(ppo: PpoConfig, observations: TensorDict) -> MLPModel:
         observations,
         OBSERVATION_GROUPS,
         "actor",
-        robot.N_JOINTS,
+        quadruped.N_JOINTS,
         hidden_dims=ppo.actor_layers,
         distribution_cfg={"class_name": "GaussianDistribution", "init_std": ppo.initial_std},
     )
@@ -65,7 +65,7 @@ class Learner:
             observations, OBSERVATION_GROUPS, "critic", 1, hidden_dims=ppo.critic_layers
         )
         storage = RolloutStorage(
-            "rl", config.n_robots, ppo.steps_per_update, observations, [robot.N_JOINTS]
+            "rl", config.n_robots, ppo.steps_per_update, observations, [quadruped.N_JOINTS]
         )
         self.ppo = PPO(
             actor,

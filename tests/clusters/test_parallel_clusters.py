@@ -15,8 +15,8 @@ from joblib import delayed
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.task.gait import gait_names
-from glassgait.studies.parallel import dask_backend
-from glassgait.studies.parallel.loop import parallel_backend, run_parallel
+from glassgait.studies.common.parallel import dask_backend
+from glassgait.studies.common.parallel.loop import parallel_backend, run_parallel
 
 SMALL = {"num_cpus": 1, "object_store_memory": 80_000_000}
 """A node: one core, and little shared memory."""
@@ -24,7 +24,7 @@ SMALL = {"num_cpus": 1, "object_store_memory": 80_000_000}
 PARENT = """
 import os, sys, time
 from joblib import delayed
-from glassgait.studies.parallel.loop import run_parallel
+from glassgait.studies.common.parallel.loop import run_parallel
 
 def work():
     time.sleep(0.2)

@@ -13,8 +13,8 @@ from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import indices_of
@@ -191,7 +191,7 @@ def test_pushes_add_to_the_base_velocity(trot):
         states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (6, 1)))
         simulator.start_at(states, Command(np.zeros((6, 2)), np.full(6, 8.0)))
         simulator.step(np.zeros((6, 12)))
-    difference = (pushed.state.plant - quiet.state.plant)[:, robot.LINEAR_VELOCITY]
+    difference = (pushed.state.plant - quiet.state.plant)[:, quadruped.LINEAR_VELOCITY]
     assert np.all(np.abs(difference[:, :2]).max(axis=1) > 0.01)
     np.testing.assert_array_equal(difference[:, 2], 0)
 

@@ -5,8 +5,8 @@ import pytest
 
 from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["one thread", "two threads"])
@@ -73,7 +73,7 @@ def test_slippery_groups_slide_further():
     physics = BatchPhysics(StationConfig(), StationConfig())
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing_batch(4)
-    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
+    states[:, quadruped.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
     for _ in range(15):
         states = physics.step(states, targets).states
     slid = states[:, 4]

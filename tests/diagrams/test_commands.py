@@ -14,9 +14,9 @@ from glassgait.diagrams.gym import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
+from glassgait.models.robots import quadruped
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 DRAWN = replace(CALM, command=DrawnCommands())
@@ -135,7 +135,7 @@ class Planner(LeafSystem):
         self.DeclareVectorOutputPort("command", 2, self.calc)
 
     def calc(self, context, output):
-        far = self.state.Eval(context)[robot.POSITION][0] > 0.5
+        far = self.state.Eval(context)[quadruped.POSITION][0] > 0.5
         turn = 0.1 * self.rm_state.Eval(context)[0]
         output.SetFromVector([-0.5 if far else 9.0, turn])
 
@@ -149,7 +149,7 @@ def test_a_planner_that_sees_the_robot_drives_it_to_and_fro(trot):
     builder.Connect(planner.get_output_port(), loop.GetInputPort("command"))
     rollout = record(make_simulator(builder.Build(), seed=3), 150)
     assert not rollout.failed
-    x = rollout["state"][:, robot.POSITION][:, 0]
+    x = rollout["state"][:, quadruped.POSITION][:, 0]
     # The gait's greatest speed stands in for one that no gait is made for.
     np.testing.assert_array_equal(rollout["command"][:, 0], np.where(x > 0.5, -0.5, 1.0))
     np.testing.assert_array_equal(rollout["command"][:, 1], 0.1 * rollout["rm_state"][:, 0])

@@ -15,13 +15,13 @@ from glassgait.diagrams.plant_state import push, set_plant_state
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.gait import load_gait
 
 CHANNELS = Channels("TEST_")
@@ -93,20 +93,20 @@ def test_counts_and_survives_losses(trot, page):
 def test_a_robot_without_a_controller_is_lowered_and_rises_with_the_next(trot, page, n_steps):
     ends = Ends(trot, page, Scenario(command=FixedCommand()))
     ends.run(n_steps)
-    walked = ends.robot.output("state")[robot.POSITION].copy()
+    walked = ends.robot.output("state")[quadruped.POSITION].copy()
     _, held = ends.run(4, answered=False)
     np.testing.assert_array_equal(held[-1], held[0])
     assert ends.robot.phase is Phase.HOLDING
     states, _ = ends.run(100, answered=False)
     assert ends.robot.phase is Phase.LOWERED
-    assert states[-1][robot.POSITION][2] < 0.15
-    assert kinematics.lean(states[:, robot.QUATERNION]).max() < 45.0
-    assert kinematics.lean(states[-1][robot.QUATERNION]) < 10.0
+    assert states[-1][quadruped.POSITION][2] < 0.15
+    assert kinematics.lean(states[:, quadruped.QUATERNION]).max() < 45.0
+    assert kinematics.lean(states[-1][quadruped.QUATERNION]) < 10.0
     assert not ends.robot.fallen
     ends.run(200)
     assert ends.robot.phase is Phase.FOLLOWING
     assert not ends.robot.fallen
-    assert ends.robot.output("state")[robot.POSITION][0] > walked[0] + 0.1
+    assert ends.robot.output("state")[quadruped.POSITION][0] > walked[0] + 0.1
 
 
 def test_a_robot_on_its_back_is_not_told_to_rise(trot, page):
@@ -114,8 +114,8 @@ def test_a_robot_on_its_back_is_not_told_to_rise(trot, page):
     ends.run(20)
     ends.run(70, answered=False)
     state = kinematics.standing_state(CROUCH)
-    state[robot.QUATERNION] = 0.0, 1.0, 0.0, 0.0
-    state[robot.POSITION] = 0.0, 0.0, 0.06
+    state[quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+    state[quadruped.POSITION] = 0.0, 0.0, 0.06
     set_plant_state(ends.robot.diagram, ends.robot.simulator.get_mutable_context(), state)
     _, targets = ends.run(60)
     assert ends.robot.phase is Phase.TIPPED

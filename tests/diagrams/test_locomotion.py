@@ -15,7 +15,6 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import AssuredPolicy
@@ -27,6 +26,7 @@ from glassgait.models.policies.library import (
     load_student,
 )
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait

@@ -10,9 +10,9 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
+from glassgait.models.robots import kinematics, quadruped, robot
 
 mujoco = pytest.importorskip(
     "mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'"
@@ -51,8 +51,8 @@ def after(station, states, targets, n_steps=1):
 def test_both_engines_move_a_flying_robot_alike(change, random_states, generator):
     states = random_states(5)
     states[:, 6] = 5.0
-    states[:, robot.JOINT_POSITION] = robot.DEFAULT_STANCE
-    states[:, robot.N_POSITIONS :] = generator.normal(size=(5, 18))
+    states[:, quadruped.JOINT_POSITION] = robot.DEFAULT_STANCE
+    states[:, quadruped.N_POSITIONS :] = generator.normal(size=(5, 18))
     targets = robot.DEFAULT_STANCE + 0.2 * generator.normal(size=(5, 12))
     # Both converge to the same motion, from steps that are far from exact.
     fine = {"time_step": 0.00025}
@@ -112,7 +112,7 @@ def test_slippery_groups_slide_further():
     physics = make_physics(STATION, STATION)
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing(4)
-    states[:, robot.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
+    states[:, quadruped.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
     for _ in range(15):
         states = physics.step(states, targets).states
     assert states[0, 4] == states[1, 4] > states[2, 4] + 0.05
@@ -122,7 +122,7 @@ def test_slippery_groups_slide_further():
 def test_its_motors_give_no_more_than_their_effort(strength):
     model = make_model(StationConfig(time_step=0.002, engine="mujoco", motor_strength=strength))
     data = mujoco.MjData(model)
-    data.ctrl[:] = np.tile([30.0, -30.0], robot.N_JOINTS // 2)
+    data.ctrl[:] = np.tile([30.0, -30.0], quadruped.N_JOINTS // 2)
     mujoco.mj_forward(model, data)
     torque = np.sign(data.ctrl) * strength * robot.EFFORT_LIMIT
     np.testing.assert_allclose(data.actuator_force, torque)

@@ -13,8 +13,8 @@ from glassgait.diagrams.plant_state import (
 )
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeA1Station
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import quadruped
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
@@ -38,8 +38,8 @@ def test_the_robot_is_placed_and_pushed_in_any_context_that_holds_it(trot, make_
         set_plant_state(part, context, standing)
         push(part, context, np.array([0.5, 0.0, i]))
         state = diagram.GetOutputPort("state").Eval(own)
-        np.testing.assert_array_equal(state[: robot.LINEAR_VELOCITY.start], standing[:22])
-        np.testing.assert_array_equal(state[robot.LINEAR_VELOCITY], [0.5, 0.0, i])
+        np.testing.assert_array_equal(state[: quadruped.LINEAR_VELOCITY.start], standing[:22])
+        np.testing.assert_array_equal(state[quadruped.LINEAR_VELOCITY], [0.5, 0.0, i])
 
 
 def test_contexts_of_other_diagrams_are_refused(trot, make_policy):

@@ -10,8 +10,8 @@ from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +25,14 @@ def test_mass_joints_and_limits(station):
     plant, _, instance, _ = station
     assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(robot.MASS)
     names = plant.GetPositionNames(instance, add_model_instance_prefix=False)
-    assert names[7:] == [f"{joint}_q" for joint in robot.JOINTS]
+    assert names[7:] == [f"{joint}_q" for joint in quadruped.JOINTS]
     np.testing.assert_allclose(plant.GetPositionLowerLimits()[7:], robot.LOWER_LIMITS)
     np.testing.assert_allclose(plant.GetPositionUpperLimits()[7:], robot.UPPER_LIMITS)
 
 
 def test_every_joint_has_its_pd_controller_and_effort_limit(station):
     plant, *_ = station
-    for name in robot.JOINTS:
+    for name in quadruped.JOINTS:
         actuator = plant.GetJointActuatorByName(name)
         gains = actuator.get_controller_gains()
         assert (gains.p, gains.d) == (robot.STIFFNESS, robot.DAMPING)
@@ -46,8 +46,8 @@ def test_the_plants_motors_give_no_more_than_their_effort(strength):
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own = plant.GetMyMutableContextFromRoot(context)
-    far = np.tile([30.0, -30.0], robot.N_JOINTS // 2)
-    desired = np.concatenate([far, np.zeros(robot.N_JOINTS)])
+    far = np.tile([30.0, -30.0], quadruped.N_JOINTS // 2)
+    desired = np.concatenate([far, np.zeros(quadruped.N_JOINTS)])
     plant.get_desired_state_input_port(instance).FixValue(own, desired)
     torque = plant.get_net_actuation_output_port(instance).Eval(own)
     greatest = strength * robot.EFFORT_LIMIT
@@ -127,14 +127,14 @@ def test_random_contexts_draw_the_pose_above_the_ground(standing):
     station = MakeA1Station()
     states = np.array([random_state(station, seed) for seed in range(50)])
     np.testing.assert_array_equal(states[7], random_state(station, 7))
-    scale = states[:, robot.JOINT_POSITION] / robot.DEFAULT_STANCE
+    scale = states[:, quadruped.JOINT_POSITION] / robot.DEFAULT_STANCE
     assert 0.9 <= scale.min() < 0.91
     assert 1.09 < scale.max() <= 1.1
     heights = kinematics.foot_heights(states)
     assert heights.min() >= 0.0
     assert heights.min(axis=1).max() < 0.05
     np.testing.assert_array_equal(
-        states[:, : robot.POSITION.stop - 1], standing[None, :6] + 0 * states[:, :6]
+        states[:, : quadruped.POSITION.stop - 1], standing[None, :6] + 0 * states[:, :6]
     )
 
 

@@ -13,7 +13,7 @@ from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.systems.meshcat_command import SPEED_SLIDER
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
@@ -38,7 +38,7 @@ def test_two_robots_are_in_one_page_though_one_stops_early(standing, tmp_path, m
     def walk(n_steps, speed):
         time = 0.02 * np.arange(n_steps)
         state = np.tile(standing, (n_steps, 1))
-        state[:, robot.POSITION.start] = speed * time
+        state[:, quadruped.POSITION.start] = speed * time
         return Rollout(time, {"state": state})
 
     opened = []

@@ -7,8 +7,8 @@ import pytest
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.worlds import GroupRanges, Worlds
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import robot
 
 
 def drawn(worlds, seed=0):

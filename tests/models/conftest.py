@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
-from glassgait.models.a1 import robot
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
@@ -22,6 +21,7 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import mirrored_states
@@ -39,7 +39,7 @@ def samples() -> Callable[..., tuple[Array, Array]]:
         observations = generator.normal(size=(count, N))
         one_hot = slice(NAMES.index("RM State 0"), NAMES.index("RM State 1") + 1)
         observations[:, one_hot] = np.eye(2)[generator.integers(2, size=count)]
-        mixing = generator.normal(size=(N, robot.N_JOINTS))
+        mixing = generator.normal(size=(N, quadruped.N_JOINTS))
         actions = np.tanh(observations @ mixing) + observations[:, :1] * observations[:, 2:14]
         return observations, actions
 
@@ -73,7 +73,7 @@ def boosted_models(samples: Callable) -> list[GradientBoostingRegressor]:
         GradientBoostingRegressor(n_estimators=15, max_depth=3, random_state=j).fit(
             observations, actions[:, j]
         )
-        for j in range(robot.N_JOINTS)
+        for j in range(quadruped.N_JOINTS)
     ]
 
 
@@ -89,7 +89,7 @@ def additive_models(samples: Callable) -> list[ExplainableBoostingRegressor]:
             n_jobs=1,
             random_state=j,
         ).fit(observations, actions[:, j])
-        for j in range(robot.N_JOINTS)
+        for j in range(quadruped.N_JOINTS)
     ]
 
 
@@ -113,20 +113,20 @@ def random_network() -> Callable[..., Network]:
 @pytest.fixture
 def neural(random_network: Callable[..., Network]) -> NeuralPolicy:
     generator = np.random.default_rng(1)
-    actor = random_network(generator, N, 8, robot.N_JOINTS)
+    actor = random_network(generator, N, 8, quadruped.N_JOINTS)
     return NeuralPolicy("trot", NAMES, actor, random_network(generator, N - 7, 8, 7))
 
 
 @pytest.fixture
 def linear() -> LinearPolicy:
-    weights = np.random.default_rng(2).normal(size=(robot.N_JOINTS, N))
-    return LinearPolicy("trot", NAMES, weights, np.ones(robot.N_JOINTS))
+    weights = np.random.default_rng(2).normal(size=(quadruped.N_JOINTS, N))
+    return LinearPolicy("trot", NAMES, weights, np.ones(quadruped.N_JOINTS))
 
 
 @pytest.fixture
 def statewise() -> StatewiseLinearPolicy:
-    weights = np.random.default_rng(3).normal(size=(2, robot.N_JOINTS, N))
-    return StatewiseLinearPolicy("trot", NAMES, weights, np.ones((2, robot.N_JOINTS)))
+    weights = np.random.default_rng(3).normal(size=(2, quadruped.N_JOINTS, N))
+    return StatewiseLinearPolicy("trot", NAMES, weights, np.ones((2, quadruped.N_JOINTS)))
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def statewise_symbolic() -> StatewiseSymbolicPolicy:
 
 @pytest.fixture
 def open_loop() -> OpenLoopPolicy:
-    table = np.random.default_rng(4).normal(size=(2, 6, robot.N_JOINTS))
+    table = np.random.default_rng(4).normal(size=(2, 6, quadruped.N_JOINTS))
     return OpenLoopPolicy("trot", NAMES, table)
 
 
@@ -201,7 +201,7 @@ def small_expert(random_network: Callable[..., Network]) -> Callable[..., Neural
         actor, estimator = (
             Network(tuple(0.1 * weight for weight in own.weights), own.biases)
             for own in (
-                random_network(generator, n, *hidden, robot.N_JOINTS),
+                random_network(generator, n, *hidden, quadruped.N_JOINTS),
                 random_network(generator, n - 7, *hidden, 7),
             )
         )

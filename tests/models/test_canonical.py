@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glassgait.models.policies.canonical import canonical, is_negative, negative
-from glassgait.models.policies.expression import BINARY, Expression, constant, variable
-from glassgait.models.policies.expression_text import parse_expression, variable_names
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.canonical import canonical, is_negative, negative
+from glassgait.models.formulas.expression import BINARY, Expression, constant, variable
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.tape import Tape
 
 N = 3
 NAMES = variable_names(N)

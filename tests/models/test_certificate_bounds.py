@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.elimination import greatest_sum
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
@@ -17,10 +16,11 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.certificates.question import Question, region_of
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import Gait, load_gait
 
 WIDTHS = robot.UPPER_LIMITS - robot.LOWER_LIMITS
@@ -32,7 +32,7 @@ def whole_box(gait: Gait) -> ObservationBox:
 
 def formulas(text: str) -> FormulaPolicy:
     """A policy whose first joint has a formula, and the others none to speak of."""
-    others = "\n".join(f"{joint} = 0" for joint in robot.JOINTS[1:])
+    others = "\n".join(f"{joint} = 0" for joint in quadruped.JOINTS[1:])
     file = f"format: 1\ngait: trot\nstates: 2\n\nevery state\nFL_hip = {text}\n{others}\n"
     return FormulaPolicy.from_file(read_formulas(file))
 

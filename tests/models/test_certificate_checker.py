@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates import checker
 from glassgait.models.certificates.certificate import (
     certificate_text,
@@ -18,8 +17,9 @@ from glassgait.models.certificates.certificate import (
 from glassgait.models.certificates.checker import RefusedError, check
 from glassgait.models.certificates.checker import robot as restated
 from glassgait.models.files import digest
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
@@ -186,7 +186,7 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
 
 
 def test_restates_the_robot_as_it_is():
-    assert tuple(restated.JOINTS) == robot.JOINTS
+    assert tuple(restated.JOINTS) == quadruped.JOINTS
     assert robot.DEFAULT_STANCE.tolist() == restated.STANCE
     assert restated.ACTION_SCALE == robot.ACTION_SCALE
     assert restated.LIMITS == robot.POSITION_LIMITS

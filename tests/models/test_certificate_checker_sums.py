@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.certificate import (
     certificate,
     certificate_text,
@@ -19,9 +18,10 @@ from glassgait.models.certificates.observation_box import operating_box
 from glassgait.models.certificates.prover import Prover
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -43,10 +43,10 @@ CLAIMS = (
 
 def tables(generator: np.random.Generator) -> AdditivePolicy:
     """Random tables of all observations, and three pairs a joint."""
-    n, pairs = len(NAMES), 3 * robot.N_JOINTS
+    n, pairs = len(NAMES), 3 * quadruped.N_JOINTS
     cuts = np.sort(generator.uniform(-1.0, 1.0, (n, 6)), axis=1)
     paired = np.array([generator.choice(n, 2, replace=False) for _ in range(pairs)])
-    sizes = (robot.N_JOINTS, n, 7), (pairs, 4, 4)
+    sizes = (quadruped.N_JOINTS, n, 7), (pairs, 4, 4)
     return AdditivePolicy(
         "trot",
         NAMES,
@@ -54,17 +54,17 @@ def tables(generator: np.random.Generator) -> AdditivePolicy:
         pair_cuts=np.sort(generator.uniform(-1.0, 1.0, (n, 3)), axis=1),
         tables=generator.normal(0.0, 0.2, sizes[0]),
         pairs=paired,
-        pair_joints=np.repeat(np.arange(robot.N_JOINTS), 3),
+        pair_joints=np.repeat(np.arange(quadruped.N_JOINTS), 3),
         pair_tables=generator.normal(0.0, 0.2, sizes[1]),
         deviations=np.zeros(sizes[0]),
         pair_deviations=np.zeros(sizes[1]),
-        intercepts=generator.normal(0.0, 0.1, robot.N_JOINTS),
+        intercepts=generator.normal(0.0, 0.1, quadruped.N_JOINTS),
     )
 
 
 def trees(generator: np.random.Generator) -> BoostedTreesPolicy:
     """Twenty random trees a joint, three questions deep; some of their branches end early."""
-    shape = (robot.N_JOINTS, 20, 7)
+    shape = (quadruped.N_JOINTS, 20, 7)
     thresholds = generator.uniform(-1.0, 1.0, shape).astype(np.float32).astype(float)
     thresholds[..., 5][generator.random(shape[:2]) < 0.3] = np.inf
     return BoostedTreesPolicy(
@@ -73,8 +73,8 @@ def trees(generator: np.random.Generator) -> BoostedTreesPolicy:
         features=generator.integers(0, len(NAMES), shape),
         thresholds=thresholds,
         leaves=generator.normal(0.0, 0.2, (*shape[:2], 8)),
-        intercepts=generator.normal(0.0, 0.1, robot.N_JOINTS),
-        importances=np.full((robot.N_JOINTS, len(NAMES)), 1.0 / len(NAMES)),
+        intercepts=generator.normal(0.0, 0.1, quadruped.N_JOINTS),
+        importances=np.full((quadruped.N_JOINTS, len(NAMES)), 1.0 / len(NAMES)),
     )
 
 

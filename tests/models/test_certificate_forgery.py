@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.certificate import certificate, certificate_text, content_digest
 from glassgait.models.certificates.checker import RefusedError, check
 from glassgait.models.certificates.claims import Claim
@@ -18,8 +17,9 @@ from glassgait.models.certificates.observation_box import ObservationBox, physic
 from glassgait.models.certificates.prover import Prover
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -110,7 +110,7 @@ class Truth:
                     self.assert_claim(claim, state)
 
     def assert_bound(self, own: dict[str, Any]) -> None:
-        joint, stuck = robot.joint_index(own["joint"]), own.get("stuck", [])
+        joint, stuck = quadruped.joint_index(own["joint"]), own.get("stuck", [])
         seen = self.drawn(own["box"], stuck, own["state"])
         reached = self.targets(seen)[:, joint]
         match own["of"]:
@@ -143,7 +143,9 @@ class Truth:
                     assert mine.max() <= claim.greatest(joint)
                     assert mine.min() >= claim.smallest(joint)
                 case "torque":
-                    angles = UNITS.quantities(seen)[:, SYMBOLS.index(f"q.{robot.JOINTS[joint]}")]
+                    angles = UNITS.quantities(seen)[
+                        :, SYMBOLS.index(f"q.{quadruped.JOINTS[joint]}")
+                    ]
                     torque = robot.STIFFNESS * np.abs(mine - angles)
                     assert torque.max() <= claim.greatest(joint) + 1e-9
                 case "never" | "effect" | "independent" as kind:
@@ -279,7 +281,7 @@ def forge_text(text: str, generator: np.random.Generator) -> str:
             case 2:
                 text = text[:place] + str(generator.choice(list("+-*/(). #\n"))) + text[place + 1 :]
             case 3:
-                joint, term = generator.choice(robot.JOINTS), generator.choice(ATTACKS)
+                joint, term = generator.choice(quadruped.JOINTS), generator.choice(ATTACKS)
                 text = text.replace(f"{joint} = ", f"{joint} = {term} + ", 1)
             case 4:
                 lines[row] += str(
@@ -356,7 +358,7 @@ def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term,
         checked(content, policy, tmp_path)
     with pytest.raises(InputError, match=r"double precision|may be|may overflow"):
         prover = Prover(load_policy(policy), GAIT)
-        prover.range_of(0, robot.joint_index(joint), "physical")
+        prover.range_of(0, quadruped.joint_index(joint), "physical")
 
 
 def shipped_claim(content: dict[str, Any], kind: str, outcome: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from flint import arb, ctx
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.certificates.interval import FUNCTIONS, Interval
+from glassgait.models.formulas.interval import FUNCTIONS, Interval
 
 NUMBERS = st.floats(-50.0, 50.0)
 SHARES = st.floats(0.0, 1.0)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.nearness import box_of, nearness, observation_of, overruns
 from glassgait.models.certificates.observation_box import operating_box, physical_box
 from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.certificates.targets import targets_of
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
 
@@ -27,9 +27,9 @@ SEEN = ("v.x", "h.FL")
 @pytest.fixture(scope="module")
 def policy():
     """A policy whose front left thigh sees two observations, and whose other joints see none."""
-    weights = np.zeros((robot.N_JOINTS, len(NAMES)))
+    weights = np.zeros((quadruped.N_JOINTS, len(NAMES)))
     weights[1, [SYMBOLS.index(symbol) for symbol in SEEN]] = 1.0, 20.0
-    return LinearPolicy("trot", NAMES, weights, np.zeros(robot.N_JOINTS))
+    return LinearPolicy("trot", NAMES, weights, np.zeros(quadruped.N_JOINTS))
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -19,7 +19,7 @@ def histogram_models(samples):
         HistGradientBoostingRegressor(
             max_iter=10 + j % 2, max_leaf_nodes=9, random_state=j, early_stopping=False
         ).fit(observations, actions[:, j])
-        for j in range(robot.N_JOINTS)
+        for j in range(quadruped.N_JOINTS)
     ]
 
 
@@ -70,7 +70,7 @@ def test_bags_disagree_as_far_as_the_functions_that_apply_to_an_observation(rand
     for row, told in zip(
         observations.reshape(20, -1), policy.disagreement(observations).ravel(), strict=True
     ):
-        of_joints = np.zeros(robot.N_JOINTS)
+        of_joints = np.zeros(quadruped.N_JOINTS)
         for entry, value in enumerate(row):
             bin_ = np.searchsorted(policy.cuts[entry], value, side="right")
             of_joints += policy.deviations[:, entry, bin_] ** 2

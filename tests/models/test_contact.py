@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddA1Station, StationConfig
-from glassgait.models.a1 import kinematics, robot
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.contact import sense_feet
 
 NONE = np.zeros(4, dtype=bool)
@@ -47,5 +47,5 @@ def test_touching_is_what_drakes_contact_solver_finds(generator):
         for i in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(i)
             bodies |= {plant.get_body(b).name() for b in (info.bodyA_index(), info.bodyB_index())}
-        pressing = [f"{leg}_calf" in bodies for leg in robot.LEGS]
+        pressing = [f"{leg}_calf" in bodies for leg in quadruped.LEGS]
         np.testing.assert_array_equal(sense_feet(state, NONE).touching, pressing)

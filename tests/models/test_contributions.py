@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.formula_language import parse_formula
+from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.expression_text import parse_expression, variable_names
-from glassgait.models.policies.formula_language import parse_formula
-from glassgait.models.policies.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -40,7 +40,7 @@ def test_terms_are_written_as_in_the_file():
     text = "late*(0.25*cmd.v - cmd.yaw*2) + 0.125*q.FL_hip"
     formula = parse_formula(text, vocabulary.symbols)
     definitions = vocabulary.definitions
-    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS, definitions=definitions)
+    policy = SymbolicPolicy("trot", NAMES, [formula] * quadruped.N_JOINTS, definitions=definitions)
     terms = policy.explain(np.zeros(len(NAMES)), 0).terms
     assert terms == ("late*(0.25*cmd.v)", "-late*(cmd.yaw*2)", "0.125*q.FL_hip")
 
@@ -79,7 +79,7 @@ def test_joints_are_explained_by_name_or_index(
 def test_products_of_many_sums_are_explained_in_one_term(samples):
     product = " * ".join(f"(x{i} + {i}.5)" for i in range(22))
     formula = parse_expression(f"x0 + {product}", variable_names(N))
-    policy = SymbolicPolicy("trot", NAMES, [formula] * robot.N_JOINTS)
+    policy = SymbolicPolicy("trot", NAMES, [formula] * quadruped.N_JOINTS)
     observations, _ = samples(5)
     parts = policy.explain(observations, "FL_calf")
     assert len(parts.terms) == 2

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.counterfactuals.branching import SmoothSearch
 from glassgait.models.counterfactuals.forest import Forest
 from glassgait.models.counterfactuals.intervals import bounds_of
@@ -14,17 +13,18 @@ from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
 from glassgait.models.counterfactuals.search import answer, search_of
 from glassgait.models.counterfactuals.smooth import FormulaTarget
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.tape import Tape
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, indices_of, machine_state_entries
 
 NAMES = load_expert("trot").observation_names
 KINDS = ("page", "statewise_symbolic", "statewise_linear", "ebm", "gbm")
-CALF = robot.joint_index("FR_calf")
+CALF = quadruped.joint_index("FR_calf")
 
 
 @pytest.fixture(scope="module")

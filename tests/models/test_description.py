@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import description, robot
+from glassgait.models.robots import description, robot
 
 
 def test_file_is_what_the_table_gives():

@@ -8,22 +8,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import ACTION, MACHINE, OK, LoadedController, Sensors
 from glassgait.models.export.controller import write_controller
 from glassgait.models.export.language import CArray, commented, is_identifier, number
 from glassgait.models.export.reference import PythonController
 from glassgait.models.export.reward_machine import cases, state_constants
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.library import load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.export.agreement import Agreement, compare_controllers, random_sequences
-from glassgait.studies.export.compiler import has_compiler, load_controller
+from glassgait.studies.deployment.export.agreement import (
+    Agreement,
+    compare_controllers,
+    random_sequences,
+)
+from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
 
 NAMES = ObservationLayout(2).names
 
@@ -184,7 +188,9 @@ every state
 @needs_compiler
 def test_definitions_may_have_names_that_c_has_other_uses_for(trot, agree, small_expert):
     terms = "0.1*double - -0.2*state + 2*tanh.x - (q.mean - 1)/(late - 7)/2 + late.FL**3*-1"
-    text = FORMULAS + "\n".join(f"{joint} = {i} - {terms}" for i, joint in enumerate(robot.JOINTS))
+    text = FORMULAS + "\n".join(
+        f"{joint} = {i} - {terms}" for i, joint in enumerate(quadruped.JOINTS)
+    )
     policy = FormulaPolicy.from_file(read_formulas(text))
     found = agree(trot, policy, small_expert(trot))
     assert found.target < 1e-12
@@ -200,7 +206,7 @@ def test_single_precision_is_near(trot, agree, small_expert, make_policy):
 def test_formulas_stand_there_as_in_their_file(written_page):
     source = " ".join(written_page.source.split())
     text = load_student("trot", "page").to_text()
-    for joint in robot.JOINTS:
+    for joint in quadruped.JOINTS:
         (formula,) = re.findall(rf"^{joint} = (.*(?:\n    .*)*)", text, flags=re.MULTILINE)
         assert f"target[{joint.upper()}] = {' '.join(formula.split())};" in source
     assert "const double late = tanh(0.5*t - 2.0);" in source

@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import BINARY, MAX_TERMS, UNARY, Expression
-from glassgait.models.policies.expression_text import (
+from glassgait.models.formulas.expression import BINARY, MAX_TERMS, UNARY, Expression
+from glassgait.models.formulas.expression_text import (
     MAX_DEPTH,
     MAX_NODES,
     parse_expression,
     refuse_unfit,
     variable_names,
 )
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.tape import Tape
 
 NAMES = variable_names(3)
 

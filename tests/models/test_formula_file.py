@@ -8,20 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.formula_file import SUFFIX
-from glassgait.models.policies.formula_language import write_formula
-from glassgait.models.policies.formula_mirror import FormulaMirror
-from glassgait.models.policies.formula_reader import MAX_DEFINITIONS, read_formulas
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.formula_file import SUFFIX
+from glassgait.models.formulas.formula_language import write_formula
+from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.formula_reader import MAX_DEFINITIONS, read_formulas
+from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
 from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.quantities import Definition, Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
@@ -33,7 +33,7 @@ HEAD = "format: 1\ngait: trot\nstates: 2\n"
 
 def shared(**formulas):
     """Writes formulas that serve every state, 0.1 for joints that none is given of."""
-    return "".join(f"{joint} = {formulas.get(joint, '0.1')}\n" for joint in robot.JOINTS)
+    return "".join(f"{joint} = {formulas.get(joint, '0.1')}\n" for joint in quadruped.JOINTS)
 
 
 def policy_of(text):
@@ -128,7 +128,7 @@ def test_a_file_says_whether_targets_are_limited(symbolic):
 
 def test_a_number_keeps_all_its_digits():
     numbers = (np.random.default_rng(0).normal(size=12) * 10.0 ** np.arange(-6, 6)).tolist()
-    formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(robot.JOINTS)}
+    formulas = {joint: f"{numbers[j]!r} - t" for j, joint in enumerate(quadruped.JOINTS)}
     policy = policy_of(f"{HEAD}every state\n{shared(**formulas)}")
     assert [formula.operands[0].value for formula in policy.expressions] == numbers
     assert policy_of(policy.to_text()).expressions == policy.expressions
@@ -157,7 +157,9 @@ def mirrored_text(mirror):
         text += f"{definition.symbol} = {write_formula(definition.formula, symbols)}\n"
     for state in (0,) if mirror == "1 0" else (0, 1):
         text += f"\nstate {state}\n"
-        for joint in robot.JOINTS if mirror == "1 0" else (*robot.JOINTS[:3], *robot.JOINTS[6:9]):
+        for joint in (
+            quadruped.JOINTS if mirror == "1 0" else (*quadruped.JOINTS[:3], *quadruped.JOINTS[6:9])
+        ):
             a, b, c, d = generator.choice(symbols, size=4)
             x, y = generator.normal(size=2).round(3)
             text += f"{joint} = {x} + {a}*{b} - {y}*tanh({c}) - ({d} - 1)**2 - {a}\n"
@@ -169,7 +171,7 @@ def test_a_mirrored_file_holds_half_of_the_formulas_and_acts_alike_on_both_sides
     policy = policy_of(mirrored_text(mirror))
     assert sum(len(row) for row in policy.expressions) == 24
     lines = policy.to_text().splitlines()
-    assert sum(line.startswith(robot.JOINTS) for line in lines) == 12
+    assert sum(line.startswith(quadruped.JOINTS) for line in lines) == 12
     reflect = reflect_observation(NAMES, policy.mirror)
     observation = samples(200)[0]
     own, image = policy(observation), policy(reflect(observation))

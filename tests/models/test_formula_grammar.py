@@ -5,14 +5,14 @@ import re
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.certificates.checker.robot import RefusedError
 from glassgait.models.certificates.checker.text import FormulaText, Node
 from glassgait.models.errors import InputError
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.expression import Expression, constant, variable
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.robots import quadruped
 
 SMALL = """format: 1
 gait: trot
@@ -150,7 +150,7 @@ def seen_by_robots(text: str):
     for place, formula in file.formulas.items():
         for state in [place[0]] if len(place) == 2 else states:
             expanded = file.vocabulary.expanded(formula)
-            found[state, robot.JOINTS[place[-1]]] = canonical(expanded)
+            found[state, quadruped.JOINTS[place[-1]]] = canonical(expanded)
     return found, file.vocabulary.symbols
 
 

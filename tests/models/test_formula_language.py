@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.policies.expression_text import MAX_DEPTH
-from glassgait.models.policies.formula_language import (
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
+from glassgait.models.formulas.expression_text import MAX_DEPTH
+from glassgait.models.formulas.formula_language import (
     LARGEST,
     LINE_LENGTH,
     SIGNS,
@@ -19,7 +19,7 @@ from glassgait.models.policies.formula_language import (
     written_lines,
     written_number,
 )
-from glassgait.models.policies.quantities import Vocabulary, known_definitions
+from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.observation import ObservationLayout
 

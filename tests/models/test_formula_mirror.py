@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.formula_language import parse_formula, write_formula
-from glassgait.models.policies.formula_mirror import FormulaMirror
-from glassgait.models.policies.quantities import Definition, Vocabulary, known_definitions
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.formula_language import parse_formula, write_formula
+from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 
@@ -21,7 +21,7 @@ VOCABULARY = Vocabulary(NAMES, known_definitions(NAMES))
 TROT = FormulaMirror.of(VOCABULARY, (1, 0))
 BOUND = FormulaMirror.of(VOCABULARY, (0, 1))
 
-HIP, THIGH = (robot.JOINTS.index(joint) for joint in ("FL_hip", "FL_thigh"))
+HIP, THIGH = (quadruped.JOINTS.index(joint) for joint in ("FL_hip", "FL_thigh"))
 
 
 def image(text, joint, mirror=TROT):
@@ -115,9 +115,9 @@ def test_states_that_are_their_own_image_stay():
 
 
 def test_an_image_stands_at_the_other_sides_joint_in_the_states_image():
-    for joint, name in enumerate(robot.JOINTS):
+    for joint, name in enumerate(quadruped.JOINTS):
         leg, kind = name.split("_")
-        index = robot.JOINTS.index(f"{MIRRORED_LEGS[leg]}_{kind}")
+        index = quadruped.JOINTS.index(f"{MIRRORED_LEGS[leg]}_{kind}")
         assert TROT.place((joint,)) == (index,)
         assert TROT.place((0, joint)) == (1, index)
         assert BOUND.place((1, joint)) == (1, index)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import quadruped
 from glassgait.models.task.drawing import to_graphviz, to_mermaid
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import GAIT_DIRECTORY, Gait, gait_names, load_gait
@@ -82,7 +82,7 @@ def check_sound(gait: Gait) -> None:
         step = machine.step(
             state,
             foot_contact=STANCES,
-            foot_height=np.full((len(STANCES), robot.N_LEGS), 2.0),
+            foot_height=np.full((len(STANCES), quadruped.N_LEGS), 2.0),
             commanded_dwell=gait.dwell[0],
         )
         state = step.machine

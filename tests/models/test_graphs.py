@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import UNARY, Expression, constant, variable
+from glassgait.models.formulas.expression import UNARY, Expression, constant, variable
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import ObservationLayout
 

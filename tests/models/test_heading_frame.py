@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.heading_frame import (
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.heading_frame import (
     COORDINATES,
     from_heading_frame,
     to_heading_frame,
@@ -27,9 +27,9 @@ def moved(states, *, angle, place):
     states = states.copy()
     turn = about_vertical(angle)
     rotation = kinematics.rotation_matrix(turn)
-    states[:, robot.QUATERNION] = product(turn, states[:, robot.QUATERNION])
+    states[:, quadruped.QUATERNION] = product(turn, states[:, quadruped.QUATERNION])
     states[:, 4:6] = place
-    for part in (robot.ANGULAR_VELOCITY, robot.LINEAR_VELOCITY):
+    for part in (quadruped.ANGULAR_VELOCITY, quadruped.LINEAR_VELOCITY):
         states[:, part] = states[:, part] @ rotation.T
     return states
 
@@ -53,7 +53,7 @@ def test_what_is_left_out_is_place_and_heading_alone(random_states):
 def test_coordinates_do_not_depend_on_the_length_of_the_quaternion(random_states):
     states = random_states(5)
     longer = states.copy()
-    longer[:, robot.QUATERNION] *= 1.1
+    longer[:, quadruped.QUATERNION] *= 1.1
     assert to_heading_frame(longer) == pytest.approx(to_heading_frame(states), abs=1e-12)
 
 

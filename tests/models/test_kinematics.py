@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddA1Station, StationConfig
-from glassgait.models.a1 import kinematics, robot
+from glassgait.models.robots import kinematics, quadruped, robot
 
 TOLERANCE = 1e-12
 
@@ -34,17 +34,17 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
             moved = plant.GetFrameByName(frame)
             return plant.CalcPointsPositions(context, moved, point, expressed)
 
-        feet = [locate(f"{leg}_calf", [0, 0, -0.2], trunk)[:, 0] for leg in robot.LEGS]
-        found = kinematics.foot_positions(state[robot.JOINT_POSITION])
+        feet = [locate(f"{leg}_calf", [0, 0, -0.2], trunk)[:, 0] for leg in quadruped.LEGS]
+        found = kinematics.foot_positions(state[quadruped.JOINT_POSITION])
         np.testing.assert_allclose(found, feet, atol=TOLERANCE)
 
-        low = [locate(f"{leg}_calf", [0, 0, -0.2], world)[2, 0] - 0.02 for leg in robot.LEGS]
+        low = [locate(f"{leg}_calf", [0, 0, -0.2], world)[2, 0] - 0.02 for leg in quadruped.LEGS]
         np.testing.assert_allclose(kinematics.foot_heights(state), low, atol=TOLERANCE)
 
         limb_box = {"thigh": robot.THIGH_BOX[::-1], "calf": robot.CALF_BOX[::-1]}
         lowest = [locate("trunk", box_points(robot.TRUNK_BOX, 0.0), world)[2].min()]
         for limb, (x, y, z) in limb_box.items():
-            for leg in robot.LEGS:
+            for leg in quadruped.LEGS:
                 lowest.append(locate(f"{leg}_{limb}", box_points((x, y, z), -0.1), world)[2].min())
         np.testing.assert_allclose(kinematics.body_clearance(state), lowest, atol=TOLERANCE)
 

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.link.watchdog import (
     BRACED,
@@ -21,6 +20,7 @@ from glassgait.models.link.watchdog import (
     lowering_targets,
     step_watch,
 )
+from glassgait.models.robots import kinematics, robot
 from glassgait.models.task import CONTROL_PERIOD
 
 SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8, lean=30.0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.observation import (
     ObservationLayout,
     body_state,
@@ -88,7 +88,7 @@ def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one()
 
 def test_body_state_is_scaled_velocity_and_foot_heights(standing):
     state = standing.copy()
-    state[robot.LINEAR_VELOCITY] = [0.5, 0.0, -0.1]
+    state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, -0.1]
     np.testing.assert_allclose(body_state(state)[:3], [1.0, 0.0, -0.2])
     np.testing.assert_allclose(body_state(state)[3:].min(), 0.0, atol=1e-12)
 
@@ -98,15 +98,15 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
     layout = ObservationLayout(3)
     action, command = generator.normal(size=12), np.array([0.5, -0.25])
     state = standing.copy()
-    state[robot.JOINT_POSITION] += 0.1 * generator.normal(size=12)
-    state[robot.JOINT_VELOCITY] = generator.normal(size=12)
-    state[robot.LINEAR_VELOCITY] = [0.5, 0.2, -0.1]
+    state[quadruped.JOINT_POSITION] += 0.1 * generator.normal(size=12)
+    state[quadruped.JOINT_VELOCITY] = generator.normal(size=12)
+    state[quadruped.LINEAR_VELOCITY] = [0.5, 0.2, -0.1]
     observation = np.concatenate(
         [
             proprioception(
                 command=command,
-                joint_position=state[robot.JOINT_POSITION],
-                joint_velocity=state[robot.JOINT_VELOCITY],
+                joint_position=state[quadruped.JOINT_POSITION],
+                joint_velocity=state[quadruped.JOINT_VELOCITY],
                 previous_action=action,
                 rm_state=np.array([0.0, 1.0, 0.0]),
                 rm_iterations=np.array(7),
@@ -117,8 +117,8 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
     )
     quantities = {
         "commanded velocity": command,
-        "joint position": state[robot.JOINT_POSITION] - robot.DEFAULT_STANCE,
-        "joint velocity": state[robot.JOINT_VELOCITY],
+        "joint position": state[quadruped.JOINT_POSITION] - robot.DEFAULT_STANCE,
+        "joint velocity": state[quadruped.JOINT_VELOCITY],
         "previous action": robot.joint_targets(action) - robot.DEFAULT_STANCE,
         "machine state": [0.0, 1.0, 0.0],
         "iterations": [7],

@@ -12,8 +12,8 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import shipped_students
-from glassgait.models.policies.quantities import RobotUnits
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import OVERDUE, ObservationLayout
 

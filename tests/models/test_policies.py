@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import elu
 from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names

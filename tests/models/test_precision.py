@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from interpret.glassbox import ExplainableBoostingRegressor
 
-from glassgait.models.a1 import robot
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -17,6 +16,7 @@ from glassgait.models.policies.precision import (
     narrowest,
     single_precision_cuts,
 )
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -28,15 +28,15 @@ LARGEST = 2_000_000
 def histogram_trees():
     """140 trees of depth 7 for each joint."""
     generator = np.random.default_rng(0)
-    inner, leaves = (robot.N_JOINTS, 140, 127), (robot.N_JOINTS, 140, 128)
+    inner, leaves = (quadruped.N_JOINTS, 140, 127), (quadruped.N_JOINTS, 140, 128)
     return BoostedTreesPolicy(
         "trot",
         NAMES,
         features=generator.integers(N, size=inner),
         thresholds=np.where(generator.random(inner) < 0.1, np.inf, generator.normal(size=inner)),
         leaves=0.02 * generator.normal(size=leaves),
-        intercepts=generator.normal(size=robot.N_JOINTS),
-        importances=generator.random((robot.N_JOINTS, N)),
+        intercepts=generator.normal(size=quadruped.N_JOINTS),
+        importances=generator.random((quadruped.N_JOINTS, N)),
     )
 
 
@@ -50,13 +50,13 @@ def exact_trees():
 def additive(coarse=15):
     """128 bins of each observation, and 60 pairs a joint of 16 bins, in `coarse` + 1."""
     generator = np.random.default_rng(1)
-    n_pairs, size = 60 * robot.N_JOINTS, coarse + 1
+    n_pairs, size = 60 * quadruped.N_JOINTS, coarse + 1
     # The last observation is in no pair.
     pairs = np.sort(generator.integers(N - 1, size=(n_pairs, 2)), axis=1)
     pair_cuts = np.full((N, coarse), np.inf)
     pair_cuts[:-1, :15] = np.sort(generator.normal(size=(N - 1, 15)), axis=1)
     pair_cuts[-1] = np.sort(generator.normal(size=coarse))
-    table, pair_table = (robot.N_JOINTS, N, 128), (n_pairs, size, size)
+    table, pair_table = (quadruped.N_JOINTS, N, 128), (n_pairs, size, size)
     return AdditivePolicy(
         "trot",
         NAMES,
@@ -64,11 +64,11 @@ def additive(coarse=15):
         pair_cuts=pair_cuts,
         tables=0.1 * generator.normal(size=table),
         pairs=pairs,
-        pair_joints=np.repeat(np.arange(robot.N_JOINTS), 60),
+        pair_joints=np.repeat(np.arange(quadruped.N_JOINTS), 60),
         pair_tables=0.1 * generator.normal(size=pair_table),
         deviations=0.01 * generator.random(table),
         pair_deviations=0.01 * generator.random(pair_table),
-        intercepts=generator.normal(size=robot.N_JOINTS),
+        intercepts=generator.normal(size=quadruped.N_JOINTS),
     )
 
 
@@ -162,7 +162,7 @@ def test_compiled_tables_of_pairs_are_as_coarse_as_asked():
         max_rounds=5,
         n_jobs=1,
     ).fit(rows, targets)
-    policy = AdditivePolicy.compile("trot", NAMES, [model] * robot.N_JOINTS)
+    policy = AdditivePolicy.compile("trot", NAMES, [model] * quadruped.N_JOINTS)
     assert policy.tables.shape[-1] > 8
     assert max(policy.pair_tables.shape[1:]) <= 8
     np.testing.assert_allclose(policy(rows)[:, 0], model.predict(rows), rtol=0, atol=1e-12)

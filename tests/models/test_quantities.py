@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression import Expression, constant, variable
-from glassgait.models.policies.quantities import (
+from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.quantities import (
     GATES,
     RobotUnits,
     Vocabulary,
     actions_of,
     known_definitions,
 )
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
 
 NAMES = ObservationLayout(2).names
@@ -31,8 +31,8 @@ def robots(random_states, generator):
     action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
     own = proprioception(
         command=command,
-        joint_position=state[:, robot.JOINT_POSITION],
-        joint_velocity=state[:, robot.JOINT_VELOCITY],
+        joint_position=state[:, quadruped.JOINT_POSITION],
+        joint_velocity=state[:, quadruped.JOINT_VELOCITY],
         previous_action=action,
         rm_state=np.eye(2)[np.arange(20) % 2],
         rm_iterations=np.arange(20.0) % 7,
@@ -52,21 +52,21 @@ def told(robots):
 
 
 def of_joints(quantity):
-    return [f"{quantity}.{joint}" for joint in robot.JOINTS]
+    return [f"{quantity}.{joint}" for joint in quadruped.JOINTS]
 
 
 def test_quantities_are_what_the_robot_is_and_does(robots, told):
     state, action, command, _ = robots
     for symbols, values in (
         (["cmd.v", "cmd.yaw"], command),
-        (of_joints("q"), state[:, robot.JOINT_POSITION]),
-        (of_joints("dq"), state[:, robot.JOINT_VELOCITY]),
+        (of_joints("q"), state[:, quadruped.JOINT_POSITION]),
+        (of_joints("dq"), state[:, quadruped.JOINT_VELOCITY]),
         (of_joints("a"), robot.joint_targets(action)),
         (["s0", "s1"], np.eye(2)[np.arange(20) % 2]),
         (["t"], np.arange(20.0)[:, None] % 7),
         (["cmd.t"], np.full((20, 1), 6.0)),
         (["v.x", "v.y", "v.z"], kinematics.base_velocity(state)[0]),
-        ([f"h.{leg}" for leg in robot.LEGS], kinematics.foot_heights(state)),
+        ([f"h.{leg}" for leg in quadruped.LEGS], kinematics.foot_heights(state)),
     ):
         np.testing.assert_allclose(told(*symbols), values, rtol=1e-12, atol=1e-12)
 
@@ -113,7 +113,7 @@ def test_a_target_too_large_for_an_action_makes_it_infinite():
 def test_gates_turn_from_minus_one_to_one():
     quantities = np.zeros((3, N))
     quantities[:, VOCABULARY.symbols.index("t")] = [0.0, 4.0, 9.0]
-    for leg in robot.LEGS:
+    for leg in quadruped.LEGS:
         quantities[:, VOCABULARY.symbols.index(f"h.{leg}")] = [0.0, 0.02, 0.05]
     for gate in GATES:
         formula = VOCABULARY.expanded(VOCABULARY.variable(gate))
@@ -130,16 +130,16 @@ def test_definitions_are_what_they_say(robots, told):
     assert (told("phase")[6], told("phase")[7]) == (1.0, 0.0)
     np.testing.assert_allclose(told("e.v"), command[:, :1] - told("v.x"), atol=1e-12)
     np.testing.assert_array_equal(told("late"), np.tanh(0.5 * told("t") - 2.0))
-    for leg in robot.LEGS:
+    for leg in quadruped.LEGS:
         height = told(f"h.{leg}")
         np.testing.assert_array_equal(told(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
 
 
 def test_feet_are_where_kinematics_puts_them(robots, told):
-    joints = robots[0][:, robot.JOINT_POSITION]
+    joints = robots[0][:, quadruped.JOINT_POSITION]
     points = kinematics.leg_points(joints)
     from_hip = points.foot - points.thigh
-    for i, leg in enumerate(robot.LEGS):
+    for i, leg in enumerate(quadruped.LEGS):
         hip = joints[:, 3 * i]
         up_in_plane = np.stack([np.zeros(20), -np.sin(hip), np.cos(hip)], axis=-1)
         forward, up = told(f"x.{leg}", f"z.{leg}").T

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.randomization import NOMINAL, Randomization
 
 
 def test_initial_states_stand_on_a_foot_with_joints_inside_their_limits(generator):
     states = Randomization().initial_states(500, generator)
-    joints = states[:, robot.JOINT_POSITION]
+    joints = states[:, quadruped.JOINT_POSITION]
     assert np.all(joints >= robot.LOWER_LIMITS)
     assert np.all(joints <= robot.UPPER_LIMITS)
     np.testing.assert_allclose(kinematics.foot_heights(states).min(axis=1), 0, atol=1e-12)
-    assert 0.4 < np.abs(states[:, robot.LINEAR_VELOCITY]).max() <= 0.5
+    assert 0.4 < np.abs(states[:, quadruped.LINEAR_VELOCITY]).max() <= 0.5
 
 
 def test_noise_stays_within_its_half_widths(generator):

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
 
 
 def reward(state, **changes):
     arguments = {
         "state": state,
-        "previous_joint_velocity": state[robot.JOINT_VELOCITY],
+        "previous_joint_velocity": state[quadruped.JOINT_VELOCITY],
         "action": np.zeros(12),
         "previous_action": np.zeros(12),
         "command": np.zeros(2),
@@ -48,7 +48,7 @@ def test_a_narrow_width_tells_small_errors_apart(standing):
 def test_averaged_speeds_are_what_a_robot_did_of_late(standing):
     weights = RewardWeights(tracking_time=0.3)
     state = standing.copy()
-    state[robot.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
+    state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
     tracked, told = np.zeros(2), []
     for _ in range(30):
         outcome, terms = reward(
@@ -69,9 +69,9 @@ def test_speeds_of_the_instant_forget_those_before(standing):
 
 def test_penalties(standing):
     state = standing.copy()
-    state[robot.LINEAR_VELOCITY] = [0, 0, 0.3]
-    state[robot.ANGULAR_VELOCITY] = [0.5, 0.5, 0]
-    state[robot.JOINT_VELOCITY] = 1.0
+    state[quadruped.LINEAR_VELOCITY] = [0, 0, 0.3]
+    state[quadruped.ANGULAR_VELOCITY] = [0.5, 0.5, 0]
+    state[quadruped.JOINT_VELOCITY] = 1.0
     _, terms = reward(state, previous_joint_velocity=np.zeros(12), action=np.full(12, 0.5))
     assert terms["vertical_velocity"] == pytest.approx(-2 * 0.09)
     assert terms["roll_pitch_rate"] == pytest.approx(-0.05 * 0.5)
@@ -82,7 +82,7 @@ def test_penalties(standing):
 
 def test_excursion_past_ninety_percent_of_the_range_costs(standing):
     state = standing.copy()
-    state[robot.JOINT_POSITION][0] = 0.8029
+    state[quadruped.JOINT_POSITION][0] = 0.8029
     _, terms = reward(state)
     assert terms["joint_limits"] == pytest.approx(-10 * 0.1 * 0.8029)
 
@@ -137,7 +137,7 @@ def test_torque_is_that_of_the_targets_that_joints_follow(standing):
     action = np.full(12, 8.0)
     _, free = reward(standing, action=action)
     _, limited = reward(standing, action=action, limit_targets=True)
-    followed = robot.UPPER_LIMITS - standing[robot.JOINT_POSITION]
+    followed = robot.UPPER_LIMITS - standing[quadruped.JOINT_POSITION]
     within = np.minimum(robot.ACTION_SCALE * action, followed)
     torque = np.minimum(robot.STIFFNESS * within, robot.EFFORT_LIMIT)
     assert limited["torque"] == pytest.approx(-2e-4 * np.sum(torque**2))

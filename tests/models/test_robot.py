@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import quadruped, robot
 
 
 def test_joints_are_ordered_by_leg():
-    assert robot.JOINTS[:4] == ("FL_hip", "FL_thigh", "FL_calf", "FR_hip")
-    assert len(robot.JOINTS) == 12
+    assert quadruped.JOINTS[:4] == ("FL_hip", "FL_thigh", "FL_calf", "FR_hip")
+    assert len(quadruped.JOINTS) == 12
 
 
 def test_stance_is_inside_the_limits():
@@ -47,7 +47,11 @@ def test_torque_follows_the_pd_law_up_to_the_effort():
 
 
 def test_joints_are_found_by_name_and_by_index():
-    assert robot.joint_index("FL_calf") == robot.joint_index(2) == robot.joint_index(np.int64(2))
+    assert (
+        quadruped.joint_index("FL_calf")
+        == quadruped.joint_index(2)
+        == quadruped.joint_index(np.int64(2))
+    )
     for bad in ("FL_knee", "", 12, -1, 2.0, True, None, ["FL_hip"], np.zeros(2)):
         with pytest.raises(InputError, match=r"unknown joint .*; the joints are FL_hip, "):
-            robot.joint_index(bad)
+            quadruped.joint_index(bad)

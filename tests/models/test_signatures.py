@@ -4,9 +4,9 @@ import inspect
 
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward import step_reward

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import ACTION, BAD_INPUT, MACHINE, NO_GAIT, LoadedController
 from glassgait.models.export.reference import PythonSwitchingController
@@ -17,12 +16,13 @@ from glassgait.models.export.switching_controller import (
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.export.agreement import compare_controllers
-from glassgait.studies.export.compiler import has_compiler, load_controller
-from glassgait.studies.export.switching_agreement import random_switching_sequences
+from glassgait.studies.deployment.export.agreement import compare_controllers
+from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+from glassgait.studies.deployment.export.switching_agreement import random_switching_sequences
 
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
@@ -50,7 +50,7 @@ def both(policy, folder, **settings) -> tuple[PythonSwitchingController, LoadedC
 
 def tables_of(gait):
     """An open loop of its own for each gait: what C does with it is exact."""
-    shape = (gait.n_states, 4, robot.N_JOINTS)
+    shape = (gait.n_states, 4, quadruped.N_JOINTS)
     table = np.random.default_rng(len(gait.name)).normal(size=shape)
     return OpenLoopPolicy(gait.name, ObservationLayout(gait.n_states).names, table)
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
@@ -30,7 +30,7 @@ EXPECTED = {
     "three_one": (2, 3, 0, 1),
     "half_bound": (2, 3, 0, 1, 5, 4),
 }
-MIRROR_LEGS = [robot.LEGS.index(MIRRORED_LEGS[leg]) for leg in robot.LEGS]
+MIRROR_LEGS = [quadruped.LEGS.index(MIRRORED_LEGS[leg]) for leg in quadruped.LEGS]
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -90,11 +90,11 @@ def test_a_mirrored_robot_runs_through_the_mirrored_states(steps, name):
 def _mirrored_plant(state):
     """Mirrors plant states (n, 37) at the plane of x and z."""
     image = state.copy()
-    image[:, robot.QUATERNION] *= [1, -1, 1, -1]
-    image[:, robot.POSITION] *= [1, -1, 1]
-    image[:, robot.ANGULAR_VELOCITY] *= [-1, 1, -1]
-    image[:, robot.LINEAR_VELOCITY] *= [1, -1, 1]
-    for joints in (robot.JOINT_POSITION, robot.JOINT_VELOCITY):
+    image[:, quadruped.QUATERNION] *= [1, -1, 1, -1]
+    image[:, quadruped.POSITION] *= [1, -1, 1]
+    image[:, quadruped.ANGULAR_VELOCITY] *= [-1, 1, -1]
+    image[:, quadruped.LINEAR_VELOCITY] *= [1, -1, 1]
+    for joints in (quadruped.JOINT_POSITION, quadruped.JOINT_VELOCITY):
         image[:, joints] = REFLECT_JOINTS(state[:, joints])
     return image
 
@@ -107,8 +107,8 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
     def observe(state, command, action, number):
         own = proprioception(
             command=command,
-            joint_position=state[:, robot.JOINT_POSITION],
-            joint_velocity=state[:, robot.JOINT_VELOCITY],
+            joint_position=state[:, quadruped.JOINT_POSITION],
+            joint_velocity=state[:, quadruped.JOINT_VELOCITY],
             previous_action=action,
             rm_state=np.eye(n)[number],
             rm_iterations=np.arange(20.0),
@@ -129,7 +129,7 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
 def test_a_mirrored_robots_feet_are_the_mirrored_feet(random_states):
     state = random_states(20)
     own, image = (
-        kinematics.foot_positions(x[:, robot.JOINT_POSITION])
+        kinematics.foot_positions(x[:, quadruped.JOINT_POSITION])
         for x in (state, _mirrored_plant(state))
     )
     np.testing.assert_allclose(image, own[:, MIRROR_LEGS] * [1, -1, 1], atol=1e-12)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.policies.expression import Expression, constant, variable
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.tape import Tape
 
 N = 4
 
@@ -66,7 +66,9 @@ def test_every_digit_is_that_of_one_operation_after_the_other(formulas, seed):
 def test_zeros_keep_their_signs():
     minus_zero = Expression("neg", (constant(0.0),))
     infinite = Expression("div", (variable(0), minus_zero))
-    tape = Tape([infinite, Expression("div", (variable(0), Expression("add", (minus_zero, minus_zero))))], 1)
+    tape = Tape(
+        [infinite, Expression("div", (variable(0), Expression("add", (minus_zero, minus_zero))))], 1
+    )
     np.testing.assert_array_equal(tape(np.ones(1)), [-np.inf, -np.inf])
     np.testing.assert_array_equal(tape(np.ones((2, 1))), np.full((2, 2), -np.inf))
 

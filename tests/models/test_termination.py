@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.robots import quadruped
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 LIMITS = TerminationLimits()
@@ -37,7 +37,7 @@ def test_high_foot(standing):
 
 
 def test_joint_limit(standing):
-    standing[robot.JOINT_POSITION][0] = 0.9
+    standing[quadruped.JOINT_POSITION][0] = 0.9
     assert "joint_limit" in shown(standing)
 
 

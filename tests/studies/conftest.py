@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.a1 import robot
-from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.explanation.page import explain_rollout, render_page
@@ -63,7 +63,8 @@ def expert() -> NeuralPolicy:
 def other_expert(expert) -> NeuralPolicy:
     """An expert of the trot that never moves, with the estimator of the one that ships."""
     still = Network(
-        (np.zeros((robot.N_JOINTS, len(expert.observation_names))),), (np.ones(robot.N_JOINTS),)
+        (np.zeros((quadruped.N_JOINTS, len(expert.observation_names))),),
+        (np.ones(quadruped.N_JOINTS),),
     )
     assert isinstance(expert.estimator, MirroredNetwork)
     own, names = expert.estimator.network, expert.observation_names

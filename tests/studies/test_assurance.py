@@ -13,15 +13,19 @@ from glassgait.models.policies.assured import AssuredPolicy
 from glassgait.models.policies.library import load_student
 from glassgait.models.task.assurance import Doubt, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.assurance.calibration import guarded
-from glassgait.studies.assurance.figures import draw_calls
-from glassgait.studies.assurance.foretelling import LEADS, rescues, warnings_of
-from glassgait.studies.assurance.study import Calibration, Pair, period_of, roll_out_all
-from glassgait.studies.assurance.tables import acting_title, assurance_table, readable_table
-from glassgait.studies.assurance.visits import Visits, visit
 from glassgait.studies.cli import main
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.scores import SCORES
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.evaluation.assurance.calibration import guarded
+from glassgait.studies.evaluation.assurance.figures import draw_calls
+from glassgait.studies.evaluation.assurance.foretelling import LEADS, rescues, warnings_of
+from glassgait.studies.evaluation.assurance.study import Calibration, Pair, period_of, roll_out_all
+from glassgait.studies.evaluation.assurance.tables import (
+    acting_title,
+    assurance_table,
+    readable_table,
+)
+from glassgait.studies.evaluation.assurance.visits import Visits, visit
 
 NAMES = ObservationLayout(2).names
 HIP, SPEED = NAMES.index("DoF Pos FL Hip"), NAMES.index("Base Lin Vel Y")
@@ -161,8 +165,8 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         raise AssertionError("made anew")
 
     for module, name in [("study", "visit"), ("pushed_robot", "record")]:
-        monkeypatch.setattr(f"glassgait.studies.assurance.{module}.{name}", never)
-    monkeypatch.setattr("glassgait.studies.rollouts.jobs.roll_out", never)
+        monkeypatch.setattr(f"glassgait.studies.evaluation.assurance.{module}.{name}", never)
+    monkeypatch.setattr("glassgait.studies.common.rollouts.jobs.roll_out", never)
     before = (folder / "metrics.json").read_bytes()
     (folder / "metrics.json").unlink()
     assert (run("--resume") / "metrics.json").read_bytes() == before

@@ -11,15 +11,15 @@ from glassgait.models.policies.library import load_student
 from glassgait.models.task.assurance import Hysteresis
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.assurance.calibration import (
+from glassgait.studies.evaluation.assurance.calibration import (
     choose_hysteresis,
     guarded,
     has_bags,
     make_region,
     make_regions,
 )
-from glassgait.studies.assurance.study import Calibration
-from glassgait.studies.assurance.visits import Visits, joined
+from glassgait.studies.evaluation.assurance.study import Calibration
+from glassgait.studies.evaluation.assurance.visits import Visits, joined
 
 NAMES = ObservationLayout(2).names
 STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]

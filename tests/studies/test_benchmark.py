@@ -14,24 +14,24 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.files import write_record
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.studies.benchmark import command, controllers, distillation, peers
-from glassgait.studies.benchmark.distillation import (
+from glassgait.studies.cli import main
+from glassgait.studies.deployment.export.compiler import has_compiler
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.additive import EbmSettings
+from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.reproduction.benchmark import command, controllers, distillation, peers
+from glassgait.studies.reproduction.benchmark.distillation import (
     NaiveModel,
     compiled_against_library,
     expert_samples,
     naive_minutes,
     study_against_naive_loop,
 )
-from glassgait.studies.benchmark.inference import single_row_microseconds
-from glassgait.studies.benchmark.quietest import Times, call_times, quietest
-from glassgait.studies.benchmark.throughput import training_and_physics
-from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.export.compiler import has_compiler
-from glassgait.studies.students.additive import EbmSettings
-from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.settings import StudentsSettings
+from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
+from glassgait.studies.reproduction.benchmark.quietest import Times, call_times, quietest
+from glassgait.studies.reproduction.benchmark.throughput import training_and_physics
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
@@ -158,7 +158,7 @@ def test_without_the_runtime_python_is_timed_alone(monkeypatch, capsys):
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 def test_trees_by_tl2cgen_give_what_ours_give(trot, generator):
     pytest.importorskip("tl2cgen")
-    trees = pytest.importorskip("glassgait.studies.benchmark.compiled_trees")
+    trees = pytest.importorskip("glassgait.studies.reproduction.benchmark.compiled_trees")
     names = load_expert("trot").observation_names
     thresholds = generator.normal(size=(12, 3, 3))
     thresholds[:, 0, 0] = np.inf
@@ -183,7 +183,9 @@ def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
     for name in ("controller_times", "peer_times"):
         monkeypatch.setattr(command, name, lambda gait: table)
     monkeypatch.setattr(command, "has_compiler", lambda: True)
-    monkeypatch.setitem(sys.modules, "glassgait.studies.benchmark.compiled_trees", None)
+    monkeypatch.setitem(
+        sys.modules, "glassgait.studies.reproduction.benchmark.compiled_trees", None
+    )
     main(["benchmark", "--parts", "controllers", "--output", str(tmp_path / "run")])
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert set(metrics) == {"controllers", "peers", "peak_memory_mb"}

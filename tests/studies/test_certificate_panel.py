@@ -14,9 +14,9 @@ from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main
+from glassgait.studies.distillation.students.certificates import find_certificate
 from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.students.certificates import find_certificate
 
 GAIT = load_gait("trot")
 PAGE = STUDENT_DIRECTORY / "trot" / "page.formulas"

@@ -13,9 +13,9 @@ from glassgait.models.certificates.observation_box import (
 )
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.certification.measurement import measure_box
 from glassgait.studies.cli import main
-from glassgait.studies.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.verification.measurement import measure_box
 
 FILE = """format: 1
 gait: trot

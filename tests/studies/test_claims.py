@@ -6,20 +6,29 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.a1 import robot
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
-from glassgait.studies.claims.derivation import claim_of, derive_claims, spoken_of
-from glassgait.studies.claims.edits import read_back, with_input_raised, without_input, written
-from glassgait.studies.claims.effects import angle_effect, paired_effect
-from glassgait.studies.claims.figures import claims_figure
-from glassgait.studies.claims.study import FOLDER, Examiner
-from glassgait.studies.claims.terms import readable_terms
-from glassgait.studies.claims.walks import seen_by
-from glassgait.studies.claims.words import told_of_following, told_of_joint
 from glassgait.studies.cli import main
+from glassgait.studies.explanation.interventions.derivation import (
+    claim_of,
+    derive_claims,
+    spoken_of,
+)
+from glassgait.studies.explanation.interventions.edits import (
+    read_back,
+    with_input_raised,
+    without_input,
+    written,
+)
+from glassgait.studies.explanation.interventions.effects import angle_effect, paired_effect
+from glassgait.studies.explanation.interventions.figures import claims_figure
+from glassgait.studies.explanation.interventions.study import FOLDER, Examiner
+from glassgait.studies.explanation.interventions.terms import readable_terms
+from glassgait.studies.explanation.interventions.walks import seen_by
+from glassgait.studies.explanation.interventions.words import told_of_following, told_of_joint
 
 NAMES = ObservationLayout(2).names
 SYMBOLS = [entry.symbol for entry in ObservationLayout(2).entries]
@@ -50,7 +59,7 @@ FORMULAS = {
 
 def policy_of(formulas=FORMULAS, header=HEADER) -> FormulaPolicy:
     """A policy of a few formulas; joints that are left out stand still."""
-    lines = [f"{joint} = {formulas.get(joint, '0.5')}" for joint in robot.JOINTS]
+    lines = [f"{joint} = {formulas.get(joint, '0.5')}" for joint in quadruped.JOINTS]
     return FormulaPolicy.from_file(read_formulas(header + "\n".join(lines) + "\n"))
 
 
@@ -127,7 +136,7 @@ def test_a_mirror_image_is_seen_as_the_formula_that_is_written(generator):
     assert walk.image.tolist() == [False] * steps + [True] * steps
     assert np.all(walk.state[steps:] == 1 - walk.state[:steps])
     own, image = walk.angle[:steps], walk.angle[steps:]
-    hips = [robot.JOINTS.index(joint) for joint in ("FL_hip", "FR_hip")]
+    hips = [quadruped.JOINTS.index(joint) for joint in ("FL_hip", "FR_hip")]
     np.testing.assert_allclose(image[..., hips[0]], -own[..., hips[1]], atol=1e-12)
     yaw = walk.quantities[..., SYMBOLS.index("cmd.yaw")]
     np.testing.assert_allclose(yaw[steps:], -yaw[:steps])
@@ -177,11 +186,11 @@ def test_an_edit_changes_its_term_and_the_image_alone(joint, text, generator):
     for edited, change in ((raised, 0.25 * term.weight * gates), (without, 0.125 - value)):
         targets = robot.ACTION_SCALE * (edited(observed) - policy(observed))
         np.testing.assert_allclose(targets[first][:, term.joint], change[first], atol=1e-12)
-        others = [index for index in range(robot.N_JOINTS) if index != term.joint]
+        others = [index for index in range(quadruped.N_JOINTS) if index != term.joint]
         np.testing.assert_allclose(targets[first][:, others], 0.0, atol=1e-12)
         changed = np.abs(targets[~first]).max(axis=0) > 1e-9
         image = {"FL": "FR", "RL": "RR"}[joint[:2]] + joint[2:]
-        assert [robot.JOINTS[index] for index in np.flatnonzero(changed)] == [image]
+        assert [quadruped.JOINTS[index] for index in np.flatnonzero(changed)] == [image]
         assert len(edited.to_file().written()) == len(policy.to_file().written())
 
 
@@ -204,7 +213,7 @@ def test_a_formula_without_an_image_is_edited_and_seen_alone(generator):
     assert claim is not None
     assert not spoken_of(claim, walk)[walk.image].any()
     edited = with_input_raised(policy.to_file(), term, 0.2)
-    image = (1, robot.JOINTS.index("FR_hip"))
+    image = (1, quadruped.JOINTS.index("FR_hip"))
     assert edited.formulas[image] == policy.to_file().formulas[image]
 
 
@@ -294,7 +303,7 @@ def test_the_page_that_ships_speaks_of_many_inputs():
     assert isinstance(policy, FormulaPolicy)
     found = readable_terms(policy.to_file())
     assert len({term.input for term in found}) >= 8
-    assert len({term.joint for term in found}) == robot.N_JOINTS
+    assert len({term.joint for term in found}) == quadruped.N_JOINTS
 
 
 def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):

@@ -6,7 +6,7 @@ import pytest
 
 from glassgait.models.task.alternation import parse_ratio
 from glassgait.studies.cli import main
-from glassgait.studies.tables import format_cell, to_markdown
+from glassgait.studies.common.tables import format_cell, to_markdown
 
 
 def test_bad_input_is_told_in_one_sentence(refused, tmp_path):

@@ -9,24 +9,24 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_student, policy_path
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.studies.cli import main
-from glassgait.studies.compare.figures import difference_figure
-from glassgait.studies.compare.lines import changed_lines, told_changes
-from glassgait.studies.compare.scores import readable_scores, score_table
-from glassgait.studies.compare.sides import find_side
-from glassgait.studies.compare.targets import (
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.evaluation.compare.figures import difference_figure
+from glassgait.studies.evaluation.compare.lines import changed_lines, told_changes
+from glassgait.studies.evaluation.compare.scores import readable_scores, score_table
+from glassgait.studies.evaluation.compare.sides import find_side
+from glassgait.studies.evaluation.compare.targets import (
     ALL_JOINTS,
     TargetDifference,
     joint_table,
     target_difference,
     told_differences,
 )
-from glassgait.studies.figures import save_figure
-from glassgait.studies.rollouts.scores import SCORES
 
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
 
@@ -96,9 +96,9 @@ def test_a_neural_policy_observes_by_its_own_estimator(expert, other_expert, tmp
 
 def constant(names, joint, value):
     """A policy that moves one joint's target (rad) off the default stance, and no other."""
-    bias = np.zeros(robot.N_JOINTS)
-    bias[robot.JOINTS.index(joint)] = value / robot.ACTION_SCALE
-    return LinearPolicy("trot", names, np.zeros((robot.N_JOINTS, len(names))), bias)
+    bias = np.zeros(quadruped.N_JOINTS)
+    bias[quadruped.JOINTS.index(joint)] = value / robot.ACTION_SCALE
+    return LinearPolicy("trot", names, np.zeros((quadruped.N_JOINTS, len(names))), bias)
 
 
 @pytest.fixture
@@ -112,7 +112,7 @@ def test_differences_are_of_targets_in_rad(expert, still):
     names = expert.observation_names
     a, b = constant(names, "FL_hip", 0.1), constant(names, "RR_calf", -0.3)
     table = joint_table(target_difference(still, a, b)).set_index("joint")
-    assert table.index.tolist() == [*robot.JOINTS, ALL_JOINTS]
+    assert table.index.tolist() == [*quadruped.JOINTS, ALL_JOINTS]
     assert table.loc["FL_hip", ["rms", "largest"]].tolist() == pytest.approx([0.1, 0.1])
     assert table.loc["RR_calf", ["rms", "largest"]].tolist() == pytest.approx([0.3, 0.3])
     assert table.loc["FR_hip", "rms"] == 0.0
@@ -122,7 +122,7 @@ def test_differences_are_of_targets_in_rad(expert, still):
 
 
 def test_the_largest_difference_has_its_time():
-    values = np.zeros((4, robot.N_JOINTS))
+    values = np.zeros((4, quadruped.N_JOINTS))
     values[2, 5], values[1, 5] = -0.4, 0.2
     table = joint_table(TargetDifference(0.02 * np.arange(4), values)).set_index("joint")
     for row in ("FR_calf", ALL_JOINTS):
@@ -154,7 +154,7 @@ def test_targets_that_are_not_finite_are_told_and_left_out(expert, still, capsys
 
 
 def test_the_figure_is_white_where_targets_agree():
-    values = np.zeros((4, robot.N_JOINTS))
+    values = np.zeros((4, quadruped.N_JOINTS))
     picture = difference_figure(TargetDifference(0.02 * np.arange(4), values), "").axes[0].images[0]
     assert picture.get_clim() == (-1.0, 1.0)
     values[1, 2] = -0.25

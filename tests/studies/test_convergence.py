@@ -5,10 +5,14 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.studies.convergence.drop import drop_robot
-from glassgait.studies.convergence.figures import convergence_figure
-from glassgait.studies.convergence.variants import CENIC, DRAKES_RELAXATION_TIME, VARIANTS
-from glassgait.studies.figures import save_figure
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.reproduction.convergence.drop import drop_robot
+from glassgait.studies.reproduction.convergence.figures import convergence_figure
+from glassgait.studies.reproduction.convergence.variants import (
+    CENIC,
+    DRAKES_RELAXATION_TIME,
+    VARIANTS,
+)
 
 
 def drop(**station):

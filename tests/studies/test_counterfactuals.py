@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.studies.cli import main
-from glassgait.studies.counterfactuals.futures import BEFORE
+from glassgait.studies.explanation.counterfactuals.futures import BEFORE
 
 STEP = 12
 
@@ -65,7 +65,7 @@ def test_the_replayed_robot_is_asked_for_what_was_answered(page):
     assert 0 < outcome["after"] <= 0.2
     survey = pd.read_csv(page.parent / "survey.csv")
     assert len(survey) == 4
-    assert set(survey["joint"]) <= set(robot.JOINTS)
+    assert set(survey["joint"]) <= set(quadruped.JOINTS)
     assert (survey["by"].abs() == 0.004).all()
 
 
@@ -76,7 +76,9 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
         kept.extend((left, right))
         path.write_text("")
 
-    monkeypatch.setattr("glassgait.studies.counterfactuals.command.save_pair_replay", keep)
+    monkeypatch.setattr(
+        "glassgait.studies.explanation.counterfactuals.command.save_pair_replay", keep
+    )
     where = ["--distillation", str(students), "--output", str(tmp_path / "run")]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
     main(["counterfactual", *asked, "--seconds", "0.8", *where])
@@ -85,7 +87,7 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
     for port in ("observations", "state"):
         np.testing.assert_array_equal(was[port][: moment + 1], would_be[port][: moment + 1])
         assert (was[port][moment + 1] != would_be[port][moment + 1]).any()
-    joint = robot.joint_index("FR_calf")
+    joint = quadruped.joint_index("FR_calf")
     np.testing.assert_array_equal(was["actions"][:moment], would_be["actions"][:moment])
     change = robot.ACTION_SCALE * (would_be["actions"] - was["actions"])[moment, joint]
     assert change == pytest.approx(-0.01)

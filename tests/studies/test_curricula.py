@@ -4,10 +4,14 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.curricula.command import CURRICULA, curricula_table, equal_budgets
-from glassgait.studies.curricula.figures import TICKS
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
+from glassgait.studies.reproduction.curricula.command import (
+    CURRICULA,
+    curricula_table,
+    equal_budgets,
+)
+from glassgait.studies.reproduction.curricula.figures import TICKS
 
 SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]

@@ -11,14 +11,14 @@ import pytest
 from glassgait.models.policies.library import load_student
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.demo import command, report
-from glassgait.studies.demo.reductions import reductions
-from glassgait.studies.demo.report import Contents, Replay, formula_rows, write_report
+from glassgait.studies.common.figures import save_figure, subplots
+from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.figures import save_figure, subplots
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import StatewiseSymbolicSettings
+from glassgait.studies.reproduction.demo import command, report
+from glassgait.studies.reproduction.demo.reductions import reductions
+from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report
 
 TINY = DistillationConfig(
     students=("linear", "statewise_symbolic"),

@@ -10,16 +10,19 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.rollouts.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.additive import EbmSettings
+from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.dataset import Dataset, load_rounds, r2_scores
+from glassgait.studies.distillation.students.library import load_students
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import (
+    StatewiseSymbolicSettings,
+    SymbolicSettings,
+)
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
-from glassgait.studies.rollouts.selection import simplest_of_the_best
-from glassgait.studies.students.additive import EbmSettings
-from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.students.dataset import Dataset, load_rounds, r2_scores
-from glassgait.studies.students.library import load_students
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
 
 GAIT = load_gait("trot")
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.drive import command
+from glassgait.studies.deployment.drive import command
 
 REFUSED = {
     "controller --gait gallop": "unknown gait 'gallop'",

@@ -8,14 +8,20 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.drive import silence
-from glassgait.studies.drive.silence import Left, lower, pushed, silence_table, walk_until_silent
+from glassgait.studies.deployment.drive import silence
+from glassgait.studies.deployment.drive.silence import (
+    Left,
+    lower,
+    pushed,
+    silence_table,
+    walk_until_silent,
+)
 
 
 @pytest.mark.parametrize("name", ["trot", "bound"])
@@ -41,8 +47,8 @@ def standing(n):
 
 def test_a_robot_on_its_back_is_counted():
     left = standing(3)
-    left.states[0, robot.QUATERNION] = 0.0, 1.0, 0.0, 0.0
-    left.states[0, robot.POSITION] = 0.0, 0.0, 0.3
+    left.states[0, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+    left.states[0, quadruped.POSITION] = 0.0, 0.0, 0.3
     table = silence_table(left, lower(left, StationConfig(), Watchdog(), seconds=0.1))
     assert table["robots"].tolist() == [2, 0]
     assert table["overturned"].tolist() == [1, 0]
@@ -51,11 +57,11 @@ def test_a_robot_on_its_back_is_counted():
 
 def test_pushes_are_horizontal_and_of_the_speed_that_was_asked_for():
     left = standing(3)
-    velocity = pushed(left, 1.5, seed=3).states[:, robot.LINEAR_VELOCITY]
+    velocity = pushed(left, 1.5, seed=3).states[:, quadruped.LINEAR_VELOCITY]
     np.testing.assert_allclose(np.linalg.norm(velocity[:, :2], axis=1), 1.5)
     np.testing.assert_array_equal(velocity[:, 2], 0.0)
     assert len(np.unique(velocity[:, 0])) == 3
-    np.testing.assert_array_equal(left.states[:, robot.LINEAR_VELOCITY], 0.0)
+    np.testing.assert_array_equal(left.states[:, quadruped.LINEAR_VELOCITY], 0.0)
 
 
 def test_a_standing_robot_is_lowered_to_the_crouch():

@@ -16,7 +16,13 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.studies.cli import COMMANDS, main
-from glassgait.studies.ending import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, TERMINATED, told_plainly
+from glassgait.studies.common.exit_codes import (
+    BAD_INPUT,
+    BROKEN_PIPE,
+    INTERRUPTED,
+    TERMINATED,
+    told_plainly,
+)
 
 HEAVY = {"matplotlib", "numpy", "pydantic", "pydrake", "rich", "torch", "tyro"}
 
@@ -214,7 +220,7 @@ def test_a_command_that_hangs_on_its_way_out_ends_all_the_same(again):
 # An exception in a finalizer goes nowhere, like one in a compiled callback.
 LOST = """
 import os, time
-from glassgait.studies import ending
+from glassgait.studies.common import exit_codes as ending
 
 class Finalizer:
     def __del__(self, write=os.write, sleep=time.sleep):

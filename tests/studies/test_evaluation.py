@@ -7,23 +7,36 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.rollouts.jobs
+import glassgait.studies.common.rollouts.jobs
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario, load_scenario, load_scenarios
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
-from glassgait.studies.evaluation.alternation import alternation_jobs
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.gait_figure import gait_figure
+from glassgait.studies.common.rollouts.jobs import RolloutJob, run_jobs
+from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts.scores import (
+    RolloutLog,
+    interval,
+    reward_shares,
+    score_rollouts,
+    summarize,
+)
+from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
 from glassgait.studies.evaluation.results import write_tracking
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
@@ -36,20 +49,7 @@ from glassgait.studies.evaluation.tracking import (
     steady_jobs,
     tracking_table,
 )
-from glassgait.studies.figures import save_figure
 from glassgait.studies.importance.faithfulness import AblatedPolicy
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.gait_figure import gait_figure
-from glassgait.studies.rollouts.jobs import RolloutJob, run_jobs
-from glassgait.studies.rollouts.roll_out import roll_out
-from glassgait.studies.rollouts.scores import (
-    RolloutLog,
-    interval,
-    reward_shares,
-    score_rollouts,
-    summarize,
-)
-from glassgait.studies.students.linear import untrained_student
 
 TRAINING = {"training": Scenario()}
 
@@ -108,7 +108,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
     job = RolloutJob({}, load_gait("trot"), AlternatingPolicy(expert), Scenario(), RolloutConfig())
     before = job.digest()
-    monkeypatch.setattr(glassgait.studies.rollouts.jobs, "SCORES", ("speed_error",))
+    monkeypatch.setattr(glassgait.studies.common.rollouts.jobs, "SCORES", ("speed_error",))
     assert job.digest() != before
 
 
@@ -229,11 +229,11 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_policy_that_diverges_ends_the_rollout(expert):
     n = len(expert.observation_names)
-    weights = np.zeros((robot.N_JOINTS, n))
+    weights = np.zeros((quadruped.N_JOINTS, n))
     # Each action is three times the action before: beyond every float within the rollout.
     previous = expert.observation_names.index("Prev Action FL Hip")
-    weights[:, previous : previous + robot.N_JOINTS] = 3.0 * np.eye(robot.N_JOINTS)
-    student = LinearPolicy("trot", expert.observation_names, weights, np.ones(robot.N_JOINTS))
+    weights[:, previous : previous + quadruped.N_JOINTS] = 3.0 * np.eye(quadruped.N_JOINTS)
+    student = LinearPolicy("trot", expert.observation_names, weights, np.ones(quadruped.N_JOINTS))
     config = RolloutConfig(n_robots=3, n_steps=800)
     values = roll_out(load_gait("trot"), AlternatingPolicy(expert, student, 0), Scenario(), config)
     scores = score_rollouts(values)
@@ -299,9 +299,9 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
         return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
-    original = glassgait.studies.rollouts.jobs.roll_out
+    original = glassgait.studies.common.rollouts.jobs.roll_out
     monkeypatch.setattr(
-        glassgait.studies.rollouts.jobs,
+        glassgait.studies.common.rollouts.jobs,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )

@@ -7,13 +7,13 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.a1 import robot
-from glassgait.models.policies.formula_file import formula_lines
+from glassgait.models.formulas.formula_file import formula_lines
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.policies.tape import Tape
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.file_lines import file_lines
@@ -205,7 +205,7 @@ def test_the_mirrored_lines_are_the_formulas_that_act():
             if lines is not None:
                 place = (joint,) if file.n_states is None else (state, joint)
                 assert lines == formula_lines(file, place)
-                assert lines[0].startswith(f"{robot.JOINTS[joint]} = ")
+                assert lines[0].startswith(f"{quadruped.JOINTS[joint]} = ")
                 read.add(place)
     assert read == set(file.formulas) - set(file.written())
     assert read

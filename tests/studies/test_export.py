@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import (
     LoadedController,
@@ -24,19 +23,20 @@ from glassgait.models.policies.library import (
     load_policy,
     load_student,
 )
+from glassgait.models.robots import robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.export import c_file
-from glassgait.studies.export import command as export_command
-from glassgait.studies.export.agreement import (
+from glassgait.studies.deployment.export import c_file
+from glassgait.studies.deployment.export import command as export_command
+from glassgait.studies.deployment.export.agreement import (
     compare_controllers,
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.export.closed_loop import by_controller, walk_both
-from glassgait.studies.export.command import controller_name
-from glassgait.studies.export.compiler import (
+from glassgait.studies.deployment.export.closed_loop import by_controller, walk_both
+from glassgait.studies.deployment.export.command import controller_name
+from glassgait.studies.deployment.export.compiler import (
     FLAGS,
     compile_c,
     has_compiler,

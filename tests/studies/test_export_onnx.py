@@ -19,16 +19,16 @@ onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
 from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
-from glassgait.studies.export import graph_agreement  # noqa: E402
-from glassgait.studies.export.closed_loop import by_graph, walk_both  # noqa: E402
-from glassgait.studies.export.exported import Acting  # noqa: E402
-from glassgait.studies.export.graph_agreement import (  # noqa: E402
+from glassgait.studies.deployment.export import graph_agreement  # noqa: E402
+from glassgait.studies.deployment.export.closed_loop import by_graph, walk_both  # noqa: E402
+from glassgait.studies.deployment.export.exported import Acting  # noqa: E402
+from glassgait.studies.deployment.export.graph_agreement import (  # noqa: E402
     check_graph,
     compare_graph,
     random_observations,
     recorded_observations,
 )
-from glassgait.studies.export.onnx_file import OnnxFile  # noqa: E402
+from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: E402
 
 EXPORT = ["export", "--format", "onnx"]
 
@@ -145,7 +145,7 @@ def test_without_onnx_a_sentence_tells_what_to_install(tmp_path, monkeypatch, re
     imported = builtins.__import__
 
     def without(name, *arguments, **options):
-        if name.startswith("glassgait.studies.export.onnx_file"):
+        if name.startswith("glassgait.studies.deployment.export.onnx_file"):
             raise ImportError("No module named 'onnx'")
         return imported(name, *arguments, **options)
 

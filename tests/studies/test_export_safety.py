@@ -6,7 +6,6 @@ import subprocess
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.export.binding import (
     ACTION,
@@ -20,13 +19,19 @@ from glassgait.models.export.binding import (
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.export.agreement import random_sequences
-from glassgait.studies.export.compiler import compile_c, has_compiler, load_controller, write_source
+from glassgait.studies.deployment.export.agreement import random_sequences
+from glassgait.studies.deployment.export.compiler import (
+    compile_c,
+    has_compiler,
+    load_controller,
+    write_source,
+)
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
@@ -313,7 +318,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
 
 
 def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
-    lines = [f"{joint} = 0.1*q.{joint}" for joint in robot.JOINTS]
+    lines = [f"{joint} = 0.1*q.{joint}" for joint in quadruped.JOINTS]
     lines[5] += " + 1/(cmd.v - 0.5)"
     text = "format: 1\ngait: trot\nstates: 2\nevery state\n" + "\n".join(lines)
     policy = FormulaPolicy.from_file(read_formulas(text))

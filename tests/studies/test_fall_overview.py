@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.robustness.figures import fall_overview
+from glassgait.studies.evaluation.robustness.figures import fall_overview
 
 
 def table_of(falls, robots=10):

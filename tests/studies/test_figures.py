@@ -9,29 +9,29 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-import glassgait.studies.rollout.stills
+import glassgait.studies.view.stills
 from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.curricula.figures import curricula_figure
+from glassgait.studies.common.figures import save_figure, subplots
+from glassgait.studies.common.rollouts.gait_figure import gait_figure
+from glassgait.studies.distillation.pareto.figures import pareto_figure
 from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
+from glassgait.studies.evaluation.robustness.figures import fall_map
+from glassgait.studies.evaluation.symmetry.figures import symmetry_figure
 from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED
-from glassgait.studies.figures import save_figure, subplots
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
-from glassgait.studies.pareto.figures import pareto_figure
-from glassgait.studies.robustness.figures import fall_map
-from glassgait.studies.rollout.stills import gait_strip, last_cycle
-from glassgait.studies.rollouts.gait_figure import gait_figure
-from glassgait.studies.symmetry.figures import symmetry_figure
+from glassgait.studies.reproduction.curricula.figures import curricula_figure
 from glassgait.studies.training.figures import ablation_curves, learning_curves
+from glassgait.studies.view.stills import gait_strip, last_cycle
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
 
@@ -137,12 +137,12 @@ def test_a_rollout_without_a_cycle_is_refused(rollout):
 
 
 def test_strip_shows_its_stills_above_the_contacts(rollout, monkeypatch, tmp_path):
-    monkeypatch.setattr(glassgait.studies.rollout.stills, "Camera", GreyCamera)
+    monkeypatch.setattr(glassgait.studies.view.stills, "Camera", GreyCamera)
     figure = gait_strip(rollout, load_gait("trot"), n_stills=6)
     *stills, contacts = figure.axes
     assert len(stills) == 6
     assert all(len(still.get_images()) == 1 for still in stills)
-    assert [label.get_text() for label in contacts.get_yticklabels()] == list(robot.LEGS)
+    assert [label.get_text() for label in contacts.get_yticklabels()] == list(quadruped.LEGS)
     save_figure(figure, tmp_path / "strip")
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".pdf"}
 
@@ -153,7 +153,7 @@ def test_camera_sees_the_robot_and_follows_it():
     standing = kinematics.standing_state(robot.DEFAULT_STANCE)
     further = standing.copy()
     # Two tiles on, the ground looks the same again.
-    further[robot.POSITION][0] += 1.0
+    further[quadruped.POSITION][0] += 1.0
     here, there = camera.take(standing), camera.take(further)
     assert here.shape == (64, 96, 3)
     assert (here.max(axis=2) < 60).mean() > 0.02

@@ -4,31 +4,31 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.a1 import robot
-from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.boosting import HistogramGbmSettings
+from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.importance import study
 from glassgait.studies.importance.methods import own_importance, permutation_importance
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
-from glassgait.studies.students.boosting import HistogramGbmSettings
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.settings import StudentsSettings
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
 
 
 def linear(weights):
-    return LinearPolicy("trot", NAMES, weights, np.zeros(robot.N_JOINTS))
+    return LinearPolicy("trot", NAMES, weights, np.zeros(quadruped.N_JOINTS))
 
 
 def samples_of(policy, generator, count=500):
@@ -124,7 +124,7 @@ def test_top_observations_merge_legs_and_list_what_any_joint_named():
     importances = np.zeros((12, N))
     for joint in range(12):
         importances[joint, NAMES.index("RM Iters")] = 1.0
-        for leg in robot.LEGS:
+        for leg in quadruped.LEGS:
             importances[joint, NAMES.index(f"DoF Pos {leg} Hip")] = 0.5
         importances[joint, NAMES.index("Command X")] = 0.2
     importances[0, NAMES.index("Command X")] = 5.0

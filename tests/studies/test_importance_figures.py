@@ -9,9 +9,9 @@ import pytest
 from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.study import draw_student

@@ -12,8 +12,8 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from glassgait.models.settings import Settings
 from glassgait.studies.cli import COMMANDS, main
-from glassgait.studies.drive.command import Part
-from glassgait.studies.ending import BAD_INPUT
+from glassgait.studies.common.exit_codes import BAD_INPUT
+from glassgait.studies.deployment.drive.command import Part
 
 NUMBERS = ["0", "-1", "1", "2", "-0.0", "0.5", "1.5", "nan", "inf", "-inf", "1e400", "1e-400"]
 NUMBERS += [str(2**31), str(2**32), str(2**63), "9" * 30, "9" * 5000, "1_0", "0x10", "1e3", "٣"]

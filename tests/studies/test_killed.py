@@ -25,9 +25,9 @@ from glassgait.studies.cli import main
 
 if sys.argv[1] == "demo":
     sys.path.insert(0, sys.argv.pop())
-    import glassgait.studies.demo.command, test_demo
-    glassgait.studies.demo.command.QUICK = test_demo.TINY
-    glassgait.studies.demo.command.REPLAY_SECONDS = 0.2
+    import glassgait.studies.reproduction.demo.command, test_demo
+    glassgait.studies.reproduction.demo.command.QUICK = test_demo.TINY
+    glassgait.studies.reproduction.demo.command.REPLAY_SECONDS = 0.2
 main(sys.argv[1:])
 """
 

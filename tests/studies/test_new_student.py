@@ -18,8 +18,8 @@ from sklearn.linear_model import Ridge
 from glassgait.models.policies.library import POLICY_CLASSES
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.settings import Positive
-from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.students.student import Student, StudentSettings
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.student import Student, StudentSettings
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ STUDENTS["stiff"] = Student(
 
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.report import command
-from glassgait.studies.report.config import ReportConfig
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.students.additive import EbmSettings
-from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.students.registry import paper_students
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.reproduction.report import command
+from glassgait.studies.reproduction.report.config import ReportConfig
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.distillation.students.additive import EbmSettings
+from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.registry import paper_students
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 
 command.QUICK = ReportConfig(
     distillation=DistillationConfig(

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
-from glassgait.models.policies.formula_reader import read_formulas
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ObservationLayout, indices_of
-from glassgait.studies.students.oscillator import OSCILLATOR
-from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.distillation.students.oscillator import OSCILLATOR
+from glassgait.studies.distillation.students.student import TrainingSet
 
 
 def samples_of_a_clock(n_states, generator, count=600):
@@ -26,7 +26,7 @@ def samples_of_a_clock(n_states, generator, count=600):
     observations[:, time] = lasted * scale[time]
     observations[:, whole] = asked * scale[whole]
     angle = 2.0 * np.pi * (state + lasted / asked) / n_states
-    own = np.arange(robot.N_JOINTS)
+    own = np.arange(quadruped.N_JOINTS)
     actions = own + np.outer(np.sin(angle), 0.1 * own) + np.outer(np.cos(angle), 0.5 - 0.1 * own)
     starts = np.zeros(count, dtype=bool)
     return TrainingSet("hop", names, observations, actions, starts)

@@ -3,17 +3,20 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.formula_mirror import FormulaMirror
+from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.policies.library import load_expert, load_policy
-from glassgait.models.policies.quantities import Vocabulary
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
-from glassgait.studies.students.mirrored_samples import samples_by_state, written_places
-from glassgait.studies.students.student import TrainingSet
-from glassgait.studies.students.term_pursuit import allot, condense
+from glassgait.studies.distillation.students.mirrored_samples import (
+    samples_by_state,
+    written_places,
+)
+from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.distillation.students.term_pursuit import allot, condense
 
 NAMES = ObservationLayout(2).names
 MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
@@ -23,7 +26,7 @@ def samples_of_a_sparse_law(generator, mirror=None, count=400):
     """Actions that three observations tell, and a little of a fourth."""
     observations = 0.3 * generator.normal(size=(count, len(NAMES)))
     observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
-    actions = np.zeros((count, robot.N_JOINTS))
+    actions = np.zeros((count, quadruped.N_JOINTS))
     actions[:, 2] = 2.0 * observations[:, 0] + observations[:, 5] - 0.5 * observations[:, 20]
     actions[:, 7] = 0.01 * observations[:, 30]
     starts = np.zeros(count, dtype=bool)

@@ -14,12 +14,12 @@ import pytest
 from joblib import delayed
 
 from glassgait.models.errors import InputError
-from glassgait.studies.parallel.loop import _signals_held, run_parallel
+from glassgait.studies.common.parallel.loop import _signals_held, run_parallel
 
 PARENT = """
 import os, time
 from joblib import delayed
-from glassgait.studies.parallel.loop import run_parallel
+from glassgait.studies.common.parallel.loop import run_parallel
 
 os.cpu_count = lambda: 2
 

@@ -7,8 +7,8 @@ import pytest
 from joblib import delayed
 
 from glassgait.models.errors import InputError
-from glassgait.studies.parallel.cluster import AHEAD, LARGE, run_on_cluster
-from glassgait.studies.parallel.loop import run_parallel
+from glassgait.studies.common.parallel.cluster import AHEAD, LARGE, run_on_cluster
+from glassgait.studies.common.parallel.loop import run_parallel
 
 
 class Fake:

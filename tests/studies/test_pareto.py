@@ -10,12 +10,12 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.pareto import command
-from glassgait.studies.pareto.command import pareto_table, smallest_that_walk
-from glassgait.studies.pareto.formulas import FAMILIES, families_of, sizes_of
-from glassgait.studies.refinement.config import RefinementConfig
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.student import TrainingSet
+from glassgait.studies.distillation.pareto import command
+from glassgait.studies.distillation.pareto.command import pareto_table, smallest_that_walk
+from glassgait.studies.distillation.pareto.formulas import FAMILIES, families_of, sizes_of
+from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.students.student import TrainingSet
 
 NAMES = load_expert("trot").observation_names
 

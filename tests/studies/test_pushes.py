@@ -11,9 +11,14 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.pushes.basin import Pushed, PushGrid, failure_counts, push_everywhere
-from glassgait.studies.pushes.figures import half_lines, push_figure
-from glassgait.studies.pushes.tables import Basin, push_table, summary_table
+from glassgait.studies.evaluation.pushes.basin import (
+    Pushed,
+    PushGrid,
+    failure_counts,
+    push_everywhere,
+)
+from glassgait.studies.evaluation.pushes.figures import half_lines, push_figure
+from glassgait.studies.evaluation.pushes.tables import Basin, push_table, summary_table
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
@@ -58,7 +63,7 @@ def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
         n = len(state.steps)
         return np.ones(n, dtype=bool), np.full(n, -1)
 
-    monkeypatch.setattr("glassgait.studies.pushes.basin._walk_on", note)
+    monkeypatch.setattr("glassgait.studies.evaluation.pushes.basin._walk_on", note)
     turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
     push_everywhere(TROT, AlternatingPolicy(expert), turning, GRID, n_steps=60, seed=3)
     (state,) = seen
@@ -139,7 +144,7 @@ def run(tmp_path, monkeypatch):
             survived = draws > grid.speeds[:, None] / 10.0
             return Pushed(survived, np.where(survived, -1, 0))
 
-        monkeypatch.setattr("glassgait.studies.pushes.command.push_everywhere", quickly)
+        monkeypatch.setattr("glassgait.studies.evaluation.pushes.command.push_everywhere", quickly)
         folder = tmp_path / output
         small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
         policies = ["--policy", "expert", "page", "--seconds", "1", "--output", str(folder)]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import kinematics, robot
-from glassgait.models.a1.description import CALF, FOOT, HIP, THIGH, TRUNK
+from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots.description import CALF, FOOT, HIP, THIGH, TRUNK
 from glassgait.models.task import observation
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.randomization import Randomization
@@ -72,7 +72,7 @@ def test_an_episode_ends_where_the_page_says(told):
     assert limits.shank_share == 0.9
     state, still = kinematics.standing_state(robot.DEFAULT_STANCE[None]), np.zeros((1, 12))
     for beyond, fails in ((0.04, False), (0.06, True)):
-        state[0, robot.JOINT_POSITION.start] = robot.UPPER_LIMITS[0] + beyond
+        state[0, quadruped.JOINT_POSITION.start] = robot.UPPER_LIMITS[0] + beyond
         shown = failures(state, action=still, previous_action=still, limits=limits)
         assert shown[0, 2] == fails
 

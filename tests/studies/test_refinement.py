@@ -8,24 +8,24 @@ import pytest
 import torch
 
 from glassgait.diagrams.worlds import Worlds
-from glassgait.models.a1 import robot
-from glassgait.models.policies.expression import ZERO, Expression, constant, variable
-from glassgait.models.policies.formula_reader import read_formulas
+from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
+from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.visits import visit
-from glassgait.studies.refinement import study
-from glassgait.studies.refinement.config import RefinementConfig
-from glassgait.studies.refinement.formula_network import (
+from glassgait.studies.distillation.refinement import study
+from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation.refinement.formula_network import (
     UNIT_EFFECT,
     FormulaNetwork,
     without_zeros,
 )
-from glassgait.studies.refinement.study import RefinementRun
-from glassgait.studies.students.formula_fit import short_numbers
+from glassgait.studies.distillation.refinement.study import RefinementRun
+from glassgait.studies.distillation.students.formula_fit import short_numbers
+from glassgait.studies.distillation.visits import visit
 from glassgait.studies.training.config import PpoConfig
 
 PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)

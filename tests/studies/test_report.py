@@ -14,20 +14,23 @@ from glassgait.models.policies.library import (
     shipped_experts,
 )
 from glassgait.studies.cli import main
+from glassgait.studies.common.pages import page_template
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.pages import page_template
-from glassgait.studies.report import command
-from glassgait.studies.report.certificates import certified_policies, verdicts_table
-from glassgait.studies.report.config import ReportConfig
-from glassgait.studies.report.contents import DEVIATIONS, contents, r2_by_gait
-from glassgait.studies.report.gait import GaitResults
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.students.additive import EbmSettings
-from glassgait.studies.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.students.registry import paper_students
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import StatewiseSymbolicSettings, SymbolicSettings
-from glassgait.studies.tables import to_markdown
+from glassgait.studies.distillation.students.additive import EbmSettings
+from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.registry import paper_students
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import (
+    StatewiseSymbolicSettings,
+    SymbolicSettings,
+)
+from glassgait.studies.reproduction.report import command
+from glassgait.studies.reproduction.report.certificates import certified_policies, verdicts_table
+from glassgait.studies.reproduction.report.config import ReportConfig
+from glassgait.studies.reproduction.report.contents import DEVIATIONS, contents, r2_by_gait
+from glassgait.studies.reproduction.report.gait import GaitResults
 from glassgait.studies.training.tables import PAPER_CONTROL_STEPS
 
 EXPERTS = [

@@ -14,11 +14,11 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.rounds import rounds
-from glassgait.studies.reproduce import command
-from glassgait.studies.reproduce.config import differences, load_settings, settings_file
-from glassgait.studies.students.additive import additive_regressor
-from glassgait.studies.students.boosting import boosting_regressor
-from glassgait.studies.students.symbolic_regression import pysr_starts
+from glassgait.studies.distillation.students.additive import additive_regressor
+from glassgait.studies.distillation.students.boosting import boosting_regressor
+from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
+from glassgait.studies.reproduction import command
+from glassgait.studies.reproduction.config import differences, load_settings, settings_file
 
 PAPER = settings_file("paper")
 

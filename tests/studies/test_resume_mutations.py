@@ -12,11 +12,11 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import run_jobs
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import run_jobs
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.study import TrainingRun

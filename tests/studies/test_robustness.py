@@ -8,26 +8,26 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
-import glassgait.studies.robustness.command
-import glassgait.studies.rollouts.jobs
+import glassgait.studies.common.rollouts.jobs
+import glassgait.studies.evaluation.robustness.command
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.robustness.command import Robustness
-from glassgait.studies.robustness.figures import COLORS, fall_map, readable_on
-from glassgait.studies.robustness.tables import (
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.rollouts.worlds import world_jobs
+from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.evaluation.robustness.command import Robustness
+from glassgait.studies.evaluation.robustness.figures import COLORS, fall_map, readable_on
+from glassgait.studies.evaluation.robustness.tables import (
     fall_table,
     policies_of,
     wilson_interval,
     worst_first,
     worst_table,
 )
-from glassgait.studies.robustness.worlds import world_jobs
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.scores import SCORES
-from glassgait.studies.students.linear import untrained_student
 
 WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
 
@@ -237,9 +237,9 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     kept[0].unlink()
     (folder / "metrics.json").unlink()
     rolled_out = []
-    original = glassgait.studies.rollouts.jobs.roll_out
+    original = glassgait.studies.common.rollouts.jobs.roll_out
     monkeypatch.setattr(
-        glassgait.studies.rollouts.jobs,
+        glassgait.studies.common.rollouts.jobs,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )
@@ -292,7 +292,9 @@ def studied(monkeypatch):
             raise InputError("too slow")
 
     monkeypatch.setattr(Robustness, "_run_one", note)
-    monkeypatch.setattr(glassgait.studies.robustness.command, "_write_overview", lambda *of: None)
+    monkeypatch.setattr(
+        glassgait.studies.evaluation.robustness.command, "_write_overview", lambda *of: None
+    )
     return noted
 
 

@@ -14,8 +14,8 @@ import pytest
 import yaml
 from pydrake.systems.analysis import Simulator
 
-import glassgait.studies.rollout.command
-import glassgait.studies.rollout.live
+import glassgait.studies.view.command
+import glassgait.studies.view.live
 from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
@@ -26,9 +26,9 @@ from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
-from glassgait.studies.figures import save_figure
-from glassgait.studies.rollout.live import play_live
-from glassgait.studies.rollouts.gait_figure import gait_figure, session_figure
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.gait_figure import gait_figure, session_figure
+from glassgait.studies.view.live import play_live
 from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 
 TRUNK = ["drake", "visualizer", "a1", "trunk"]
@@ -185,8 +185,8 @@ def flinging():
 
 
 def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
-    monkeypatch.setattr(glassgait.studies.rollout.live, "KEPT_STEPS", 30)
-    monkeypatch.setattr(glassgait.studies.rollout.live, "FALLEN_SECONDS", 0.0)
+    monkeypatch.setattr(glassgait.studies.view.live, "KEPT_STEPS", 30)
+    monkeypatch.setattr(glassgait.studies.view.live, "FALLEN_SECONDS", 0.0)
     usual = signal.getsignal(signal.SIGINT)
 
     def interrupt():
@@ -289,7 +289,7 @@ def titles(monkeypatch):
         noted.append(title)
         return gait_figure(rollout, gait, title)
 
-    monkeypatch.setattr(glassgait.studies.rollout.command, "gait_figure", noting)
+    monkeypatch.setattr(glassgait.studies.view.command, "gait_figure", noting)
     return noted
 
 
@@ -318,9 +318,9 @@ def test_a_ratio_has_one_name_however_it_is_written(tmp_path, titles):
 
 
 def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
-    drawn = glassgait.studies.rollout.command.gait_figure
+    drawn = glassgait.studies.view.command.gait_figure
     monkeypatch.setattr(
-        glassgait.studies.rollout.command,
+        glassgait.studies.view.command,
         "gait_strip",
         lambda rollout, gait: drawn(rollout, gait, "stills"),
     )

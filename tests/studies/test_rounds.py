@@ -9,9 +9,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.dataset import Dataset
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 
 GAIT = load_gait("trot")
 

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from glassgait.models.errors import InputError
-from glassgait.studies import run_folder
-from glassgait.studies.run_folder import (
+from glassgait.studies.common import run_folder
+from glassgait.studies.common.run_folder import (
     CONFIG_NAME,
     digest_of_files,
     open_run,
@@ -20,7 +20,7 @@ from glassgait.studies.run_folder import (
 HOLD = """
 import sys, time
 from pathlib import Path
-from glassgait.studies.run_folder import open_run
+from glassgait.studies.common.run_folder import open_run
 with open_run(Path(sys.argv[1]), study="train", settings={}, inputs={}, resume=False):
     print("at work", flush=True)
     time.sleep(60)

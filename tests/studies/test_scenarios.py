@@ -12,22 +12,22 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob
+from glassgait.studies.common.rollouts.play import pusher
+from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.rounds import Round
+from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollout.command import OwnCommand
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob
-from glassgait.studies.rollouts.play import pusher
-from glassgait.studies.rollouts.roll_out import roll_out
-from glassgait.studies.students.linear import untrained_student
+from glassgait.studies.view.command import OwnCommand
 
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
 COMMANDED = FixedCommand(speed=0.3, yaw_rate=0.1, dwell=9)
@@ -156,7 +156,7 @@ def speeds_after_pushes(scenario, seed, expert):
         pushed()
     diagram = simulator.get_system()
     state = diagram.GetOutputPort("state").Eval(simulator.get_context())
-    return state[robot.LINEAR_VELOCITY]
+    return state[quadruped.LINEAR_VELOCITY]
 
 
 def test_a_robot_that_is_watched_is_pushed(expert):

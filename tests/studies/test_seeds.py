@@ -12,14 +12,14 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.assurance.command import Assurance
 from glassgait.studies.cli import COMMANDS
-from glassgait.studies.pareto.command import smallest_that_walk
-from glassgait.studies.rollouts import selection
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.jobs import RolloutJob, for_each_seed, for_selection
-from glassgait.studies.rollouts.scores import RolloutLog
-from glassgait.studies.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
+from glassgait.studies.common.rollouts import selection
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed, for_selection
+from glassgait.studies.common.rollouts.scores import RolloutLog
+from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
+from glassgait.studies.distillation.pareto.command import smallest_that_walk
+from glassgait.studies.evaluation.assurance.command import Assurance
 
 GAIT = load_gait("trot")
 

@@ -6,10 +6,10 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.library import samples_folder
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.students.library import samples_folder
-from glassgait.studies.students.settings import StudentsSettings
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
 
 STUDENTS = ("open_loop", "linear", "statewise_linear")
 

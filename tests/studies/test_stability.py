@@ -6,24 +6,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_student
+from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.stability import analysis
-from glassgait.studies.stability.figures import stability_figure
-from glassgait.studies.stability.orbits import find_orbits
-from glassgait.studies.stability.strides import NAMES, UNITS, StrideMap
-from glassgait.studies.stability.tables import (
+from glassgait.studies.distillation.students.library import find_walkers
+from glassgait.studies.evaluation.stability import analysis
+from glassgait.studies.evaluation.stability.figures import stability_figure
+from glassgait.studies.evaluation.stability.orbits import find_orbits
+from glassgait.studies.evaluation.stability.strides import NAMES, UNITS, StrideMap
+from glassgait.studies.evaluation.stability.tables import (
     believed,
     prediction_table,
     radius_error,
     stability_table,
     told_mode,
 )
-from glassgait.studies.students.library import find_walkers
 
 TROT = load_gait("trot")
 COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
@@ -63,7 +63,7 @@ def test_a_stride_is_the_same_again_and_in_any_company(strides, entered):
 
 def test_the_previous_action_is_remembered(strides, entered):
     other = entered.copy()
-    other[0, -robot.N_JOINTS] += 0.5
+    other[0, -quadruped.N_JOINTS] += 0.5
     both = strides(np.concatenate([entered, other]), np.zeros(2, dtype=np.int64))
     assert (both[0] != both[1]).any()
 
@@ -166,7 +166,7 @@ def run(tmp_path, monkeypatch, records):
                 raise KeyboardInterrupt
             return found[strides.policy.student is None]
 
-        monkeypatch.setattr("glassgait.studies.stability.command.analyse", again)
+        monkeypatch.setattr("glassgait.studies.evaluation.stability.command.analyse", again)
         folder = tmp_path / output
         commands = ["--yaw-rates", "0", "--speeds", "0.5", "--dwells", "8"]
         policies = ["--policy", "expert", "page", "--output", str(folder)]

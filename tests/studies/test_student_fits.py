@@ -4,10 +4,10 @@ import numpy as np
 from sklearn.metrics import r2_score
 
 from glassgait.models.policies.library import load_expert
-from glassgait.studies.students.dataset import Dataset, r2_scores
-from glassgait.studies.students.registry import STUDENTS
-from glassgait.studies.students.student import TrainingSet
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 
 
 def fit(kind, names, data, settings=None):

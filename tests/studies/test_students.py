@@ -22,11 +22,15 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.distillation.students.library import (
+    default_student,
+    find_student,
+    load_students,
+)
+from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.rollouts.config import RolloutConfig
-from glassgait.studies.rollouts.roll_out import roll_out
-from glassgait.studies.students.library import default_student, find_student, load_students
-from glassgait.studies.students.registry import STUDENTS
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 

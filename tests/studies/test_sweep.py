@@ -13,10 +13,10 @@ from filelock import FileLock
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.task.gait import GAIT_DIRECTORY, gait_names
-from glassgait.studies import sweep
-from glassgait.studies.console import console
-from glassgait.studies.run_folder import LOCK_NAME
-from glassgait.studies.sweep import SweepConfig, gaits_named, jobs_of, run_sweep
+from glassgait.studies.common import sweep
+from glassgait.studies.common.console import console
+from glassgait.studies.common.run_folder import LOCK_NAME
+from glassgait.studies.common.sweep import SweepConfig, gaits_named, jobs_of, run_sweep
 
 HERE = SweepConfig(n_workers=1)
 SMALL = ["--n-robots", "8", "--n-groups", "1", "--fine-steps", "--updates", "4"]

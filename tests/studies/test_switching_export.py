@@ -9,23 +9,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.binding import BAD_INPUT, Sensors
 from glassgait.models.export.reference import PythonSwitchingController
 from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.robots import robot
 from glassgait.models.task.command import Command
 from glassgait.studies.cli import main
-from glassgait.studies.export import command as export_command
-from glassgait.studies.export import switching_loop
-from glassgait.studies.export.agreement import compare_controllers
-from glassgait.studies.export.compiler import FLAGS, compile_c, has_compiler, write_source
-from glassgait.studies.export.switching_agreement import (
+from glassgait.studies.deployment.export import command as export_command
+from glassgait.studies.deployment.export import switching_loop
+from glassgait.studies.deployment.export.agreement import compare_controllers
+from glassgait.studies.deployment.export.compiler import (
+    FLAGS,
+    compile_c,
+    has_compiler,
+    write_source,
+)
+from glassgait.studies.deployment.export.switching_agreement import (
     drawn_requests,
     random_switching_sequences,
     recorded_switching_sequences,
 )
-from glassgait.studies.export.switching_loop import change_both
+from glassgait.studies.deployment.export.switching_loop import change_both
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LinearRegression
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.canonical import canonical
-from glassgait.models.policies.expression import Expression
-from glassgait.models.policies.formula_language import parse_formula, write_formula
-from glassgait.models.policies.quantities import Vocabulary
-from glassgait.models.policies.tape import Tape
+from glassgait.models.formulas.canonical import canonical
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.formula_language import parse_formula, write_formula
+from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.tape import Tape
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.students.formula_fit import FormulaFit, gates, rounded, settled
-from glassgait.studies.students.gated_sum import fit_gated_sums
-from glassgait.studies.students.symbolic_regression import fit_formulas, pysr_arguments
-from glassgait.studies.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, rounded, settled
+from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.students.symbolic_regression import fit_formulas, pysr_arguments
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 
 GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
 

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from sklearn.metrics import r2_score
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
     STUDENT_DIRECTORY,
@@ -16,13 +15,18 @@ from glassgait.models.policies.library import (
     shipped_students,
 )
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.cli import main
+from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.visits import visit
-from glassgait.studies.students.dataset import Dataset
-from glassgait.studies.symmetry.measures import drawn_importances, left_right_table, mirror_r2
+from glassgait.studies.evaluation.symmetry.measures import (
+    drawn_importances,
+    left_right_table,
+    mirror_r2,
+)
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -31,7 +35,7 @@ SMALL = ["--n-robots", "3", "--n-steps", "10", "--n-samples", "20", "--repeats",
 
 
 def linear(weights, names=NAMES, gait="trot"):
-    return LinearPolicy(gait, names, weights, np.zeros(robot.N_JOINTS))
+    return LinearPolicy(gait, names, weights, np.zeros(quadruped.N_JOINTS))
 
 
 def samples_of(generator, names=NAMES, robots=6, steps=50):
@@ -45,9 +49,9 @@ def samples_of(generator, names=NAMES, robots=6, steps=50):
 
 def weights_of(*pairs):
     """Weights that are 1 where a joint takes an observation, given by their names."""
-    weights = np.zeros((robot.N_JOINTS, N))
+    weights = np.zeros((quadruped.N_JOINTS, N))
     for joint, name in pairs:
-        weights[robot.JOINTS.index(joint), NAMES.index(name)] = 1.0
+        weights[quadruped.JOINTS.index(joint), NAMES.index(name)] = 1.0
     return weights
 
 

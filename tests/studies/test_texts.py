@@ -8,10 +8,10 @@ import yaml
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.console import console, progress_bar, say
-from glassgait.studies.figures import save_figure, subplots
-from glassgait.studies.rollouts.gait_figure import draw_gait
-from glassgait.studies.tables import print_table, to_markdown
+from glassgait.studies.common.console import console, progress_bar, say
+from glassgait.studies.common.figures import save_figure, subplots
+from glassgait.studies.common.rollouts.gait_figure import draw_gait
+from glassgait.studies.common.tables import print_table, to_markdown
 
 WORDS = ["[/y]", "[bold]x[/bold]", "x[y]", ":smile:", "[link=a]b[/link]", "\\[x]"]
 

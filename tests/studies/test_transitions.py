@@ -12,11 +12,11 @@ from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.transitions.config import TransitionConfig
-from glassgait.studies.transitions.figures import transition_figure
-from glassgait.studies.transitions.jobs import jobs_of_pairs
-from glassgait.studies.transitions.rolling import Requests, settled_from
-from glassgait.studies.transitions.tables import summary_table, transition_table
+from glassgait.studies.evaluation.transitions.config import TransitionConfig
+from glassgait.studies.evaluation.transitions.figures import transition_figure
+from glassgait.studies.evaluation.transitions.jobs import jobs_of_pairs
+from glassgait.studies.evaluation.transitions.rolling import Requests, settled_from
+from glassgait.studies.evaluation.transitions.tables import summary_table, transition_table
 
 GAITS = [load_gait(name) for name in ("trot", "pace", "walk")]
 TITLES = {"training": "home"}
@@ -161,7 +161,7 @@ def test_the_figure_has_a_matrix_of_every_speed(table):
 def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys):
     short = {"FIRST_STEPS": 60, "AFTER_STEPS": 120, "SCORED_STEPS": 40, "SPREAD_STEPS": 10}
     for name, value in short.items():
-        monkeypatch.setattr(f"glassgait.studies.transitions.rolling.{name}", value)
+        monkeypatch.setattr(f"glassgait.studies.evaluation.transitions.rolling.{name}", value)
     command = ["transitions", "--gait", "trot", "pace", "--speeds", "0.4", "--n-robots", "2"]
     command += ["--n-workers", "1", "--output", str(tmp_path / "run")]
     main(command)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.binding import ACTION, BAD_INPUT, sensed
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.command import Command
 from glassgait.systems.compiled_controller import CompiledController
 
@@ -58,7 +58,7 @@ def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch
     before, *_ = outputs(system, context)
     latch(system, context)
     broken = standing.copy()
-    broken[robot.JOINT_VELOCITY.start] = np.nan
+    broken[quadruped.JOINT_VELOCITY.start] = np.nan
     fix_inputs(system, context, state=broken)
     action, _, status = outputs(system, context)
     assert status[0] == BAD_INPUT

@@ -10,8 +10,8 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import MakeA1Station
-from glassgait.models.a1 import robot
 from glassgait.models.policies.library import load_student
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.function import FunctionSystem
@@ -38,7 +38,7 @@ def from_state_to_targets():
     proprioception = builder.AddNamedSystem("proprioception", Proprioception(LAYOUT))
     observation = builder.AddSystem(Multiplexer([LAYOUT.n_proprioceptive, N_ESTIMATED]))
     policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_symbolic")))
-    targets = builder.AddSystem(JointTargets(robot.JOINTS[::-1]))
+    targets = builder.AddSystem(JointTargets(quadruped.JOINTS[::-1]))
     builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
     builder.Connect(sensor.get_body_state_output_port(), observation.get_input_port(1))
     builder.Connect(observation.get_output_port(), policy.get_input_port())
@@ -83,7 +83,7 @@ def test_optional_ports_may_stay_unconnected_and_others_not(fix_inputs):
 
 @pytest.mark.parametrize(
     "system",
-    [saxpy(), JointTargets(robot.JOINTS), BodyStateSensor(), Proprioception(LAYOUT)],
+    [saxpy(), JointTargets(quadruped.JOINTS), BodyStateSensor(), Proprioception(LAYOUT)],
     ids=lambda system: type(system).__name__,
 )
 def test_the_twin_with_derivatives_has_the_same_ports_and_values(system, port_sizes, generator):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from glassgait.models.a1 import kinematics, robot
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay
 
 
@@ -35,7 +35,7 @@ def meshcat():
 
 @pytest.fixture
 def inputs(standing):
-    standing[robot.POSITION] = [1.0, 2.0, 0.3]
+    standing[quadruped.POSITION] = [1.0, 2.0, 0.3]
     return {"state": standing, "rm_state": [0.0, 1.0], "foot_contact": [1.0, 0.0, 0.0, 1.0]}
 
 
@@ -47,7 +47,7 @@ def test_ports(trot, meshcat, port_sizes):
 def test_has_an_object_for_every_state_and_foot(trot, meshcat):
     GaitDisplay(trot, meshcat)
     states = [f"gait/state/{i}" for i in range(trot.n_states)]
-    assert meshcat.objects == states + [f"gait/contact/{leg}" for leg in robot.LEGS]
+    assert meshcat.objects == states + [f"gait/contact/{leg}" for leg in quadruped.LEGS]
 
 
 def show(system, context):
@@ -72,9 +72,9 @@ def test_the_scene_moves_so_that_the_robot_stays_in_the_middle(trot, meshcat, in
 def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_inputs):
     system = GaitDisplay(trot, meshcat)
     turned = kinematics.standing_state(robot.DEFAULT_STANCE)
-    turned[robot.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    turned[quadruped.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
     show(system, fix_inputs(system, **{**inputs, "state": turned}))
-    x, y, _ = kinematics.foot_positions(robot.DEFAULT_STANCE)[robot.LEGS.index("RL")]
+    x, y, _ = kinematics.foot_positions(robot.DEFAULT_STANCE)[quadruped.LEGS.index("RL")]
     place = meshcat.places["gait/contact/RL"]
     np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
     assert place[2] == pytest.approx(kinematics.foot_heights(turned)[2] + robot.FOOT_RADIUS)

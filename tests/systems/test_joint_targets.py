@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped, robot
 from glassgait.systems.joint_targets import JointTargets
 
 
 def test_ports(port_sizes, feedthrough):
-    system = JointTargets(robot.JOINTS)
+    system = JointTargets(quadruped.JOINTS)
     assert port_sizes(system) == ({"action": 12}, {"desired_state": 24})
     assert feedthrough(system) == {("action", "desired_state")}
 
 
 def test_targets_follow_the_actuators_order(fix_inputs):
-    reversed_joints = robot.JOINTS[::-1]
+    reversed_joints = quadruped.JOINTS[::-1]
     system = JointTargets(reversed_joints)
     action = np.arange(12.0)
     context = fix_inputs(system, action=action)
@@ -25,7 +25,7 @@ def test_targets_follow_the_actuators_order(fix_inputs):
 
 
 def test_targets_are_kept_within_the_joints_ranges(fix_inputs):
-    system = JointTargets(robot.JOINTS[::-1], limited=True)
+    system = JointTargets(quadruped.JOINTS[::-1], limited=True)
     port = system.get_desired_state_output_port()
     desired = port.Eval(fix_inputs(system, action=np.full(12, 100.0)))
     np.testing.assert_array_equal(desired[:12], robot.UPPER_LIMITS[::-1])
@@ -34,7 +34,7 @@ def test_targets_are_kept_within_the_joints_ranges(fix_inputs):
 
 
 def test_kept_targets_convert_to_autodiff():
-    system = JointTargets(robot.JOINTS, limited=True).ToAutoDiffXd()
+    system = JointTargets(quadruped.JOINTS, limited=True).ToAutoDiffXd()
     context = system.CreateDefaultContext()
     # The first joint is within its range, the second at its end.
     action = InitializeAutoDiff(np.array([0.5, 50.0, *np.zeros(10)])).ravel()
@@ -50,7 +50,7 @@ def test_refuses_other_joints():
 
 
 def test_clones_aim_by_their_own_action(fix_inputs):
-    system = JointTargets(robot.JOINTS)
+    system = JointTargets(quadruped.JOINTS)
     context = fix_inputs(system, action=np.zeros(12))
     clone = fix_inputs(system, context.Clone(), action=np.ones(12))
     port = system.get_desired_state_output_port()
@@ -59,9 +59,9 @@ def test_clones_aim_by_their_own_action(fix_inputs):
 
 
 def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(JointTargets(robot.JOINTS))
+    assert_sizes_are_checked(JointTargets(quadruped.JOINTS))
 
 
 def test_refuses_a_joint_too_few():
     with pytest.raises(ValueError, match="not the robot's joints"):
-        JointTargets(robot.JOINTS[:-1])
+        JointTargets(quadruped.JOINTS[:-1])

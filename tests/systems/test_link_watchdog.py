@@ -5,7 +5,6 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 
-from glassgait.models.a1 import kinematics, robot
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.watchdog import (
     CROUCH,
@@ -14,13 +13,14 @@ from glassgait.models.link.watchdog import (
     initial_watch,
     step_watch,
 )
+from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch
 
 SESSION, STEP = 9, 0.01
 TARGETS = robot.DEFAULT_STANCE + np.linspace(-0.3, 0.3, 12)
 LEVEL = kinematics.standing_state(robot.DEFAULT_STANCE)
 ON_ITS_SIDE = LEVEL.copy()
-ON_ITS_SIDE[robot.QUATERNION] = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0
+ON_ITS_SIDE[quadruped.QUATERNION] = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0
 
 
 def answer(time, session=SESSION, targets=TARGETS):

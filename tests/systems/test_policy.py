@@ -6,10 +6,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
-from glassgait.models.policies.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.systems.policy import PolicySystem
@@ -42,12 +42,12 @@ def test_contexts_share_the_policy_but_not_the_observation(trot, make_policy, fi
 
 def test_an_action_that_is_not_finite_ends_the_simulation_in_one_sentence():
     names = ObservationLayout(2).names
-    formulas = [parse_expression("x0", variable_names(len(names)))] * robot.N_JOINTS
+    formulas = [parse_expression("x0", variable_names(len(names)))] * quadruped.N_JOINTS
     formulas[2] = parse_expression("1 / x0", variable_names(len(names)))
     builder = DiagramBuilder()
     policy = builder.AddSystem(PolicySystem(SymbolicPolicy("trot", names, formulas)))
     source = builder.AddSystem(ConstantVectorSource(np.zeros(len(names))))
-    hold = builder.AddSystem(ZeroOrderHold(CONTROL_PERIOD, robot.N_JOINTS, 3 * CONTROL_PERIOD))
+    hold = builder.AddSystem(ZeroOrderHold(CONTROL_PERIOD, quadruped.N_JOINTS, 3 * CONTROL_PERIOD))
     builder.Connect(source.get_output_port(), policy.get_observation_input_port())
     builder.Connect(policy.get_action_output_port(), hold.get_input_port())
     simulator = Simulator(builder.Build())

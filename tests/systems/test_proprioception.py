@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
 from glassgait.systems.proprioception import Proprioception
 
@@ -42,8 +42,8 @@ def test_without_noise_it_is_the_models_function(standing, fix_inputs):
     context = fix_inputs(system, **inputs(standing))
     expected = proprioception(
         command=np.array([0.5, -0.2]),
-        joint_position=standing[robot.JOINT_POSITION],
-        joint_velocity=standing[robot.JOINT_VELOCITY],
+        joint_position=standing[quadruped.JOINT_POSITION],
+        joint_velocity=standing[quadruped.JOINT_VELOCITY],
         previous_action=np.arange(12.0),
         rm_state=np.eye(4)[2],
         rm_iterations=np.array(3.0),

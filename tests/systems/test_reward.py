@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.reward import RewardWeights, step_reward
 from glassgait.systems.reward import RewardSystem
 
@@ -40,13 +40,13 @@ def test_ports(port_sizes, feedthrough):
 
 def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     system = RewardSystem()
-    standing[robot.JOINT_VELOCITY] = np.arange(12.0)
+    standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
     up = np.array([1.0, 1.0, 1.0, 0.0])
     context = fix_inputs(system, **inputs(standing, foot_contact=up))
     latch(system, context)
     latch(system, context)
     moved = standing.copy()
-    moved[robot.JOINT_VELOCITY] += 1.0
+    moved[quadruped.JOINT_VELOCITY] += 1.0
     fix_inputs(system, context, **inputs(moved, reward_multiplier=1000.0))
     expected = step_reward(
         moved,
@@ -68,7 +68,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
 
 def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
     system = RewardSystem()
-    standing[robot.JOINT_VELOCITY] = 5.0
+    standing[quadruped.JOINT_VELOCITY] = 5.0
     context = fix_inputs(system, **inputs(standing))
     clone = context.Clone()
     latch(system, context)
@@ -90,7 +90,7 @@ def test_its_weights_weigh_the_terms(standing, fix_inputs):
 def test_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
     weights = RewardWeights(tracking_time=0.1)
     system = RewardSystem(weights)
-    standing[robot.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
+    standing[quadruped.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
     context = fix_inputs(system, **inputs(standing))
     for _ in range(4):
         latch(system, context)

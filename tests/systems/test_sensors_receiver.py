@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.binding import Sensors
 from glassgait.models.link.messages import sensors_t, targets_t
 from glassgait.models.link.packing import pack_sensors
+from glassgait.models.robots import quadruped
 from glassgait.systems.sensors_receiver import SensorsReceiver
 
 
@@ -27,9 +27,14 @@ def test_gives_joints_and_feet_and_no_trunk(generator):
     system.get_message_input_port().FixValue(context, AbstractValue.Make(message))
     clone = context.Clone()
     state = system.get_state_output_port().Eval(context)
-    np.testing.assert_array_equal(state[robot.JOINT_POSITION], sent.joint_position)
-    np.testing.assert_array_equal(state[robot.JOINT_VELOCITY], sent.joint_velocity)
-    for trunk in (robot.QUATERNION, robot.POSITION, robot.ANGULAR_VELOCITY, robot.LINEAR_VELOCITY):
+    np.testing.assert_array_equal(state[quadruped.JOINT_POSITION], sent.joint_position)
+    np.testing.assert_array_equal(state[quadruped.JOINT_VELOCITY], sent.joint_velocity)
+    for trunk in (
+        quadruped.QUATERNION,
+        quadruped.POSITION,
+        quadruped.ANGULAR_VELOCITY,
+        quadruped.LINEAR_VELOCITY,
+    ):
         assert np.all(np.isnan(state[trunk]))
     np.testing.assert_array_equal(system.get_touching_output_port().Eval(clone), [1, 0, 0, 1])
 

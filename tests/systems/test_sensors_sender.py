@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.a1 import robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.systems.sensors_sender import SensorsSender
 
@@ -18,14 +18,14 @@ def test_ports_and_feedthrough(port_sizes, feedthrough):
 def test_sends_joints_and_contacts_of_an_instant(fix_inputs, random_states):
     system = SensorsSender(session=3)
     (state,) = random_states(1)
-    state[robot.POSITION] = [0.0, 0.0, 0.3]
+    state[quadruped.POSITION] = [0.0, 0.0, 0.3]
     context = fix_inputs(system, state=state, followed=1)
     context.SetTime(0.06)
     message = system.get_message_output_port().Eval(context)
     assert (message.session, message.sequence, message.utime) == (3, 3, 60_000)
     assert message.followed
-    np.testing.assert_array_equal(message.joint_position, state[robot.JOINT_POSITION])
-    np.testing.assert_array_equal(message.joint_velocity, state[robot.JOINT_VELOCITY])
+    np.testing.assert_array_equal(message.joint_position, state[quadruped.JOINT_POSITION])
+    np.testing.assert_array_equal(message.joint_velocity, state[quadruped.JOINT_VELOCITY])
     clone = context.Clone()
     fix_inputs(system, clone, followed=0)
     assert not system.get_message_output_port().Eval(clone).followed
@@ -46,7 +46,7 @@ def test_adds_the_sensors_noise(fix_inputs, standing):
     context = fix_inputs(system, state=standing, followed=0, uniform_noise=np.ones(24))
     message = system.get_message_output_port().Eval(context)
     measured = np.concatenate([message.joint_position, message.joint_velocity])
-    true = np.concatenate([standing[robot.JOINT_POSITION], standing[robot.JOINT_VELOCITY]])
+    true = np.concatenate([standing[quadruped.JOINT_POSITION], standing[quadruped.JOINT_VELOCITY]])
     np.testing.assert_allclose(measured - true, 0.5 * JOINT_NOISE, atol=1e-15)
 
 

@@ -10,10 +10,9 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import (
     load_expert,
     load_student,
@@ -23,6 +22,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import (
     ITERATIONS_SCALE,
@@ -88,14 +88,14 @@ def student(gait, kind):
 
 
 def open_loop(n_iterations=7):
-    table = np.random.default_rng(4).normal(size=(4, n_iterations, robot.N_JOINTS))
+    table = np.random.default_rng(4).normal(size=(4, n_iterations, quadruped.N_JOINTS))
     return OpenLoopPolicy("walk", NAMES, table)
 
 
 def linear(kind):
     generator = np.random.default_rng(4)
     states = (4,) if kind is StatewiseLinearPolicy else ()
-    shape = (*states, robot.N_JOINTS)
+    shape = (*states, quadruped.N_JOINTS)
     return kind(
         "walk",
         NAMES,
@@ -105,7 +105,7 @@ def linear(kind):
 
 
 def formulas(text):
-    return [parse_expression(text, variable_names(len(NAMES)))] * robot.N_JOINTS
+    return [parse_expression(text, variable_names(len(NAMES)))] * quadruped.N_JOINTS
 
 
 @pytest.mark.parametrize(("gait", "kind"), READABLE)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 
-from glassgait.models.a1 import robot
 from glassgait.models.link.messages import sensors_t
+from glassgait.models.robots import robot
 from glassgait.systems.targets_sender import TargetsSender
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from onnx import TensorProto
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.graphs.builder import GraphBuilder
 from glassgait.models.policies.additive import AdditivePolicy
 

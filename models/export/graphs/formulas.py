@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from glassgait.models.a1 import robot
 from glassgait.models.export.graphs.builder import GraphBuilder
 from glassgait.models.export.graphs.linear import machine_state
-from glassgait.models.policies.quantities import RobotUnits
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.tape import Line, Tape
 from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
-from glassgait.models.policies.tape import Line, Tape
+from glassgait.models.robots import quadruped, robot
 
 _FUNCTIONS = {
     "div": "Div",
@@ -35,7 +35,7 @@ def add_formulas(graph: GraphBuilder, policy: FormulaPolicy, observation: str) -
     if isinstance(policy, StatewiseSymbolicPolicy):
         # All states' formulas are evaluated; where they are not the state's own they may be
         # anything, and are left aside.
-        table = graph.add("Reshape", target, graph.indices([-1, len(rows), robot.N_JOINTS]))
+        table = graph.add("Reshape", target, graph.indices([-1, len(rows), quadruped.N_JOINTS]))
         state = machine_state(graph, policy.observation_names, observation)
         place = graph.add("Unsqueeze", state, graph.indices([1]))
         target = graph.add("GatherND", table, place, batch_dims=1)

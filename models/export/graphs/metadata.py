@@ -3,9 +3,9 @@
 import json
 from collections.abc import Iterable
 
-from glassgait.models.a1 import robot
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationEntry, ObservationLayout
@@ -40,13 +40,13 @@ def metadata(
     groups: dict[Group, list[ObservationEntry]] = {}
     for entry in own:
         groups.setdefault(entry.group, []).append(entry)
-    n = robot.N_JOINTS
+    n = quadruped.N_JOINTS
     # The last action is observed as it was given, where formulas speak of its target.
     scales = [
         1.0 if group == "previous action" else entries[0].scale for group, entries in groups.items()
     ]
     return {
-        "joint_names": _listed(robot.JOINTS),
+        "joint_names": _listed(quadruped.JOINTS),
         "joint_stiffness": _listed([robot.STIFFNESS] * n),
         "joint_damping": _listed([robot.DAMPING] * n),
         "joint_effort_limit": _listed([robot.EFFORT_LIMIT] * n),

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import onnx
 from onnx import TensorProto, helper
 
-from glassgait.models.a1 import robot
 from glassgait.models.errors import InputError
 from glassgait.models.export.graphs.additive import add_additive
 from glassgait.models.export.graphs.builder import (
@@ -27,6 +26,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 
@@ -73,7 +73,11 @@ def write_graph(
     action = _add_policy(graph, policy, observation)
     for value, name in ((action, ACTIONS), (estimate, ESTIMATE)):
         graph.add("Cast", value, named=name, to=_TYPES[real])
-    sizes = {ACTIONS: robot.N_JOINTS, ESTIMATE: N_ESTIMATED, OBSERVATION: layout.n_proprioceptive}
+    sizes = {
+        ACTIONS: quadruped.N_JOINTS,
+        ESTIMATE: N_ESTIMATED,
+        OBSERVATION: layout.n_proprioceptive,
+    }
     read, *given = (
         helper.make_tensor_value_info(name, _TYPES[real], ["batch", sizes[name]])
         for name in (OBSERVATION, ACTIONS, ESTIMATE)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import onnxruntime
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.export.graphs.policy_graph import ACTIONS, ESTIMATE, OBSERVATION
 
 

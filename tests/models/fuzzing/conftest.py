@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glassgait.models.a1.robot import Array
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression import MAX_TERMS
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.expression import MAX_TERMS
-from glassgait.models.policies.expression_text import parse_expression, variable_names
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import Network, NeuralPolicy

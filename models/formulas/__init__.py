@@ -1,0 +1,1 @@
+"""Expressions: their text, their values, and what holds over boxes of observations."""

@@ -1,0 +1,171 @@
+"""Formula files: text that a person reads, and that is the policy.
+
+    format: 1
+    gait: trot
+    states: 2
+    mirror: 1 0    # states 0, 1, ... in a mirror; a formula left out is another's mirror image
+
+    # Each formula is the target of a joint, in rad.
+    # t: control steps since the state began.
+
+    definitions
+    late = tanh(0.5*t - 2)    # -1 as a state begins
+
+    state 0
+    FL_hip = 0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)
+
+A formula tells a joint's target in rad. Its names are those of the robot's quantities, in SI units
+but for times, which are in control steps, and of what is defined above it. An indented line goes on
+with the one before. Formulas that serve all states of the machine stand under `every state`. Where
+the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
+those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
+`targets: limited` says that joints follow the nearest targets within their ranges, where a formula
+asks for one beyond.
+
+The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
+with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
+with a space goes on with the line before.
+
+    file       = header [ "definitions" { name "=" formula } ] targets
+    header     = "format: 1" "gait: " text "states: " number [ "mirror: " { number } ]
+                 [ "targets: limited" ]
+    targets    = "every state" { target } | { "state " number { target } }
+    target     = joint "=" formula
+
+Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
+and is given once, as is each target. What a formula is, `formula_language` says.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from glassgait.models.errors import InputError
+from glassgait.models.formulas.expression import Expression
+from glassgait.models.formulas.formula_language import written_lines
+from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
+from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import ObservationLayout, entries_of
+
+FORMAT = 1
+
+SUFFIX = ".formulas"
+
+LIMITED = "limited"
+
+EVERY_STATE = "every state"
+DEFINITIONS = "definitions"
+
+
+@dataclass(frozen=True)
+class FormulaFile:
+    """What a formula file says.
+
+    Attributes:
+        gait: Name of the gait.
+        vocabulary: What the variables of its formulas are.
+        formulas: The formula of each state and joint, or of each joint where it serves all states;
+            mirror images included.
+        mirror: State that each state is in the mirror; none where no formula has a mirror image.
+        limits_targets: Whether joints follow targets within their ranges alone.
+    """
+
+    gait: str
+    vocabulary: Vocabulary
+    formulas: Mapping[Place, Expression]
+    mirror: tuple[int, ...] | None = None
+    limits_targets: bool = False
+
+    @property
+    def n_states(self) -> int | None:
+        """Number of states that have formulas of their own; none where all share them."""
+        places = list(self.formulas)
+        return None if len(places[0]) == 1 else 1 + max(place[0] for place in places)
+
+    def written(self) -> dict[Place, Expression]:
+        """Returns the formulas that the file holds, which are no mirror images of ones before."""
+        if self.mirror is None:
+            return dict(self.formulas)
+        mirror = FormulaMirror.of(self.vocabulary, self.mirror)
+        return {
+            place: formula
+            for place, formula in self.formulas.items()
+            if place < mirror.place(place)
+            or self.formulas[mirror.place(place)] != mirror.formula(formula, place[-1])
+        }
+
+
+def write_formulas(file: FormulaFile) -> str:
+    """Writes a formula file.
+
+    Raises:
+        InputError: if the observations are not those of the task, of which alone files speak.
+    """
+    return "\n".join(_lines(file)) + "\n"
+
+
+def formula_lines(file: FormulaFile, place: Place) -> list[str]:
+    """Returns the lines of a formula as its file holds them."""
+    joint = quadruped.JOINTS[place[-1]]
+    return written_lines(joint, file.formulas[place], file.vocabulary.symbols)
+
+
+def _lines(file: FormulaFile) -> Iterator[str]:
+    names, written = file.vocabulary.names, file.written()
+    n_states = sum(entry.group == "machine state" for entry in entries_of(names))
+    if names != ObservationLayout(n_states).names:
+        raise InputError("a formula file speaks of the task's observations alone, in their order")
+    if "#" in file.gait or not (file.gait.isascii() and file.gait.isprintable()):
+        raise InputError(
+            f"{file.gait!r} cannot stand in a formula file, whose characters are printable ASCII "
+            "ones and where # begins a comment; rename the gait"
+        )
+    yield f"format: {FORMAT}"
+    yield f"gait: {file.gait}"
+    yield f"states: {n_states}"
+    if file.mirror is not None:
+        yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
+    if file.limits_targets:
+        yield f"targets: {LIMITED}"
+    yield ""
+    held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
+    yield from _legend(held, names)
+    if file.vocabulary.definitions:
+        yield from ("", DEFINITIONS)
+    for definition in file.vocabulary.definitions:
+        lines = written_lines(definition.symbol, definition.formula, file.vocabulary.symbols)
+        note = f"    # {definition.note}" if definition.note else ""
+        yield from (*lines[:-1], lines[-1] + note)
+    section = None
+    for place in sorted(written):
+        title = EVERY_STATE if len(place) == 1 else f"state {place[0]}"
+        if title != section:
+            yield from ("", title)
+            section = title
+        yield from formula_lines(file, place)
+
+
+def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[str]:
+    """Explains the quantities that formulas and definitions hold, with their units."""
+    used = frozenset().union(*(formula.variables for formula in formulas))
+    entries = entries_of(names)
+    told = dict.fromkeys(
+        _LEGEND[entries[index].group] for index in sorted(used) if index < len(entries)
+    )
+    yield "# Each formula is the target of a joint, in rad."
+    yield from (f"# {line}" for line in told)
+
+
+_MIRROR = "states 0, 1, ... in a mirror; a formula left out is another's mirror image"
+
+_LEGEND = {
+    "commanded velocity": "cmd.v: commanded forward speed, m/s; cmd.yaw: yaw rate, rad/s.",
+    "joint position": "q: angle of a joint, rad.",
+    "joint velocity": "dq: velocity of a joint, rad/s.",
+    "previous action": "a: target of a joint at the step before, rad.",
+    "machine state": "s0, s1, ...: 1 in that state of the machine, else 0.",
+    "iterations": "t: control steps since the state began.",
+    "commanded iterations": "cmd.t: control steps that the state should last.",
+    "base velocity": "v: estimated velocity of the trunk, forward, left and up, m/s.",
+    "foot height": "h: estimated height of a foot, m.",
+}

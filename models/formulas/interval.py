@@ -1,0 +1,156 @@
+"""Interval arithmetic on arrays, rounded outward: a result holds every value that there can be."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+
+LIBRARY_ULPS = 4
+"""Units in the last place that NumPy's sin, cos, tanh, exp and log may be wrong by; documented
+errors of the libraries behind them are below 1."""
+
+LARGEST_ANGLE = 1e6
+"""Beyond it (rad) a sine is bounded by -1 and 1 alone."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Intervals, elementwise.
+
+    Attributes:
+        lower: Least values, any shape.
+        upper: Greatest values, of the same shape.
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def point(cls, value: float, shape: tuple[int, ...]) -> "Interval":
+        """Returns intervals that hold one number."""
+        return cls(np.full(shape, value), np.full(shape, value))
+
+    @property
+    def magnitude(self) -> Array:
+        """Greatest absolute values."""
+        return np.maximum(np.abs(self.lower), np.abs(self.upper))
+
+    def __neg__(self) -> "Interval":
+        return Interval(-self.upper, -self.lower)
+
+    def __add__(self, other: "Interval") -> "Interval":
+        return _outward(self.lower + other.lower, self.upper + other.upper)
+
+    def __sub__(self, other: "Interval") -> "Interval":
+        return self + -other
+
+    def __mul__(self, other: "Interval") -> "Interval":
+        with np.errstate(invalid="ignore"):
+            products = np.stack(
+                [a * b for a in (self.lower, self.upper) for b in (other.lower, other.upper)]
+            )
+        # Zero times what has no end is zero: no number of the interval is infinite.
+        products[np.isnan(products)] = 0.0
+        return _outward(products.min(axis=0), products.max(axis=0))
+
+    def scaled(self, factor: float) -> "Interval":
+        """Multiplies by a number."""
+        return self * Interval.point(factor, self.lower.shape)
+
+    def power(self, exponent: int) -> "Interval":
+        """Raises to a whole power, 1 or more."""
+        if exponent == 1:
+            return self
+        if exponent % 2:
+            low, high = self.lower, self.upper
+        else:
+            straddles = (self.lower < 0.0) & (self.upper > 0.0)
+            high = self.magnitude
+            low = np.where(straddles, 0.0, np.minimum(np.abs(self.lower), np.abs(self.upper)))
+        with np.errstate(over="ignore"):
+            return _outward(low**exponent, high**exponent, ulps=exponent + LIBRARY_ULPS)
+
+    def inverse(self) -> "Interval":
+        """Returns 1 divided by it; without ends where it holds 0."""
+        holds_zero = (self.lower <= 0.0) & (self.upper >= 0.0)
+        with np.errstate(divide="ignore", over="ignore"):
+            low, high = 1.0 / self.upper, 1.0 / self.lower
+        return _unbounded_where(holds_zero, _outward(low, high))
+
+    def sin(self) -> "Interval":
+        return self.shifted_wave(np.sin, crest=0.5)
+
+    def cos(self) -> "Interval":
+        return self.shifted_wave(np.cos, crest=0.0)
+
+    def shifted_wave(self, wave: Callable[[Array], Array], crest: float) -> "Interval":
+        """Bounds a wave whose crests are at `crest`·π and every 2π from there."""
+        at_ends = np.stack([wave(self.lower), wave(self.upper)])
+        ends = _outward(at_ends.min(axis=0), at_ends.max(axis=0), ulps=LIBRARY_ULPS)
+        wide = self.magnitude > LARGEST_ANGLE
+        high = np.where(wide | self._may_hold(crest), 1.0, np.minimum(ends.upper, 1.0))
+        low = np.where(wide | self._may_hold(crest + 1.0), -1.0, np.maximum(ends.lower, -1.0))
+        return Interval(low, high)
+
+    def _may_hold(self, halves: float) -> NDArray[np.bool_]:
+        """Tells where a number (halves + 2 k)·π may be in it; where it is not sure, it may."""
+        slack = 1e-9
+        first = (self.lower / np.pi - halves) / 2.0 - slack
+        last = (self.upper / np.pi - halves) / 2.0 + slack
+        return np.floor(last) >= np.ceil(first)
+
+    def tanh(self) -> "Interval":
+        found = _monotone(np.tanh, self)
+        return Interval(np.maximum(found.lower, -1.0), np.minimum(found.upper, 1.0))
+
+    def exp(self) -> "Interval":
+        with np.errstate(over="ignore"):
+            found = _monotone(np.exp, self)
+        return Interval(np.maximum(found.lower, 0.0), found.upper)
+
+    def log(self) -> "Interval":
+        """Returns the logarithm; without ends where it holds what has none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return _unbounded_where(self.lower <= 0.0, _monotone(np.log, self))
+
+    def sqrt(self) -> "Interval":
+        """Returns the root; without ends where it holds what has none."""
+        with np.errstate(invalid="ignore"):
+            found = _monotone(np.sqrt, self)
+        found = Interval(np.maximum(found.lower, 0.0), found.upper)
+        return _unbounded_where(self.lower < 0.0, found)
+
+    def abs(self) -> "Interval":
+        straddles = (self.lower < 0.0) & (self.upper > 0.0)
+        low = np.minimum(np.abs(self.lower), np.abs(self.upper))
+        return Interval(np.where(straddles, 0.0, low), self.magnitude)
+
+
+FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
+    "sin": Interval.sin,
+    "cos": Interval.cos,
+    "tanh": Interval.tanh,
+    "exp": Interval.exp,
+    "log": Interval.log,
+    "sqrt": Interval.sqrt,
+    "abs": Interval.abs,
+    "inverse": Interval.inverse,
+}
+"""Bounds of the functions of one argument, by name."""
+
+
+def _monotone(function: Callable[[Array], Array], of: Interval) -> Interval:
+    return _outward(function(of.lower), function(of.upper), ulps=LIBRARY_ULPS)
+
+
+def _outward(lower: Array, upper: Array, ulps: int = 1) -> Interval:
+    for _ in range(ulps):
+        lower, upper = np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)
+    return Interval(lower, upper)
+
+
+def _unbounded_where(lost: NDArray[np.bool_], found: Interval) -> Interval:
+    return Interval(np.where(lost, -np.inf, found.lower), np.where(lost, np.inf, found.upper))

@@ -1,0 +1,205 @@
+"""What formulas are written in: the observations in the robot's units, and what follows from them.
+
+A policy observes scaled numbers. A formula speaks of quantities: joint angles and targets in rad,
+speeds in m/s, heights in m. Defined quantities are formulas of these, such as the error of the
+speed or where a foot is.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Self
+
+import numpy as np
+
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.robots import quadruped, robot
+from glassgait.models.task.observation import ObservationEntry, entries_of
+
+LATE = 4.0
+"""Control steps in a state of the machine that are neither early nor late."""
+
+LIFTED = 0.02
+"""Height of a foot that is neither on the ground nor in the air (m)."""
+
+
+@dataclass(frozen=True)
+class RobotUnits:
+    """The affine map between observations and quantities.
+
+    Attributes:
+        scale: What a quantity, less its offset, is multiplied by to be observed (n).
+        offset: The quantity where the observation is 0 (n).
+    """
+
+    scale: Array
+    offset: Array
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> Self:
+        """Returns the map of observations of the given names.
+
+        Raises:
+            InputError: if a name is unknown.
+        """
+        entries = entries_of(names)
+        scale = np.array([entry.scale for entry in entries])
+        return cls(scale, np.array([_offset(entry) for entry in entries]))
+
+    def quantities(self, observation: Array) -> Array:
+        """Maps observations (..., n) to quantities (..., n)."""
+        return observation / self.scale + self.offset
+
+
+def actions_of(target: Array) -> Array:
+    """Maps joint targets (..., 12; rad) to actions (..., 12)."""
+    # A formula may say anything; who acts by it refuses what is not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE
+
+
+def _offset(entry: ObservationEntry) -> float:
+    """Positions and targets are observed from the default stance; formulas hold the angles."""
+    if entry.group not in ("joint position", "previous action"):
+        return 0.0
+    joint = entry.symbol.split(".")[1]
+    return float(robot.DEFAULT_STANCE[quadruped.joint_index(joint)])
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A formula of the observed quantities that has a name.
+
+    Attributes:
+        symbol: Its name in formulas, such as "e.v".
+        formula: What it is, of the observed quantities, in canonical form.
+        note: What it tells, in words, with its unit if it has one.
+    """
+
+    symbol: str
+    formula: Expression
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """What the variables of formulas are: the observed quantities, then those that are defined.
+
+    Attributes:
+        names: Names of the observations (n).
+        definitions: The defined quantities.
+    """
+
+    names: tuple[str, ...]
+    definitions: tuple[Definition, ...] = ()
+
+    @cached_property
+    def symbols(self) -> tuple[str, ...]:
+        """Names of all variables, in order.
+
+        Raises:
+            InputError: if an observation's name is unknown.
+        """
+        observed = (entry.symbol for entry in entries_of(self.names))
+        return (*observed, *(definition.symbol for definition in self.definitions))
+
+    def variable(self, symbol: str) -> Expression:
+        """Returns the variable of a name that there is."""
+        return variable(self.symbols.index(symbol))
+
+    def expanded(self, formula: Expression) -> Expression:
+        """Puts in what defined quantities are; the observed ones are left."""
+        if formula.operator == "variable" and formula.variable >= len(self.names):
+            return self.definitions[formula.variable - len(self.names)].formula
+        if not formula.operands or max(formula.variables, default=-1) < len(self.names):
+            return formula
+        operands = tuple(self.expanded(operand) for operand in formula.operands)
+        return Expression(formula.operator, operands)
+
+    def using(self, formulas: Iterable[Expression]) -> tuple["Vocabulary", list[Expression]]:
+        """Leaves out the definitions that no formula uses.
+
+        Returns:
+            The vocabulary, and the formulas with its variables.
+        """
+        kept, n = list(formulas), len(self.names)
+        used = sorted(
+            index for index in frozenset().union(*(f.variables for f in kept)) if index >= n
+        )
+        places = {index: n + place for place, index in enumerate(used)}
+        definitions = tuple(self.definitions[index - n] for index in used)
+        return Vocabulary(self.names, definitions), [_renamed(f, places) for f in kept]
+
+
+def _renamed(formula: Expression, places: Mapping[int, int]) -> Expression:
+    if formula.operator == "variable":
+        return variable(places.get(formula.variable, formula.variable))
+    operands = tuple(_renamed(operand, places) for operand in formula.operands)
+    return Expression(formula.operator, operands, formula.value)
+
+
+@cache
+def known_definitions(names: tuple[str, ...]) -> tuple[Definition, ...]:
+    """Returns the defined quantities that fits may use, of observations of the given names.
+
+    Raises:
+        InputError: if a name is unknown.
+    """
+    of = {entry.symbol: variable(index) for index, entry in enumerate(entries_of(names))}
+    return (
+        Definition(
+            "late",
+            _turning(of["t"], slope=0.5, shift=0.5 * LATE),
+            f"-1 as a state begins, 0 after {LATE:g} control steps, 1 late in it",
+        ),
+        Definition(
+            "phase",
+            Expression("div", (of["t"], of["cmd.t"])),
+            "share of the commanded time in the state that is over",
+        ),
+        Definition(
+            "e.v",
+            Expression("sub", (of["cmd.v"], of["v.x"])),
+            "m/s, by how much the robot is slower than it should be",
+        ),
+        *(definition for leg in quadruped.LEGS for definition in _of_leg(leg, of)),
+    )
+
+
+GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
+"""Definitions that tell where in the gait the robot is.
+
+All are bounded. A product with the time itself would grow without bound where the robot is late.
+"""
+
+
+def _of_leg(leg: str, of: dict[str, Expression]) -> list[Definition]:
+    forward, up = _foot_in_plane(of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
+    return [
+        Definition(
+            f"lifted.{leg}",
+            _turning(of[f"h.{leg}"], slope=100.0, shift=100.0 * LIFTED),
+            f"-1 on the ground, 0 at {100.0 * LIFTED:g} cm, 1 in the air",
+        ),
+        Definition(f"x.{leg}", forward, "m, how far the foot is before its hip"),
+        Definition(f"z.{leg}", up, "m, how high the foot is over its hip"),
+    ]
+
+
+def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
+    """Returns a function that goes from -1 below to 1 above shift ÷ slope."""
+    inner = Expression("mul", (constant(slope), quantity))
+    return Expression("tanh", (Expression("sub", (inner, constant(shift))),))
+
+
+def _foot_in_plane(thigh: Expression, calf: Expression) -> tuple[Expression, Expression]:
+    """Returns where a foot is from its hip, forward and up in the plane of the leg."""
+    shank = Expression("add", (thigh, calf))
+
+    def sum_of(function: str) -> Expression:
+        upper = Expression("mul", (constant(-robot.THIGH_LENGTH), Expression(function, (thigh,))))
+        lower = Expression("mul", (constant(robot.CALF_LENGTH), Expression(function, (shank,))))
+        return Expression("sub", (upper, lower))
+
+    return sum_of("sin"), sum_of("cos")

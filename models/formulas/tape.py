@@ -1,0 +1,292 @@
+"""Formulas compiled to a tape of instructions, evaluated for all joints at once."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression
+
+_FUNCTIONS: dict[str, Callable[..., Array]] = {
+    "div": np.divide,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "square": np.square,
+    "cube": lambda x: x * x * x,
+}
+
+Index = NDArray[np.intp]
+
+
+class _Instruction(Protocol):
+    """One operator, applied to all nodes of a height at once."""
+
+    def row(self, values: Array) -> Array:
+        """Evaluates its nodes (k) for one robot, of the values of those before (size)."""
+        ...
+
+    def rows(self, values: Array) -> Array:
+        """Evaluates its nodes (k, m) for several robots, likewise (size, m)."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function of one operand or of two."""
+
+    function: Callable[..., Array]
+    operands: Index
+
+    def row(self, values: Array) -> Array:
+        return self.function(*values[self.operands])
+
+    def rows(self, values: Array) -> Array:
+        return self.function(*(values[operand] for operand in self.operands))
+
+
+class _Chains:
+    """Sums or products of any number of operands, taken from left to right.
+
+    So long as the order is kept, a chain has the same last digit for one robot as for many, and as
+    in any other language.
+    """
+
+    def __init__(self, operands: Sequence[Sequence[int]]) -> None:
+        """
+        Args:
+            operands: Slots of each node's operands, the longest chain first.
+        """
+        lengths = [len(own) for own in operands]
+        self._flat = np.concatenate(operands).astype(np.intp)
+        self._starts = np.cumsum([0, *lengths[:-1]])
+        self._nodes = np.repeat(np.arange(len(operands)), lengths)
+        # Of each place in the chains the operands there are: the first nodes have one, not all.
+        self._places = [
+            np.array([own[place] for own in operands if len(own) > place], dtype=np.intp)
+            for place in range(lengths[0])
+        ]
+
+
+class _Products(_Chains):
+    def row(self, values: Array) -> Array:
+        return np.multiply.reduceat(values[self._flat], self._starts)
+
+    def rows(self, values: Array) -> Array:
+        first, *others = self._places
+        product = values[first]
+        for operands in others:
+            product[: len(operands)] *= values[operands]
+        return product
+
+
+class _Sums(_Chains):
+    def __init__(self, operands: Sequence[Sequence[int]], signs: Sequence[Sequence[float]]) -> None:
+        """
+        Args:
+            operands: Slots of each node's operands, the longest chain first.
+            signs: Their signs, 1 or -1.
+        """
+        super().__init__(operands)
+        self._signs = np.concatenate(signs)
+        self._signs_of_places = [
+            np.array([own[place] for own in signs if len(own) > place])[:, None]
+            for place in range(len(signs[0]))
+        ]
+
+    def row(self, values: Array) -> Array:
+        # `np.add.reduceat` would add up in pairs, in another order. What changes no number that is
+        # added to it, not even the sign of a zero, is -0.
+        total = np.full(len(self._starts), -0.0)
+        np.add.at(total, self._nodes, self._signs * values[self._flat])
+        return total
+
+    def rows(self, values: Array) -> Array:
+        places = zip(self._places, self._signs_of_places, strict=True)
+        first, sign = next(places)
+        total = sign * values[first]
+        for operands, sign in places:
+            total[: len(operands)] += sign * values[operands]
+        return total
+
+
+class _Nodes:
+    """The distinct sub-formulas of formulas, numbered in the order in which they can be evaluated.
+
+    A sum of sums is one node, and so is a product of products, where the order of evaluation stays.
+
+    Attributes:
+        keys: Operator of each, and what it is applied to: the numbers of its operands, with their
+            signs in a sum; the value of a constant, the index of a variable.
+        heights: Operators on the longest way down from each.
+    """
+
+    def __init__(self) -> None:
+        self.keys: list[tuple[str, Any]] = []
+        self.heights: list[int] = []
+        self._number_of_key: dict[tuple[str, Any], int] = {}
+        self._number_of_object: dict[int, int] = {}
+        self._chains: dict[int, tuple[str, list[Expression], list[float]]] = {}
+
+    def add(self, formula: Expression) -> int:
+        """Adds a formula, which must outlive this object, and returns its number."""
+        # A list of what is still to visit: derivatives may be deeper than Python's stack. Their
+        # parts are shared, so that a part that was met before is not walked through again.
+        numbers, pending = self._number_of_object, [formula]
+        while pending:
+            node = pending[-1]
+            if id(node) not in self._chains:
+                self._chains[id(node)] = _chain(node)
+            _, operands, _ = self._chains[id(node)]
+            missing = [operand for operand in operands if id(operand) not in numbers]
+            if missing:
+                pending += reversed(missing)
+                continue
+            pending.pop()
+            numbers[id(node)] = self._number(node)
+        return numbers[id(formula)]
+
+    def _number(self, node: Expression) -> int:
+        operator, operands, signs = self._chains[id(node)]
+        own = tuple(self._number_of_object[id(operand)] for operand in operands)
+        leaf = {"variable": node.variable, "constant": node.value}
+        key = (operator, leaf.get(operator, (own, tuple(signs))))
+        if key not in self._number_of_key:
+            self._number_of_key[key] = len(self.keys)
+            self.keys.append(key)
+            self.heights.append(max((1 + self.heights[operand] for operand in own), default=0))
+        return self._number_of_key[key]
+
+
+def _chain(formula: Expression) -> tuple[str, list[Expression], list[float]]:
+    """Returns the operator of a node, its operands from left to right, and their signs in a sum."""
+    operands: list[Expression] = []
+    match formula.operator:
+        case "add" | "sub" | "neg":
+            signs: list[float] = []
+            while formula.operator in ("add", "sub"):
+                left, right = formula.operands
+                operands.append(right)
+                signs.append(1.0 if formula.operator == "add" else -1.0)
+                formula = left
+            negative = formula.operator == "neg"
+            operands.append(formula.operands[0] if negative else formula)
+            signs.append(-1.0 if negative else 1.0)
+            return "sum", operands[::-1], signs[::-1]
+        case "mul":
+            while formula.operator == "mul":
+                formula, right = formula.operands
+                operands.append(right)
+            return "product", [*operands, formula][::-1], []
+        case operator:
+            return operator, list(formula.operands), []
+
+
+@dataclass(frozen=True)
+class Line:
+    """An operator that is applied to some nodes, as any language may write it.
+
+    Attributes:
+        operator: "sum", "product", or the name of a function.
+        operands: Slots of each node's operands, from left to right.
+        signs: Their signs in a sum, 1 or -1; none otherwise.
+    """
+
+    operator: str
+    operands: tuple[tuple[int, ...], ...]
+    signs: tuple[tuple[float, ...], ...]
+
+
+class Tape:
+    """Formulas compiled to a short list of vectorised instructions.
+
+    Nodes of all formulas that have the same operator and the same height are evaluated together,
+    and a sub-formula that occurs twice is evaluated once. Every value has a slot: first come those
+    of the variables, then those of the constants, then those of each line's nodes.
+
+    Attributes:
+        n_variables: Number of variables.
+        constants: The constants.
+        lines: What is evaluated, in order.
+        outputs: Slot of each formula's value.
+    """
+
+    def __init__(self, expressions: Sequence[Expression], n_variables: int) -> None:
+        self.n_variables = n_variables
+        nodes = _Nodes()
+        roots = [nodes.add(expression) for expression in expressions]
+        # The slot of each node among the values: variables first, then constants, then the rest.
+        slots = np.zeros(len(nodes.keys), dtype=np.intp)
+        constants: list[float] = []
+        by_height: dict[tuple[int, str], list[int]] = defaultdict(list)
+        for number, (operator, operands) in enumerate(nodes.keys):
+            if operator == "variable":
+                slots[number] = operands
+            elif operator == "constant":
+                slots[number] = n_variables + len(constants)
+                constants.append(operands)
+            else:
+                by_height[nodes.heights[number], operator].append(number)
+        self.constants = np.array(constants)
+        self._instructions: list[tuple[slice, _Instruction]] = []
+        lines: list[Line] = []
+        size = n_variables + len(constants)
+        for (_, operator), numbers in sorted(by_height.items(), key=lambda item: item[0]):
+            # The longest chain first; of functions all are as long.
+            numbers.sort(key=lambda number: -len(nodes.keys[number][1][0]))
+            own = slice(size, size + len(numbers))
+            slots[numbers] = np.arange(own.start, own.stop)
+            operands = [slots[list(nodes.keys[number][1][0])] for number in numbers]
+            signs = [nodes.keys[number][1][1] for number in numbers]
+            self._instructions.append((own, _instruction(operator, operands, signs)))
+            whole = tuple(tuple(of_node.tolist()) for of_node in operands)
+            lines.append(Line(operator, whole, tuple(map(tuple, signs))))
+            size = own.stop
+        self.lines = tuple(lines)
+        self._size = size
+        self.outputs = slots[roots]
+
+    def __call__(self, observation: Array) -> Array:
+        """Evaluates all formulas (..., k) on observations (..., n)."""
+        if observation.ndim == 1:
+            return self._of_row(observation)
+        # Nodes along the first axis, so that an instruction writes one block of memory.
+        rows = observation.reshape(-1, self.n_variables)
+        values = np.empty((self._size, len(rows)))
+        values[: self.n_variables] = rows.T
+        first = self.n_variables
+        values[first : first + len(self.constants)] = self.constants[:, None]
+        with np.errstate(all="ignore"):
+            for own, instruction in self._instructions:
+                values[own] = instruction.rows(values)
+        return values[self.outputs].T.reshape(*observation.shape[:-1], len(self.outputs))
+
+    def _of_row(self, observation: Array) -> Array:
+        values = np.empty(self._size)
+        values[: self.n_variables] = observation
+        first = self.n_variables
+        values[first : first + len(self.constants)] = self.constants
+        with np.errstate(all="ignore"):
+            for own, instruction in self._instructions:
+                values[own] = instruction.row(values)
+        return values[self.outputs]
+
+
+def _instruction(
+    operator: str, operands: Sequence[Any], signs: Sequence[Sequence[float]]
+) -> _Instruction:
+    match operator:
+        case "sum":
+            return _Sums(operands, signs)
+        case "product":
+            return _Products(operands)
+        case _:
+            return _Function(_FUNCTIONS[operator], np.array(operands, dtype=np.intp).T)

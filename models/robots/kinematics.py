@@ -1,0 +1,189 @@
+"""Closed-form kinematics of the A1, for any number of robots at once.
+
+Every function takes the plant's state or positions with robots along the leading axes; see
+`glassgait.models.robots.robot` for the layout. Vectors are expressed in the trunk's
+frame (B) or the world's (W).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped, robot
+
+_SIDE: Array = np.array([1.0, -1.0, 1.0, -1.0])
+_HIP_ORIGIN: Array = np.stack(
+    [
+        robot.HIP_OFFSET_X * np.array([1.0, 1.0, -1.0, -1.0]),
+        robot.HIP_OFFSET_Y * _SIDE,
+        np.zeros(quadruped.N_LEGS),
+    ],
+    axis=-1,
+)
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Converts quaternions (..., 4; w, x, y, z) of any length to rotation matrices (..., 3, 3)."""
+    w, x, y, z = _unit_components(quaternion)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        axis=-2,
+    )
+
+
+def gravity_direction(quaternion: Array) -> Array:
+    """Returns the world's downward axis in the trunk's frame (..., 3).
+
+    Args:
+        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
+    """
+    w, x, y, z = _unit_components(quaternion)
+    return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
+
+
+def lean(quaternion: Array) -> Array:
+    """Returns the angle between the trunk's vertical axis and the world's (...; °).
+
+    Args:
+        quaternion: Attitudes (..., 4; w, x, y, z), of any length.
+    """
+    upright = -gravity_direction(quaternion)[..., 2]
+    return np.degrees(np.arccos(np.clip(upright, -1.0, 1.0)))
+
+
+class LegPoints(NamedTuple):
+    """Points of the four legs in the trunk's frame, each (..., 4, 3; m)."""
+
+    thigh: Array
+    knee: Array
+    foot: Array
+
+
+def leg_points(joint_position: Array) -> LegPoints:
+    """Locates thigh joint, knee and foot centre of each leg.
+
+    Args:
+        joint_position: Joint positions (..., 12; rad).
+    """
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
+    q_shank = q_thigh + q_calf
+    offset = np.broadcast_to(_SIDE * robot.THIGH_OFFSET_Y, q_hip.shape)
+
+    def in_trunk(x: Array, z: Array) -> Array:
+        swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
+        return _HIP_ORIGIN + swung
+
+    knee_x = -robot.THIGH_LENGTH * np.sin(q_thigh)
+    knee_z = -robot.THIGH_LENGTH * np.cos(q_thigh)
+    foot_x = knee_x - robot.CALF_LENGTH * np.sin(q_shank)
+    foot_z = knee_z - robot.CALF_LENGTH * np.cos(q_shank)
+    zero = np.zeros_like(q_hip)
+    return LegPoints(
+        thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
+    )
+
+
+def foot_positions(joint_position: Array) -> Array:
+    """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
+    return leg_points(joint_position).foot
+
+
+def foot_heights(positions: Array) -> Array:
+    """Measures how far each foot's lowest point is above the ground.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+
+    Returns:
+        Heights (..., 4; m), negative where a foot is pressed into the ground.
+    """
+    up = -gravity_direction(positions[..., quadruped.QUATERNION])
+    feet = foot_positions(positions[..., quadruped.JOINT_POSITION])
+    base_height = positions[..., quadruped.POSITION][..., 2]
+    return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.FOOT_RADIUS
+
+
+def body_clearance(positions: Array, shank_share: float = 1.0) -> Array:
+    """Measures the lowest point above ground of each collision box that must never touch it.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+        shank_share: Share of the calf's box, from the knee down, that is measured.
+
+    Returns:
+        Heights (..., 9; m) of the trunk, the four thighs and the four calves.
+    """
+    up = -gravity_direction(positions[..., quadruped.QUATERNION])
+    base_height = positions[..., quadruped.POSITION][..., 2]
+    joint_position = positions[..., quadruped.JOINT_POSITION]
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    points = leg_points(joint_position)
+
+    up_x, up_y, up_z = (up[..., None, axis] for axis in range(3))
+    lateral = np.cos(q_hip) * up_y + np.sin(q_hip) * up_z
+    vertical = -np.sin(q_hip) * up_y + np.cos(q_hip) * up_z
+
+    def limb(start: Array, end: Array, angle: Array, box: tuple[float, float, float]) -> Array:
+        along = np.sin(angle) * up_x + np.cos(angle) * vertical
+        across = np.cos(angle) * up_x - np.sin(angle) * vertical
+        reach = np.abs(along) * box[0] + np.abs(lateral) * box[1] + np.abs(across) * box[2]
+        centre = np.einsum("...lk,...k->...l", 0.5 * (start + end), up)
+        return centre + base_height[..., None] - 0.5 * reach
+
+    trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.TRUNK_BOX)
+    thigh = limb(points.thigh, points.knee, q_thigh, robot.THIGH_BOX)
+    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    length, width, depth = robot.CALF_BOX
+    shank_box = (shank_share * length, width, depth)
+    calf = limb(points.knee, shank_end, q_thigh + q_calf, shank_box)
+    return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
+
+
+def base_velocity(state: Array) -> tuple[Array, Array]:
+    """Expresses the trunk's velocity in its own frame.
+
+    Args:
+        state: The plant's state x (..., 37).
+
+    Returns:
+        Linear (..., 3; m/s) and angular velocity (..., 3; rad/s) of the trunk in its own frame.
+    """
+    to_trunk = np.swapaxes(rotation_matrix(state[..., quadruped.QUATERNION]), -1, -2)
+    linear = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.LINEAR_VELOCITY])
+    angular = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.ANGULAR_VELOCITY])
+    return linear, angular
+
+
+def standing_state(joint_position: Array) -> Array:
+    """Places level robots, facing along x, at rest with their lowest foot just on the ground.
+
+    Args:
+        joint_position: Joint positions (..., 12; rad).
+
+    Returns:
+        The plant's state x (..., 37), at the world's origin.
+    """
+    state = np.zeros((*joint_position.shape[:-1], quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
+    state[..., 0] = 1.0
+    state[..., quadruped.JOINT_POSITION] = joint_position
+    state[..., 6] = -foot_heights(state).min(axis=-1)
+    return state
+
+
+def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:
+    legs = joint_values.reshape(*joint_values.shape[:-1], quadruped.N_LEGS, 3)
+    return legs[..., 0], legs[..., 1], legs[..., 2]
+
+
+def _unit_components(quaternion: Array) -> Array:
+    # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
+    # walking it is a tenth too long.
+    norm = np.sqrt(np.sum(np.square(quaternion), axis=-1, keepdims=True))
+    # All zeros stand for a state that is not finite; they are nobody's attitude.
+    return np.moveaxis(quaternion / np.where(norm > 0.0, norm, 1.0), -1, 0)

@@ -1,0 +1,1 @@
+"""What studies share: runs, tables, figures, processes and rollouts."""

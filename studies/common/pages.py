@@ -1,0 +1,34 @@
+"""HTML pages: one look for all, figures inside, nothing fetched from elsewhere."""
+
+import base64
+from pathlib import Path
+
+import jinja2
+
+from glassgait.studies.common.tables import format_cell
+
+SHARED_TEMPLATES = Path(__file__).parent / "templates"
+
+
+def page_template(folder: Path, name: str) -> jinja2.Template:
+    """Loads a template of a study; it may extend the shared `page.html`.
+
+    Args:
+        folder: Folder of the study's own templates.
+        name: File name.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader([folder, SHARED_TEMPLATES]),
+        autoescape=jinja2.select_autoescape(["html"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["cell"] = format_cell
+    return environment.get_template(name)
+
+
+def inline_image(path: Path) -> str:
+    """Encodes a picture as a URL that holds all of it."""
+    kind = {".png": "image/png", ".svg": "image/svg+xml", ".gif": "image/gif"}[path.suffix]
+    return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"

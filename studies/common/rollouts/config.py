@@ -1,0 +1,78 @@
+"""The settings of an evaluation: its command line and its record."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
+
+import tyro
+
+from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.errors import InputError
+from glassgait.models.settings import Count, Interval, Seed, Settings
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
+from glassgait.studies.common.sweep import Seeds
+
+DISTILLED_SPEEDS = (0.0, 0.75)
+"""Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
+
+
+def distilled_speeds(gait: Gait) -> tuple[float, float]:
+    """Returns the least and the greatest forward speed of a gait's distillation (m/s)."""
+    slowest, fastest = DISTILLED_SPEEDS
+    return slowest, min(fastest, gait.max_speed)
+
+
+@dataclass(frozen=True)
+class RolloutConfig(Settings):
+    """How robots are rolled out.
+
+    Attributes:
+        n_robots: Number of robots for each seed; the paper's 26.
+        n_steps: Control steps of a rollout.
+        seed: First seed of initial states, commands and noise.
+        n_seeds: Number of seeds: seed, seed + 1, …; `--seeds` is another name for it.
+        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
+            commands.
+    """
+
+    title: ClassVar[str] = "rollouts"
+
+    n_robots: Count = 26
+    n_steps: Count = EPISODE_STEPS
+    seed: Seed = REPORTED_SEEDS[0]
+    n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 5
+    speed_range: Interval | None = None
+
+    def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":
+        """Returns the settings with a gait's speeds of distillation.
+
+        Speeds that are set are kept, and so is the command that a scenario names.
+        """
+        if self.speed_range or (scenario and scenario.names_a_command):
+            return self
+        return replace(self, speed_range=distilled_speeds(gait))
+
+    def commanding(self, scenario: Scenario) -> Scenario:
+        """Returns a scenario with the commanded speeds, if they are set."""
+        if self.speed_range is None:
+            return scenario
+        return replace(scenario, command=DrawnCommands(self.speed_range))
+
+    def refuse_speeds_beyond(self, gait: Gait) -> None:
+        """Refuses commanded speeds that the gait is not made for.
+
+        Raises:
+            InputError: if a speed is greater than the gait's greatest, forward or backward.
+        """
+        if any(abs(speed) > gait.max_speed for speed in self.speed_range or ()):
+            raise InputError(
+                f"rollouts: speed_range is {self.speed_range}; name speeds of the {gait.name} "
+                f"from {-gait.max_speed} to {gait.max_speed} m/s"
+            )
+
+    @property
+    def seeds(self) -> range:
+        """Every seed."""
+        return range(self.seed, self.seed + self.n_seeds)

@@ -1,0 +1,83 @@
+"""`glassgait drive silence`: what a robot does whose controller vanishes."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from annotated_types import Ge, Le
+
+from glassgait.diagrams.scenario import TRAINING, load_scenario
+from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.settings import Count, NotNegative, Seed, Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.console import console
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.deployment.drive.silence import (
+    lower,
+    pushed,
+    silence_table,
+    walk_until_silent,
+)
+from glassgait.studies.distillation.students.library import find_walker
+
+
+@dataclass(frozen=True)
+class DriveSilence(Settings):
+    """Silence controllers for good at many moments of the stride, and count who overturns.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: `expert`, a kind of student, or the path of a policy file.
+        scenario: Name of a scenario that ships, or path of a scenario file; its commands are left
+            out: robots go at thirds of the fastest speed of distillation.
+        n_moments: Robots of each speed; each loses its controller at another moment.
+        push: What is added to the trunk's velocity at that moment, in a drawn direction (m/s).
+        seconds: Time from then to the end (s).
+        watchdog: How long robots wait for their controller.
+        seed: Seed of dwell, turning, noise, initial states and pushes.
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
+        output: New folder of the results; runs/drive/<gait>/silence by default.
+    """
+
+    title: ClassVar[str] = "drive silence"
+
+    gait: str = "trot"
+    policy: str = "expert"
+    scenario: str = TRAINING
+    n_moments: Count = 32
+    push: Annotated[NotNegative, Le(20.0)] = 0.0
+    seconds: Annotated[float, Ge(0.1), Le(60.0)] = 2.0
+    watchdog: Watchdog = field(default_factory=Watchdog)
+    seed: Seed = 2000
+    distillation: Path | None = None
+    expert: Path | None = None
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Lets robots walk, silences their controllers, and writes the table."""
+        gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
+        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
+        folder = self.output or Path("runs/drive") / gait.name / "silence"
+        inputs = {
+            "gait": gait.digest(),
+            "world": scenario.digest(),
+            "expert": policy.expert.digest(),
+            "policy": (policy.student or policy.expert).digest(),
+        }
+        run = {"study": "drive", "settings": self, "resume": False}
+        with open_run(folder, **run, inputs=inputs):
+            left = walk_until_silent(
+                gait, policy, scenario, n_moments=self.n_moments, seed=self.seed
+            )
+            left = pushed(left, self.push, self.seed)
+            lowered = lower(left, scenario.station, self.watchdog, seconds=self.seconds)
+            table = silence_table(left, lowered)
+            write_table(table, folder / "silence")
+            write_metrics(json_records(table), folder / "metrics.json")
+        print_table(f"{gait.name}, {self.policy}: silent for good", table)
+        console.print(f"written to {folder}")

@@ -1,0 +1,148 @@
+"""The robot's process: a simulated robot at real time."""
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.lcm import DrakeLcmInterface
+
+from glassgait.diagrams.link import RobotEnd
+from glassgait.models.link.watchdog import Phase
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.studies.common.console import say
+from glassgait.studies.deployment.drive.foreign import ForeignMessages
+from glassgait.studies.deployment.drive.pace import KEPT, Pace, spread
+
+Record = dict[str, float]
+
+TOLD = {
+    (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
+    (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.LOWERED, Phase.STANDING): "answers come again: the robot rises",
+    (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
+    (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
+    (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
+}
+"""Changes of phase that are told."""
+
+
+class RobotProcess:
+    """Runs a robot at real time."""
+
+    def __init__(
+        self,
+        robot: RobotEnd,
+        lcm: DrakeLcmInterface,
+        *,
+        patience: float = 0.0,
+        pushed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """
+        Args:
+            robot: The robot.
+            lcm: Where its messages go.
+            patience: Time to wait for the answer to each message of sensors (s).
+            pushed: Called between two control steps.
+        """
+        self._robot, self._lcm, self._patience, self._pushed = robot, lcm, patience, pushed
+        self._pace = Pace(self._listen)
+        self._sent_at: float | None = None
+        self._answer_times: deque[float] = deque(maxlen=KEPT)
+        self._steps = Counter[Phase]()
+        self._changes = Counter[tuple[Phase, Phase]]()
+        self._falls = 0
+        self._foreign = ForeignMessages()
+
+    def run(self, n_steps: int | None, stopped: Callable[[], bool]) -> Record:
+        """Simulates until it is asked to end.
+
+        Args:
+            n_steps: Control steps to take; None for no end but `stopped`.
+            stopped: Asked at every control step whether to end.
+
+        Returns:
+            What was counted, by name.
+        """
+        robot, begun = self._robot, time.monotonic()
+        phase = robot.phase
+        while not stopped() and (n_steps is None or robot.step < n_steps):
+            self._take_step()
+            phase = self._told(phase)
+            if robot.fallen:
+                self._falls += 1
+                say(f"{self._now:.2f} s: the robot fell; back on its feet")
+                robot.put_back()
+                phase = robot.phase
+            self._pushed()
+        return self._record(time.monotonic() - begun)
+
+    @property
+    def _now(self) -> float:
+        return self._robot.step * CONTROL_PERIOD
+
+    def _take_step(self) -> None:
+        robot = self._robot
+        step = robot.step
+        for part in range(robot.n_parts):
+            self._pace.wait_until(step, part / robot.n_parts)
+            if part == 0:
+                robot.send()
+                self._sent_at = time.monotonic()
+                self._listen_for(self._patience)
+            robot.advance(part)
+            self._note_answer()
+            self._foreign.say(robot.n_foreign)
+
+    def _listen_for(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while not self._robot.answered and (left := end - time.monotonic()) > 0.0:
+            self._listen(left)
+
+    def _listen(self, seconds: float) -> None:
+        """Spends some time, of which messages take none."""
+        milliseconds = int(1e3 * seconds)
+        if milliseconds == 0:
+            time.sleep(seconds)
+        self._lcm.HandleSubscriptions(milliseconds)
+        self._note_answer()
+
+    def _note_answer(self) -> None:
+        if self._sent_at is not None and self._robot.answered:
+            self._answer_times.append(time.monotonic() - self._sent_at)
+            self._sent_at = None
+
+    def _told(self, before: Phase) -> Phase:
+        phase = self._robot.phase
+        self._steps[phase] += 1
+        if phase != before:
+            self._changes[before, phase] += 1
+            if (before, phase) in TOLD:
+                say(f"{self._now:.2f} s: {TOLD[before, phase]}")
+        return phase
+
+    def _record(self, wall: float) -> Record:
+        robot, tally, pace = self._robot, self._robot.tally, self._pace
+        n_steps = robot.step
+        began = Counter[Phase]()
+        for (_, after), count in self._changes.items():
+            began[after] += count
+        return {
+            "simulated (s)": self._now,
+            "on the wall (s)": wall,
+            "sensors sent": n_steps,
+            **{f"answers {name}": count for name, count in tally.rows().items()},
+            "messages of another kind": robot.n_foreign,
+            "share of steps held": self._steps[Phase.HOLDING] / max(n_steps, 1),
+            "times lowered": began[Phase.LOWERED],
+            "times kept down": began[Phase.TIPPED],
+            "falls": self._falls,
+            **pace.jitter(),
+            "slips": pace.slips,
+            "slipped (s)": pace.slipped,
+            **spread("time to an answer", np.array(self._answer_times)),
+            "load of the machine, 1 minute": os.getloadavg()[0],
+            "processors": float(os.cpu_count() or 0),
+        }

@@ -1,0 +1,167 @@
+"""Whether the C of a controller does what Python does: both take the same steps."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.switching_batch import SwitchingSimulator
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.arrays import Array
+from glassgait.models.export.binding import MACHINE, LoadedController, Sensors
+from glassgait.models.export.reference import PythonController
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped, robot
+from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.formula import STANCES
+from glassgait.models.task.gait import Gait
+
+COMMAND_STEPS = 50
+"""Control steps between two commands of random sequences."""
+
+SEQUENCE_STEPS = 500
+"""Control steps of a sequence; each begins with a controller that was just started."""
+
+
+class Moment(NamedTuple):
+    """What a controller reads in a step.
+
+    Attributes:
+        sensors: What the robot senses.
+        command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
+        requested: Number of the gait that is to run, of several.
+    """
+
+    sensors: Sensors
+    command: Command
+    requested: int = 0
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two controllers are apart over the same sequences.
+
+    Attributes:
+        steps: Control steps that were taken.
+        target: Greatest difference of a joint target (rad).
+        machine: Control steps at which the machine's state, iterations or age differ.
+        changes: Changes of the machine's state.
+        gaits: Changes of the gait among them; None where there is only one.
+    """
+
+    steps: int
+    target: float
+    machine: int
+    changes: int
+    gaits: int | None = None
+
+
+def compare_controllers(
+    python: PythonController, compiled: LoadedController, sequences: list[list[Moment]]
+) -> Agreement:
+    """Lets both take the steps of each sequence, each with its own memory."""
+    greatest, apart, changes, gaits = 0.0, 0, 0, 0
+    for sequence in sequences:
+        ours, theirs = python.initial(), compiled.initial()
+        for moment in sequence:
+            state, gait = ours[MACHINE][0], compiled.gait_of(ours)
+            one = python.step(ours, *moment)
+            other = compiled.step(theirs, *moment)
+            ours, theirs = one.memory, other.memory
+            greatest = max(greatest, float(np.abs(one.targets - other.targets).max()))
+            apart += not np.array_equal(ours[MACHINE], theirs[MACHINE])
+            changes += bool(ours[MACHINE][0] != state)
+            gaits += compiled.gait_of(ours) != gait
+    steps = sum(map(len, sequences))
+    return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
+
+
+def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
+    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
+
+    Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
+    a transition of the gait fires.
+    """
+    generator = np.random.default_rng(seed)
+    tables = np.array([transition.when.table for transition in gait.transitions])
+    sequences: list[list[Moment]] = []
+    while n_steps > 0:
+        count = min(n_steps, SEQUENCE_STEPS)
+        sequences.append(list(_random_moments(gait, tables, count, generator)))
+        n_steps -= count
+    return sequences
+
+
+def _random_moments(
+    gait: Gait, tables: Array, count: int, generator: np.random.Generator
+) -> Iterator[Moment]:
+    for step in range(count):
+        if step % COMMAND_STEPS == 0:
+            drawn = sample_commands(gait, 1, generator)
+            command = Command(drawn.velocity[0], drawn.dwell[0])
+        if step % 2:
+            codes = np.flatnonzero(tables[generator.integers(len(tables))])
+            touching = STANCES[generator.choice(codes)]
+        else:
+            touching = np.zeros(quadruped.N_LEGS, dtype=bool)
+        position = generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+        limit = robot.VELOCITY_LIMIT
+        velocity = generator.uniform(-limit, limit, size=quadruped.N_JOINTS)
+        yield Moment(Sensors(position, velocity, touching), command)
+
+
+def recorded_sequences(
+    gait: Gait, policy: Policy, expert: NeuralPolicy, n_steps: int, seed: int
+) -> list[list[Moment]]:
+    """Records what robots sense that the policy moves, from sensors alone, in the training world.
+
+    Args:
+        gait: The gait.
+        policy: Who acts, in Python.
+        expert: Whose estimator observes.
+        n_steps: Control steps of all robots together.
+        seed: Seed of initial states, commands and noise.
+    """
+    n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
+    simulator = robots_at_home(gait, expert, n_robots, seed)
+    sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
+    for _ in range(n_steps // n_robots):
+        for sequence, moment in zip(sequences, moments(simulator), strict=True):
+            sequence.append(moment)
+        simulator.step(policy(simulator.observe()))
+    return sequences
+
+
+def robots_at_home(gait: Gait, expert: NeuralPolicy, n_robots: int, seed: int) -> BatchSimulator:
+    """Returns robots in the training world that observe by the expert's estimator."""
+    return BatchSimulator(
+        TaskConfig.of_scenario(gait, Scenario()),
+        make_physics(Scenario().station),
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
+        estimator=expert.estimator,
+    )
+
+
+def moments(simulator: BatchSimulator) -> Iterator[Moment]:
+    """Returns what each robot senses now, and what it is told to do; see `Moment`."""
+    state = simulator.state
+    several = isinstance(simulator, SwitchingSimulator)
+    requested = simulator.requested if several else np.zeros(simulator.n_robots, dtype=np.int64)
+    measured = joint_readings(state.plant, state.joint_noise)
+    for row, touching, velocity, dwell, gait in zip(
+        measured, state.touching, *state.command, requested, strict=True
+    ):
+        position, speed = np.split(row, 2)
+        yield Moment(Sensors(position, speed, touching), Command(velocity, dwell), int(gait))
+
+
+def joint_readings(plant: Array, noise: Array) -> Array:
+    """Returns what the joints' sensors tell, positions, then velocities (n, 24; rad, rad/s)."""
+    parts = [plant[:, quadruped.JOINT_POSITION], plant[:, quadruped.JOINT_VELOCITY]]
+    return np.concatenate(parts, axis=1) + noise

@@ -1,0 +1,161 @@
+"""`glassgait export`: writes a whole controller as one C file, or its policy as ONNX."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from glassgait.models.errors import InputError
+from glassgait.models.export.controller import MOST_NAME
+from glassgait.models.export.language import Real
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.common.console import console
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.sweep import refuse_files_of_several
+from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.deployment.export.c_file import CFile
+from glassgait.studies.deployment.export.exported import Acting, Effort, Exported
+from glassgait.studies.deployment.export.switching_file import SwitchingCFile
+from glassgait.studies.distillation.students.library import (
+    default_student,
+    find_student,
+    find_walker,
+)
+
+EXPERT = "expert"
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is exported.
+
+    Attributes:
+        exported: The export.
+        name: What the names of its files begin with.
+        title: Its folder among others.
+        inputs: Digests of what it was made of.
+    """
+
+    exported: Exported
+    name: str
+    title: Path
+    inputs: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Export(Settings):
+    """Write a controller as one C file, or its policy as ONNX, and check it against Python.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        change_to: Further gaits, which the controller changes to on request while the robot walks;
+            with --format c, and with the expert or a kind of students that every gait has.
+        policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
+            shortest by default.
+        format: `c` is all from sensors to joint targets, `onnx` the estimator and the policy, which
+            `pip install 'glassgait[onnx]'` is for.
+        precision: Type that the C file computes in, or that the ONNX file reads and gives.
+        name: What the names of its files, functions and types begin with; <gait>_<policy> by
+            default, of several gaits <gait>_<gait>_<policy>.
+        n_steps: Control steps through which Python and the export are compared, half of them of
+            recorded and half of random sensors.
+        n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
+            several gaits with another one every 3 s; none by default.
+        seed: Seed of all randomness.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
+            runs/export/<gait>_<gait>/<policy>.
+    """
+
+    title: ClassVar[str] = "export"
+
+    gait: str = "trot"
+    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
+    policy: str | None = None
+    format: Literal["c", "onnx"] = "c"
+    precision: Real = "double"
+    name: str | None = None
+    n_steps: Count = 10_000
+    n_robots: Natural = 0
+    seed: Seed = REPORTED_SEEDS[0]
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.change_to and self.format == "onnx":
+            raise InputError(
+                "export: an ONNX file holds the policy of one gait; leave --change-to out, or give "
+                "--format c"
+            )
+
+    def run(self) -> None:
+        """Writes the files, and tables of what was measured."""
+        job = self._several() if self.change_to else self._one()
+        folder = self.output or Path("runs/export") / job.title
+        run = {"study": "export", "settings": self, "inputs": job.inputs, "resume": self.resume}
+        with open_run(folder, **run):
+            tables = job.exported.check(Effort(self.n_steps, self.n_robots, self.seed))
+            first, *others = job.exported.write(folder)
+            for title, table in tables.items():
+                write_table(table, folder / title)
+                print_table(f"{job.name}: {title.replace('_', ' ')}", table)
+            records = {title: json_records(table) for title, table in tables.items()}
+            write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
+        console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
+
+    def _one(self) -> _Job:
+        """Makes the export of the only gait."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        asked = self.policy or default_student(gait.name, self.distillation)
+        policy = expert if asked == EXPERT else find_student(asked, expert, self.distillation)
+        stem = Path(asked).stem
+        name = self.name or controller_name(gait.name, stem)
+        exported = self._exported(Acting(gait, policy, expert, name, stem))
+        inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
+        return _Job(exported, name, Path(gait.name) / stem, inputs)
+
+    def _several(self) -> _Job:
+        """Makes the export of several gaits."""
+        names = (self.gait, *self.change_to)
+        own = Path(self.policy) if self.policy and Path(self.policy).suffix else None
+        refuse_files_of_several(names, self.expert, self.distillation, own)
+        switch = GaitSwitch([load_gait(name) for name in names])
+        asked = self.policy or default_student(switch.gaits[0].name)
+        walkers = [find_walker(asked, find_expert(gait)) for gait in switch.gaits]
+        switched = SwitchedPolicy(switch, walkers)
+        title = "_".join(gait.name for gait in switch.gaits)
+        name = self.name or controller_name(title, asked)
+        exported = SwitchingCFile(switched, name, asked, self.precision)
+        inputs = {"gait": switch.gait.digest(), "policy": switched.digest()}
+        return _Job(exported, name, Path(title) / asked, inputs)
+
+    def _exported(self, acting: Acting) -> Exported:
+        if self.format == "c":
+            return CFile(acting, self.precision)
+        try:
+            # Imported here: ONNX and its runtime are an extra.
+            from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
+        except ImportError as error:
+            raise InputError(
+                "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"
+            ) from error
+        return OnnxFile(acting, self.precision)
+
+
+def controller_name(gait: str, policy: str) -> str:
+    """Makes a name that C can take of those of a gait and a policy."""
+    name = re.sub(r"[^a-z0-9]+", "_", f"{gait}_{policy}".lower())[:MOST_NAME].strip("_")
+    return name if name[:1].isalpha() else f"gait_{name}"[:MOST_NAME]

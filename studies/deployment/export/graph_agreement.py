@@ -1,0 +1,113 @@
+"""Whether a policy's ONNX graph acts as the policy does in Python."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.export.graphs.runtime import LoadedGraph
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped, robot
+from glassgait.models.task.command import sample_commands
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
+from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, robots_at_home
+
+MOST = 1e-6
+"""Greatest difference of a joint target (rad), or of an estimate, with which a graph is written."""
+
+
+@dataclass(frozen=True)
+class GraphAgreement:
+    """How far a graph and Python are apart on the same observations.
+
+    Attributes:
+        rows: Observations.
+        target: Greatest difference of a joint target (rad).
+        estimate: Greatest difference of the estimated velocity (0.5 m/s) or of a foot's height (m).
+    """
+
+    rows: int
+    target: float
+    estimate: float
+
+
+def compare_graph(
+    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, own: Array
+) -> GraphAgreement:
+    """Lets both act on proprioception (m, 40 + n_states), rounded to what the graph reads."""
+    rounded = own.astype(graph.dtype).astype(float)
+    estimate = expert.estimator(rounded)
+    action = policy(np.concatenate([rounded, estimate], axis=-1))
+    acted = graph(own)
+    return GraphAgreement(
+        len(own),
+        robot.ACTION_SCALE * _apart(acted.action, action),
+        _apart(acted.estimate, estimate),
+    )
+
+
+def check_graph(
+    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, rows: Mapping[str, Array]
+) -> pd.DataFrame:
+    """Compares a graph with Python on rows from several sources, by their names.
+
+    Raises:
+        InputError: if they differ by more than `MOST`.
+    """
+    found = {name: compare_graph(graph, policy, expert, own) for name, own in rows.items()}
+    greatest = max(max(one.target, one.estimate) for one in found.values())
+    if greatest > MOST:
+        raise InputError(
+            f"the ONNX graph of this {policy.kind} policy differs from Python by {greatest:.2g}, "
+            f"more than {MOST:g}; nothing was written, so export it with --precision double or "
+            "--format c"
+        )
+    return pd.DataFrame({"observations": name, **asdict(one)} for name, one in found.items())
+
+
+def recorded_observations(
+    gait: Gait, policy: Policy, expert: NeuralPolicy, n_rows: int, seed: int
+) -> Array:
+    """Records proprioception (m, 40 + n_states) of robots that the policy moves at home."""
+    n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
+    simulator = robots_at_home(gait, expert, n_robots, seed)
+
+    def observed() -> Iterator[Array]:
+        for _ in range(-(-n_rows // n_robots)):
+            observation = simulator.observe()
+            yield observation[:, :-N_ESTIMATED]
+            simulator.step(policy(observation))
+
+    return np.concatenate([*observed()])[:n_rows]
+
+
+def random_observations(gait: Gait, n_rows: int, seed: int) -> Array:
+    """Draws proprioception (m, 40 + n_states): joints and last targets anywhere in their ranges."""
+    generator = np.random.default_rng(seed)
+    command = sample_commands(gait, n_rows, generator)
+    shape = (n_rows, quadruped.N_JOINTS)
+    position, target = (
+        generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=shape) for _ in range(2)
+    )
+    counts = generator.integers(gait.dwell[1] + OVERDUE, endpoint=True, size=n_rows)
+    return proprioception(
+        command=command.velocity,
+        joint_position=position,
+        joint_velocity=generator.uniform(-robot.VELOCITY_LIMIT, robot.VELOCITY_LIMIT, size=shape),
+        previous_action=(target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE,
+        rm_state=np.eye(gait.n_states)[generator.integers(gait.n_states, size=n_rows)],
+        rm_iterations=counts.astype(float),
+        commanded_dwell=command.dwell,
+    )
+
+
+def _apart(graph: Array, python: Array) -> float:
+    """Returns the greatest difference; numbers that are finite in neither do not differ."""
+    neither = ~np.isfinite(graph) & ~np.isfinite(python)
+    difference = np.abs(np.where(neither, 0.0, graph) - np.where(neither, 0.0, python))
+    return float(np.max(np.nan_to_num(difference, nan=np.inf), initial=0.0))

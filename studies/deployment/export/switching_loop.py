@@ -1,0 +1,126 @@
+"""Whether a controller in C changes the gaits of walking robots as Python does, in two engines."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.scenario import load_scenario
+from glassgait.diagrams.switching_batch import SwitchingSimulator
+from glassgait.models.arrays import Array
+from glassgait.models.export.binding import LoadedController
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts.roll_out import log_batch
+from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.deployment.export.closed_loop import (
+    WORLDS,
+    Maker,
+    by_controller,
+    by_policy,
+    compared,
+)
+from glassgait.studies.deployment.export.switching_agreement import drawn_requests
+
+REQUEST_STEPS = 150
+"""Control steps from one request to the next (3 s)."""
+
+
+class _Run(NamedTuple):
+    """What robots did that changed their gait.
+
+    Attributes:
+        scores: A row a robot.
+        states: State of the machine before each step until the fall, -1 after it (T, n).
+        changes: Changes of the gait of all robots.
+    """
+
+    scores: pd.DataFrame
+    states: NDArray[np.int64]
+    changes: int
+
+
+def change_both(
+    switched: SwitchedPolicy,
+    compiled: LoadedController,
+    *,
+    n_robots: int,
+    n_steps: int,
+    seed: int,
+) -> pd.DataFrame:
+    """Rolls robots out that are asked for another gait every 3 s, by Python and by C.
+
+    Both have the same robots, noise, requests and commands, at the speeds of distillation and new
+    ones after 10 s.
+
+    Args:
+        switched: The gaits, and who acts and observes in each, in Python.
+        compiled: The same in C.
+        n_robots: Number of robots.
+        n_steps: Control steps.
+        seed: Seed of initial states, commands, requests and noise.
+
+    Returns:
+        A row an engine, as `walk_both` returns it; besides `changes`, of the gait by Python and by
+        C, and `robots, RM state apart`, whose machine was ever in another state.
+    """
+    requested = drawn_requests(switched.switch, n_robots, n_steps, REQUEST_STEPS, seed)
+    rows = []
+    for engine, world in WORLDS.items():
+        python, other = (
+            _changing(switched, make, world, requested, seed)
+            for make in (by_policy(switched), by_controller(compiled))
+        )
+        apart = np.any(python.states != other.states, axis=0)
+        rows.append(
+            {
+                **compared(engine, "C", python.scores, other.scores),
+                "changes, Python": python.changes,
+                "changes, C": other.changes,
+                "robots, RM state apart": int(apart.sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _changing(
+    switched: SwitchedPolicy,
+    make: Maker,
+    world: str,
+    requested: NDArray[np.int64],
+    seed: int,
+) -> _Run:
+    """Rolls robots out that are asked for gaits (T, n)."""
+    n_steps, n_robots = requested.shape
+    speeds = DrawnCommands(distilled_speeds(switched.switch.gait))
+    scenario = replace(load_scenario(world), command=speeds)
+    simulator = SwitchingSimulator(
+        switched.switch,
+        scenario,
+        make_physics(scenario.station),
+        n_robots=n_robots,
+        generator=np.random.default_rng(seed),
+        estimator=switched.estimator,
+        policy=switched,
+    )
+    act, alone = make(simulator), np.zeros(n_robots, dtype=bool)
+    visited = []
+
+    def act_as_asked(step: int) -> tuple[Array, NDArray[np.bool_]]:
+        visited.append(simulator.state.machine.state)
+        action = act(step)
+        simulator.requested = requested[step]
+        return action, alone
+
+    scores = score_rollouts(log_batch(simulator, n_steps, act_as_asked))
+    states = np.array(visited)
+    upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
+    running = switched.switch.gait_of(states)
+    changes = (running[1:] != running[:-1]) & upright[1:]
+    padded = np.full((n_steps, n_robots), -1)
+    padded[: len(states)] = np.where(upright, states, -1)
+    return _Run(scores, padded, int(changes.sum()))

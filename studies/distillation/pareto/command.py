@@ -1,0 +1,195 @@
+"""`glassgait pareto`: closed-loop reward of formulas against their size."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import pandas as pd
+import tyro
+from annotated_types import MinLen
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import load_policy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import for_selection, run_jobs
+from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS
+from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.distillation.pareto.figures import pareto_figure
+from glassgait.studies.distillation.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of
+from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation.refinement.study import RefinementRun
+from glassgait.studies.distillation.students.dataset import (
+    Dataset,
+    load_rounds,
+    r2_scores,
+    round_paths,
+)
+from glassgait.studies.distillation.students.library import distillation_folder, samples_folder
+from glassgait.studies.distillation.students.page import PAGE
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.training.command import show_learning
+
+SHARES = (0.0, 0.9, 0.97)
+"""Shares of the expert's reward for which the smallest formulas are named."""
+
+MIN_RHYTHM = 0.9
+"""Share of the rhythm below which a robot does not walk."""
+
+
+@dataclass(frozen=True)
+class Pareto(Settings):
+    """Fit formulas of growing size, let each walk alone, and name the smallest that walk.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        samples: Folder of the rounds that a student collected, whose samples the formulas are
+            fitted to; runs/distillation/<gait>/page by default.
+        terms: Numbers of terms of all formulas together, of mirror images those of one.
+        refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
+            default, since 100 take some 5 minutes of a core.
+        rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
+            As many robots of a seed of its own choose the smallest formulas, and are not reported.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/pareto/<gait> by default.
+    """
+
+    title: ClassVar[str] = "pareto"
+
+    gait: str = "trot"
+    samples: Path | None = None
+    terms: Annotated[tuple[Count, ...], MinLen(1), FEW, DISTINCT] = TERMS
+    refined_updates: Natural = 0
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_seeds=1)
+    )
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        samples = self.samples or samples_folder(distillation_folder(gait.name), PAGE.name)
+        data = load_rounds(samples)
+        folder = self.output or Path("runs/pareto") / gait.name
+        inputs = {
+            "gait": gait.digest(),
+            "expert": expert.digest(),
+            "samples": digest_of_files(round_paths(samples)),
+        }
+        with open_run(folder, study="pareto", settings=self, inputs=inputs, resume=self.resume):
+            choosing, front = self._measure(gait, expert, data, folder)
+            smallest = smallest_that_walk(choosing, front)
+            write_table(choosing, folder / "selection")
+            write_table(front, folder / "pareto")
+            write_table(smallest, folder / "smallest")
+            write_metrics(front.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(pareto_figure(front, gait.name.capitalize()), folder / "pareto")
+        print_table(f"{gait.name}: formulas alone", front)
+        if len(smallest):
+            print_table(
+                f"{gait.name}: the smallest with which every robot of seed {SELECTION_SEEDS[0]} "
+                "walks, and what others do",
+                smallest,
+            )
+        else:
+            console.print(f"{gait.name}: with none of these sizes does every robot walk")
+        console.print(f"written to {folder}")
+
+    def _measure(
+        self, gait: Gait, expert: NeuralPolicy, data: Dataset, folder: Path
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Makes the formulas that the folder lacks, and rolls all of them out.
+
+        Returns:
+            The front of the robots that choose, and that of those that are reported.
+        """
+        samples = data.subset(~data.held_out).training_set(gait)
+        held_out = data.subset(data.held_out)
+        students, rows = {}, []
+        for name, family in families_of(samples, refined=self.refined_updates > 0).items():
+            say(f"making formulas: {family.title}")
+            for n_terms in sizes_of(family, samples, self.terms):
+                path = folder / "formulas" / f"{name}_{n_terms}{FormulaPolicy.suffix}"
+                if not path.exists():
+                    start = family.fit(samples, n_terms)
+                    made = self._refined(gait, expert, start, path) if family.refined else start
+                    made.save(path)
+                student = load_policy(path)
+                assert isinstance(student, FormulaPolicy)
+                label = f"{name} {n_terms}"
+                students[label] = student
+                r2 = float(r2_scores(student, held_out).mean())
+                terms = student.n_terms()
+                rows.append({"policy": label, "family": name, "terms": terms, "r2": r2})
+        if not students:
+            raise InputError(
+                f"pareto: terms is {self.terms}; the {gait.name} has more formulas than that, with "
+                "a term each at least, so ask for more"
+            )
+        rollouts = self.rollouts.at_distilled_speeds(gait)
+        jobs = alternation_jobs(gait, expert, students, rollouts, periods=(1, 0))
+        scores = run_jobs([*for_selection(jobs), *jobs], folder / "rollouts")
+        chooses = scores["seed"].isin(SELECTION_SEEDS)
+        fits = pd.DataFrame(rows)
+        return pareto_table(fits, scores[chooses]), pareto_table(fits, scores[~chooses])
+
+    def _refined(
+        self, gait: Gait, expert: NeuralPolicy, start: FormulaPolicy, path: Path
+    ) -> Policy:
+        """Lets formulas learn on, from their checkpoint if there is one."""
+        say(f"refining {start.n_terms()} terms")
+        config = RefinementConfig(updates=self.refined_updates)
+        own = path.parents[1] / "refined" / path.stem
+        own.mkdir(parents=True, exist_ok=True)
+        begun = (own / CHECKPOINT_NAME).exists()
+        run = RefinementRun(config, gait, expert, start, own, name=path.stem, resume=begun)
+        show_learning(run)
+        return load_policy(own / path.name)
+
+
+def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
+    """Joins the fits with their scores alone: share of the expert's return, and falls."""
+    means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
+    columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
+    front = fits.merge(means[["policy", *columns]], on="policy")
+    called = {"reward": "return", "reward_ci": "return_ci"}
+    return front.rename(columns=called).sort_values("terms", ignore_index=True)
+
+
+def smallest_that_walk(choosing: pd.DataFrame, front: pd.DataFrame) -> pd.DataFrame:
+    """Names the smallest formulas with which every robot walks, for growing shares of the reward.
+
+    A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
+    Where no size does, there is no row.
+
+    Args:
+        choosing: The front by which formulas are chosen.
+        front: That of other robots, whose scores of the chosen formulas are told.
+    """
+    walks = choosing[(choosing["falls"] == 0) & (choosing["rhythm"] >= MIN_RHYTHM)]
+    walks = walks.sort_values("terms")
+    others = front.set_index("policy")
+    scores = ["terms", "r2", "share", "share_ci", "rhythm", "robots", "falls"]
+    rows = []
+    for share in SHARES:
+        enough = walks[walks["share"] >= share]
+        if len(enough):
+            best = enough.iloc[0]
+            title = FAMILIES[best["family"]].title
+            own = others.loc[best["policy"], scores]
+            rows.append({"share asked for": share, "formulas": title, **own})
+    return pd.DataFrame(rows, columns=["share asked for", "formulas", *scores])

@@ -1,0 +1,89 @@
+"""`glassgait refine`: lets a policy of formulas learn on, in closed loop."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from glassgait.models.errors import InputError
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.console import console
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
+from glassgait.studies.distillation.refinement.study import RefinementRun
+from glassgait.studies.distillation.students.library import default_student, find_formulas
+from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
+from glassgait.studies.training.command import show_learning
+
+REFINEMENT_FOLDER = Path("runs/refinement")
+
+
+@dataclass(frozen=True)
+class Refine(Settings):
+    """Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
+            default.
+        config: Settings of the run.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
+            what was trained here.
+        output: Folder of the run; runs/refinement/<gait>/<policy> by default.
+        resume: Continue from the folder's checkpoint.
+    """
+
+    title: ClassVar[str] = "refine"
+
+    gait: str = "trot"
+    policy: str | None = None
+    config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
+        default_factory=RefinementConfig
+    )
+    distillation: Path | None = None
+    expert: Path | None = None
+    output: Path | None = None
+    resume: bool = False
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        named = self.policy or default_student(gait.name, self.distillation)
+        policy = find_formulas(named, expert, self.distillation)
+        terms = self.config.terms
+        if terms is not None and not _is_weighted_sum(policy):
+            raise InputError(
+                f"--policy {named}: has numbers that are not weights of terms, so that none can be "
+                "dropped; name a page, or leave --terms out"
+            )
+        name = Path(named).stem
+        folder = self.output or REFINEMENT_FOLDER / gait.name / name
+        with open_run(
+            folder,
+            study="refine",
+            settings=self.config,
+            inputs={
+                "gait": gait.digest(),
+                "policy": policy.digest(),
+                "expert": expert.digest(),
+            },
+            resume=self.resume,
+            free=("updates",),
+        ):
+            begun = (folder / CHECKPOINT_NAME).exists()
+            run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
+            show_learning(run)
+        console.print(f"formulas written to {folder / name}{policy.suffix}")
+
+
+def _is_weighted_sum(policy: FormulaPolicy) -> bool:
+    """Tells whether each number of a policy's formulas is the weight of one of its terms."""
+    return FormulaNetwork(policy).n_numbers == policy.n_terms()

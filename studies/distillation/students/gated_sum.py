@@ -1,0 +1,134 @@
+"""Sparse gated sums: formulas that least squares finds, for evolution to start from.
+
+A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
+g, h, … tell where in the gait the robot is.
+"""
+
+import warnings
+from collections.abc import Sequence
+from functools import reduce
+from itertools import takewhile
+
+import numpy as np
+from sklearn.linear_model import orthogonal_mp_gram
+
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression, constant, plus, scaled, variable
+from glassgait.models.formulas.tape import Tape
+
+SPREAD = 1e-12
+"""A term of a smaller standard deviation says nothing."""
+
+EQUAL = 1e-9
+"""Two terms are equal whose correlation differs from 1 or -1 by less."""
+
+PENALTY = 0.003
+"""Ridge penalty on the weights of standardised observations, for each sample.
+
+Joints move together, and without a penalty their weights grow against one another: of equal R²,
+formulas of a trot then fell in 3 of 52 rollouts instead of none.
+"""
+
+
+def fit_gated_sums(
+    values: Array,
+    targets: Array,
+    gates: Sequence[Expression],
+    max_length: int,
+    weighted: int | None = None,
+) -> list[Expression]:
+    """Fits the longest gated sums of at most `max_length` nodes, by orthogonal matching pursuit
+    with a ridge penalty.
+
+    Args:
+        values: Samples of all variables (m, k).
+        targets: What to fit (m, j), a formula a column.
+        gates: Bounded functions of the variables; none for a plain weighted sum.
+        max_length: Bound on `Expression.length`.
+        weighted: How many of the variables, from the first on, sums are of; all by default.
+
+    Returns:
+        The j formulas.
+    """
+    n = values.shape[1] if weighted is None else weighted
+    observed = values[:, :n]
+    opened = Tape(gates, values.shape[1])(values).T
+    candidates = np.hstack([observed, *(observed * gate[:, None] for gate in opened)])
+    mean, target_means = candidates.mean(axis=0), targets.mean(axis=0)
+    formulas = []
+    for target_mean, path in zip(
+        target_means, weight_paths(candidates, targets, max_length // 2), strict=True
+    ):
+        sums = (
+            gated_expression(gates, weights.reshape(-1, n), target_mean - weights @ mean)
+            for weights in path
+        )
+        *_, longest = takewhile(lambda formula: formula.length <= max_length, sums)
+        formulas.append(longest)
+    return formulas
+
+
+def weight_paths(candidates: Array, targets: Array, max_terms: int) -> list[Array]:
+    """Chooses terms one after the other, by orthogonal matching pursuit with a ridge penalty.
+
+    Args:
+        candidates: Samples of what may be a term (m, k).
+        targets: What to fit (m, j), a sum a column.
+        max_terms: Greatest number of terms of a sum, its constant not counted.
+
+    Returns:
+        For each of the j sums the weights of its terms (terms + 1, k), before the first and after
+        each. Together with them, a sum has the constant that makes its mean the target's.
+    """
+    spread = candidates.std(axis=0)
+    usable = np.flatnonzero(spread > SPREAD)
+    standard = (candidates[:, usable] - candidates[:, usable].mean(axis=0)) / spread[usable]
+    gram = standard.T @ standard
+    # A product of a state with itself is the state again: of equal terms the first is enough.
+    known = np.triu(np.abs(gram) > (1.0 - EQUAL) * len(targets), k=1).any(axis=0)
+    usable, standard, gram = usable[~known], standard[:, ~known], gram[np.ix_(~known, ~known)]
+    gram += PENALTY * len(targets) * np.eye(len(usable))
+    paths = []
+    for product in (standard.T @ (targets - targets.mean(axis=0))).T:
+        found = _pursue(gram, product, max_terms)
+        path = np.zeros((len(found), candidates.shape[1]))
+        path[:, usable] = found / spread[usable]
+        paths.append(path)
+    return paths
+
+
+def _pursue(gram: Array, product: Array, max_terms: int) -> Array:
+    """Returns the weights before the first term and after each (terms + 1, candidates)."""
+    none = np.zeros((1, len(gram)))
+    count = min(len(gram), max_terms)
+    if count == 0:
+        return none
+    with warnings.catch_warnings():
+        # Where fewer terms fit exactly, fewer are found.
+        warnings.filterwarnings("ignore", "Orthogonal matching pursuit ended prematurely")
+        path = orthogonal_mp_gram(gram, product, n_nonzero_coefs=count, return_path=True)
+    return np.concatenate([none, np.asarray(path).reshape(len(gram), -1).T])
+
+
+def gated_expression(gates: Sequence[Expression], weights: Array, intercept: float) -> Expression:
+    """Writes a gated sum.
+
+    Args:
+        gates: The gates (g).
+        weights: Weights of the variables (g + 1, n): those that count always, then by gate.
+        intercept: The constant.
+    """
+    total = constant(float(intercept))
+    for gate, row in zip((None, *gates), weights, strict=True):
+        terms = [(float(row[i]), variable(int(i))) for i in np.flatnonzero(row)]
+        if gate is None:
+            parts = [scaled(own, weight) for weight, own in terms]
+        elif len(terms) == 1:
+            ((weight, own),) = terms
+            parts = [Expression("mul", (scaled(gate, weight), own))]
+        else:
+            inner = [scaled(own, weight) for weight, own in terms]
+            parts = [Expression("mul", (gate, reduce(plus, inner)))] if inner else []
+        for part in parts:
+            total = Expression("add", (total, part))
+    return total

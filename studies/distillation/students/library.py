@@ -1,0 +1,220 @@
+"""Where students are kept, and finding them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import (
+    POLICY_SUFFIXES,
+    STUDENT_DIRECTORY,
+    load_student_of,
+    policy_path,
+    shipped_students,
+)
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.studies.common.console import note
+from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
+from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
+from glassgait.studies.distillation.students.student import ITSELF
+
+DISTILLATION_FOLDER = Path("runs/distillation")
+
+
+def distillation_folder(gait: str) -> Path:
+    """Returns where a gait's distillation is kept, unless a person names another folder."""
+    return DISTILLATION_FOLDER / gait
+
+
+def samples_folder(folder: Path, kind: str) -> Path:
+    """Returns where a run keeps the samples that a student of a kind is fitted to.
+
+    Raises:
+        InputError: if the folder holds a run of something else, or its settings are damaged.
+    """
+    collector = STUDENTS[kind].collector or kind
+    if (folder / CONFIG_NAME).exists():
+        collector = read_settings(folder, "distill").get("collector") or collector
+    return folder / (kind if collector == ITSELF else str(collector))
+
+
+def kept_students(folder: Path) -> tuple[str, ...]:
+    """Lists the kinds of students that a run has finished."""
+    return tuple(kind for kind in STUDENTS if policy_path(folder, kind).exists())
+
+
+def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of a run, by kind.
+
+    Raises:
+        InputError: if the folder holds none, or a student does not fit the expert.
+    """
+    kinds = kept_students(folder)
+    if not kinds:
+        raise InputError(
+            f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
+        )
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
+
+
+def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
+    """Loads the students of the expert's gait that ship with the project, by kind.
+
+    They are in the order of tables; of a gait without any there are none.
+
+    Raises:
+        InputError: if a student does not fit the expert.
+    """
+    kinds = [kind for kind in STUDENTS if kind in shipped_students(expert.gait)]
+    folder = STUDENT_DIRECTORY / expert.gait
+    return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
+
+
+def default_student(gait: str, folder: Path | None = None) -> str:
+    """Names the student of a gait that is explained where a person names none.
+
+    Args:
+        gait: Name of the gait.
+        folder: Folder of a distillation to choose from; by default the choice is among the shipped
+            students, and where none of them is a sum, in runs/distillation/<gait>.
+
+    Raises:
+        InputError: if there is no student whose actions are sums of terms.
+    """
+    here = folder or distillation_folder(gait)
+    for kinds in (() if folder else shipped_students(gait), kept_students(here)):
+        for kind in sums_of_terms():
+            if kind in kinds:
+                return kind
+    raise InputError(
+        f"no student of the {gait} acts by a sum of terms: {_told(gait, folder)}; make one with "
+        f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}'"
+    )
+
+
+def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) -> Policy:
+    """Loads a student by its kind or by its file.
+
+    It notes which it takes, where it does not take the shipped one.
+
+    Args:
+        name: Kind of student, or path of a policy file.
+        expert: The expert that it must fit.
+        folder: Folder of a distillation; by default runs/distillation/<gait>, and where that lacks
+            the student, the shipped one.
+
+    Raises:
+        InputError: if there is no such student, or it does not fit the expert.
+    """
+    path = student_file(name, expert.gait, folder)
+    if folder is None and name in STUDENTS and path.parent == distillation_folder(expert.gait):
+        shipped = name in shipped_students(expert.gait)
+        why = "in place of the shipped one" if shipped else f"since none of the {expert.gait} ships"
+        note(f"student: {path}, {why}")
+    return load_student_of(expert, path)
+
+
+def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
+    """Finds a policy that walks alone, with the estimator that it observes by.
+
+    A neural policy observes by its own estimator, and any other by the expert's.
+
+    Args:
+        name: `expert`, a kind of student, or the path of a policy file.
+        expert: The expert that a student must fit.
+        folder: Folder of a distillation; as `find_student` takes it.
+
+    Raises:
+        InputError: if there is no such policy, or it does not fit the expert.
+    """
+    policy = expert if name == "expert" else find_student(name, expert, folder)
+    if isinstance(policy, NeuralPolicy):
+        return AlternatingPolicy(policy)
+    return AlternatingPolicy(expert, policy, period=0)
+
+
+def find_walkers(
+    names: Sequence[str], expert: NeuralPolicy, folder: Path | None, *, shipped: bool
+) -> dict[str, AlternatingPolicy]:
+    """Finds policies that walk alone, by the names that folders call them.
+
+    Args:
+        names: As `find_walker` takes them; where there are none, the expert and its students: those
+            of the folder, or those that ship.
+        expert: The expert.
+        folder: Folder of a distillation.
+        shipped: Whether the expert is the one that ships, whose students ship with it.
+
+    Raises:
+        InputError: if there is no such policy, it does not fit, or two are called the same.
+    """
+    if not names:
+        students = load_students(folder, expert) if folder else {}
+        if folder is None and shipped:
+            students = load_shipped_students(expert)
+        alone = {kind: AlternatingPolicy(expert, own, period=0) for kind, own in students.items()}
+        return {"expert": AlternatingPolicy(expert), **alone}
+    found: dict[str, AlternatingPolicy] = {}
+    for name in names:
+        stem = Path(name).stem if Path(name).suffix in POLICY_SUFFIXES else name
+        if stem in found:
+            raise InputError(f"two policies are called {shown(stem)}; give one file another name")
+        found[stem] = find_walker(name, expert, folder)
+    return found
+
+
+def inputs_of_walkers(walkers: Mapping[str, AlternatingPolicy]) -> dict[str, str]:
+    """Returns digests of policies that walk alone, as a run folder records them."""
+    experts = {walker.expert.digest() for walker in walkers.values()}
+    acting = (
+        f"{name} {(walker.student or walker.expert).digest()}" for name, walker in walkers.items()
+    )
+    return {"expert": " ".join(sorted(experts)), "policies": " ".join(acting)}
+
+
+def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -> FormulaPolicy:
+    """Loads a student that is made of formulas, as `find_student` does.
+
+    Raises:
+        InputError: if there is no such student, it is of another kind, or does not fit the expert.
+    """
+    student = find_student(name, expert, folder)
+    if not isinstance(student, FormulaPolicy):
+        raise InputError(
+            f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
+            "student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
+        )
+    return student
+
+
+def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
+    """Returns the file of a student, which `find_student` loads.
+
+    Raises:
+        InputError: if there is no such student.
+    """
+    if name not in STUDENTS:
+        if Path(name).suffix not in POLICY_SUFFIXES:
+            raise InputError(
+                f"unknown policy {shown(name)}; the policies are expert, {', '.join(STUDENTS)}, or "
+                f"the path of a policy file ending in {' or '.join(POLICY_SUFFIXES)}"
+            )
+        return Path(name)
+    path = policy_path(folder or distillation_folder(gait), name)
+    if path.exists():
+        return path
+    if folder is None and name in shipped_students(gait):
+        return policy_path(STUDENT_DIRECTORY / gait, name)
+    raise InputError(
+        f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
+        f"'glassgait distill --gait {gait} --students {name}'"
+    )
+
+
+def _told(gait: str, folder: Path | None) -> str:
+    """Tells which students of a gait there are, and where."""
+    here = folder or distillation_folder(gait)
+    told = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
+    return told if folder else f"{told} (shipped: {', '.join(shipped_students(gait)) or 'none'})"

@@ -1,0 +1,48 @@
+"""Every kind of student: an entry here is all that the studies need to know of one."""
+
+from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.boosting import GBM, HISTOGRAM_GBM
+from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
+from glassgait.studies.distillation.students.open_loop import OPEN_LOOP
+from glassgait.studies.distillation.students.oscillator import OSCILLATOR
+from glassgait.studies.distillation.students.page import PAGE
+from glassgait.studies.distillation.students.student import Student
+from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+
+STUDENTS: dict[str, Student] = {
+    student.name: student
+    for student in (
+        OPEN_LOOP,
+        OSCILLATOR,
+        LINEAR,
+        STATEWISE_LINEAR,
+        GBM,
+        HISTOGRAM_GBM,
+        EBM,
+        SYMBOLIC,
+        STATEWISE_SYMBOLIC,
+        PAGE,
+    )
+}
+"""The students by name, in the order of tables."""
+
+
+def student_title(name: str) -> str:
+    """Returns what people call a student, or a policy of another name."""
+    return STUDENTS[name].title if name in STUDENTS else name
+
+
+def paper_students() -> tuple[str, ...]:
+    """Lists the students of the paper's tables and figures."""
+    return tuple(student.name for student in STUDENTS.values() if student.paper_r2)
+
+
+def sums_of_terms() -> tuple[str, ...]:
+    """Lists the students whose actions are sums of terms, those first that say most in fewest."""
+    ranked = [(student.brevity, name) for name, student in STUDENTS.items() if student.brevity]
+    return tuple(name for _, name in sorted(ranked))
+
+
+def policy_title(name: str) -> str:
+    """Returns what people call the expert, a student, or a policy of another name."""
+    return "Neural expert" if name == "expert" else student_title(name)

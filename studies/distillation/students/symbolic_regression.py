@@ -1,0 +1,173 @@
+"""The engines of symbolic regression: Operon, and PySR where Julia is to be had."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from joblib import delayed
+from pyoperon.sklearn import SymbolicRegressor
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError, brief
+from glassgait.models.formulas.expression import Expression, scaled
+from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.tape import Tape
+from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+
+OPERON_SCALING_NODES = 4
+"""Nodes of the scale and the offset that Operon puts around the formula it found."""
+
+OPERON_SYMBOLS = "add,sub,mul,sin,tanh,square,constant,variable"
+
+PYSR_UNARY_OPERATORS = ("sin", "tanh", "square", "cube")
+PYSR_BINARY_OPERATORS = ("+", "-", "*")
+
+
+def fit_formulas(
+    values: Array,
+    targets: Array,
+    seed: int,
+    settings: SymbolicSettings,
+    gates: Sequence[Expression],
+    n_observed: int,
+    n_jobs: int = 1,
+) -> list[Expression]:
+    """Searches a formula for each target.
+
+    Args:
+        values: Samples of all variables (m, n).
+        targets: What the expert does (m, k).
+        seed: Seed of the search.
+        settings: Engine and budget; of several shapes the first counts.
+        gates: What tells where in the gait the robot is; see `fit_gated_sums`.
+        n_observed: How many variables are observed; sums, and what the engine finds, are of these.
+        n_jobs: Formulas that are searched at once.
+
+    Returns:
+        The k formulas.
+
+    Raises:
+        InputError: if the engine is PySR and Julia cannot start, or its search fails.
+    """
+    seeds, observed = range(seed, seed + targets.shape[1]), values[:, :n_observed]
+    if settings.engine == "pysr":
+        searches = (
+            delayed(_fit_pysr)(observed, target, own_seed, settings)
+            for target, own_seed in zip(targets.T, seeds, strict=True)
+        )
+        return list(run_parallel(searches, n_jobs))
+    # Evolution is slow to find sums that least squares finds at once. So a sparse gated sum comes
+    # first and the engine evolves what it leaves.
+    sum_length, length = settings.shapes[0]
+    sums = fit_gated_sums(values, targets, gates, sum_length, n_observed)
+    if sum_length == length:
+        return sums
+    residuals = targets - Tape(sums, values.shape[1])(values)
+    searches = (
+        delayed(_evolve)(observed, residual, length - found.length - 1, own_seed, settings)
+        for found, residual, own_seed in zip(sums, residuals.T, seeds, strict=True)
+    )
+    corrections = run_parallel(searches, n_jobs)
+    return [Expression("add", pair) for pair in zip(sums, corrections, strict=True)]
+
+
+def _evolve(
+    observations: Array, target: Array, max_length: int, seed: int, settings: SymbolicSettings
+) -> Expression:
+    stride = max(1, -(-len(target) // settings.max_samples))
+    scale = np.std(observations, axis=0)
+    scale[scale == 0] = 1.0
+    engine = SymbolicRegressor(
+        allowed_symbols=OPERON_SYMBOLS,
+        max_length=max(3, max_length - OPERON_SCALING_NODES),
+        population_size=settings.population,
+        generations=settings.generations,
+        # The generations alone end the search: a limit in seconds would not repeat itself.
+        max_evaluations=10**9,
+        optimizer_iterations=settings.coefficient_iterations,
+        objectives=["r2"],
+        model_selection_criterion="mean_squared_error",
+        n_threads=1,
+        random_state=seed,
+    ).fit((observations / scale)[::stride], target[::stride])
+    names = variable_names(observations.shape[1])
+    text = engine.get_model_string(engine.model_, precision=12, names=list(names))
+    return _rescaled(parse_expression(text, names), scale)
+
+
+def _rescaled(expression: Expression, scale: Array) -> Expression:
+    """Turns a formula of scaled variables into one of the variables themselves."""
+    match expression:
+        case Expression("variable", variable=index):
+            return scaled(expression, 1.0 / scale[index])
+        case Expression(
+            "mul", (Expression("constant", value=factor), Expression("variable") as weighted)
+        ):
+            return scaled(weighted, factor / scale[weighted.variable])
+        case _:
+            operands = tuple(_rescaled(operand, scale) for operand in expression.operands)
+            return Expression(expression.operator, operands, expression.value, expression.variable)
+
+
+def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
+    """Returns what `PySRRegressor` is made with: the paper's operators, limits and iterations.
+
+    PySR's `constraints` bound the size of an operator's arguments, not of a formula. The paper's
+    «maximum operator complexity» is therefore the size of what a function or a product is applied
+    to. Sums are free, or no formula could have the paper's 90 nodes.
+    """
+    limit = settings.operator_complexity
+    return {
+        "unary_operators": list(PYSR_UNARY_OPERATORS),
+        "binary_operators": list(PYSR_BINARY_OPERATORS),
+        "constraints": dict.fromkeys(PYSR_UNARY_OPERATORS, limit) | {"*": (limit, limit)},
+        "maxsize": settings.max_length,
+        "niterations": settings.iterations,
+        "random_state": seed,
+        "deterministic": True,
+        "parallelism": "serial",
+        "progress": False,
+        "verbosity": 0,
+        "temp_equation_file": True,
+    }
+
+
+def pysr_starts() -> bool:
+    """Tells whether PySR and its Julia start here, which are fetched first where they are missing.
+
+    They start in a process of their own: PyTorch and Julia in one may end it.
+    """
+    started = subprocess.run(
+        [sys.executable, "-c", "import pysr"], capture_output=True, check=False
+    )
+    return started.returncode == 0
+
+
+def _fit_pysr(
+    observations: Array, target: Array, seed: int, settings: SymbolicSettings
+) -> Expression:
+    try:
+        # Importing PySR starts Julia, and fetches it first where it is missing.
+        from pysr import PySRRegressor  # noqa: PLC0415
+    except Exception as error:
+        raise InputError(
+            "the engine 'pysr' needs Julia, which could not be started here; install Julia, "
+            "or use the engine 'operon'"
+        ) from error
+    names = variable_names(observations.shape[1])
+    model: Any = PySRRegressor(**pysr_arguments(seed, settings))
+    try:
+        model.fit(observations, target, variable_names=list(names))
+        found = str(model.get_best()["equation"])
+    except Exception as error:
+        # Julia's own errors have no common class.
+        told = brief(str(error)) or type(error).__name__
+        raise InputError(
+            f"the engine 'pysr' ended with an error ({told}); mend its settings, or use the engine "
+            "'operon'"
+        ) from error
+    return parse_expression(found, names)

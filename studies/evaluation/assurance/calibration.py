@@ -1,0 +1,147 @@
+"""Choosing the region and the limits from what robots observe at home."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.certificates.observation_box import (
+    BOX_DIRECTORY,
+    ObservationBox,
+    commanded,
+    operating_box,
+)
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_guard, step_guard
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import ObservationLayout, machine_state_entries
+from glassgait.studies.evaluation.assurance.visits import Visits
+
+BoxKind = Literal["states", "whole", "operating"]
+RegionKind = Literal[BoxKind, "bags", "states_and_bags"]
+
+REGION_TITLES: dict[RegionKind, str] = {
+    "states": "a box a machine state",
+    "whole": "one box",
+    "operating": "the operating box",
+    "bags": "usual disagreement of the bags",
+    "states_and_bags": "a box a machine state, and the bags",
+}
+
+ANYWHERE = 1e6
+"""Ends of ranges that no observation leaves, where the bags alone are watched."""
+
+RETURN_SHARE = 0.5
+"""Share of the limit that counts as inside again."""
+
+HALVINGS = 30
+"""Of the interval that a limit is sought in."""
+
+
+def has_bags(student: Policy) -> bool:
+    """Tells whether a student is made of several models, which may disagree."""
+    return isinstance(student, AdditivePolicy) and bool(student.deviations.any())
+
+
+def make_regions(
+    gait: Gait, student: Policy, visits: Visits, quantile: float
+) -> dict[RegionKind, Region]:
+    """Makes all regions there are; an operating box does not ship with every gait.
+
+    Args:
+        gait: The gait.
+        student: Whose bags are asked, if it has any.
+        visits: Where robots were at home.
+        quantile: Share of observations that each end of a range leaves out.
+    """
+    ships = (BOX_DIRECTORY / f"{gait.name}.yaml").exists()
+    kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
+    regions: dict[RegionKind, Region] = {
+        kind: make_region(gait, visits, quantile, kind) for kind in kinds
+    }
+    if isinstance(student, AdditivePolicy) and has_bags(student):
+        states = regions["states"]
+        corner = np.full_like(states.lower, ANYWHERE)
+        doubt = _usual_doubt(student, states.names, visits, quantile)
+        regions["bags"] = Region(states.names, -corner, corner, doubt)
+        regions["states_and_bags"] = replace(states, doubt=doubt)
+    return regions
+
+
+def _usual_doubt(
+    student: AdditivePolicy, names: tuple[str, ...], visits: Visits, quantile: float
+) -> Doubt:
+    seen = visits.observation[visits.alive]
+    one_hot = seen[:, machine_state_entries(names)]
+    state_of = np.argmax(one_hot, axis=-1)
+    disagreement = student.disagreement(seen)
+    usual = np.zeros((2, one_hot.shape[-1]))
+    for state in np.unique(state_of):
+        own = disagreement[state_of == state]
+        usual[:, state] = np.quantile(own, [quantile, 1 - quantile])
+    return Doubt(student.disagreement, usual)
+
+
+def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:
+    """Bounds what robots observed, but for commands and counts, which keep their true ranges.
+
+    Args:
+        gait: The gait.
+        visits: Where robots were at home.
+        quantile: Share of observations that each end of a range leaves out.
+        kind: A box for each machine state, one for all, or the gait's operating box.
+    """
+    names = ObservationLayout(gait.n_states).names
+    if kind == "operating":
+        boxes = [operating_box(gait).in_state(state) for state in range(gait.n_states)]
+    else:
+        seen = visits.observation[visits.alive]
+        state_of = np.argmax(seen[:, machine_state_entries(names)], axis=-1)
+        boxes = []
+        for state in range(gait.n_states):
+            own = seen[state_of == state] if kind == "states" else seen
+            # Where no robot was, nothing is inside: a range without width holds nothing else.
+            ends = np.quantile(own, [quantile, 1 - quantile], axis=0) if len(own) else seen[[0, 0]]
+            boxes.append(commanded(ObservationBox(names, *ends), gait).in_state(state))
+    corners = np.array([[box.lower, box.upper] for box in boxes])
+    return Region(names, corners[:, 0], corners[:, 1])
+
+
+def choose_hysteresis(
+    overrun: Array, alive: NDArray[np.bool_], calls: float, return_steps: int
+) -> Hysteresis:
+    """Finds the least limit at which the expert would be called in a share of steps at most.
+
+    Args:
+        overrun: Overruns of robots that walk at home (T, n).
+        alive: Whether each was up (T, n).
+        calls: The share.
+        return_steps: Control steps inside after which the student acts again.
+    """
+
+    def hysteresis(limit: float) -> Hysteresis:
+        return Hysteresis(limit, RETURN_SHARE * limit, return_steps)
+
+    def too_often(limit: float) -> bool:
+        return bool(guarded(overrun, hysteresis(limit))[alive].mean() > calls)
+
+    finite = overrun[np.isfinite(overrun)]
+    low, high = 0.0, float(finite.max(initial=0.0))
+    if not too_often(low):
+        return hysteresis(low)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if too_often(middle) else (low, middle)
+    return hysteresis(high)
+
+
+def guarded(overrun: Array, hysteresis: Hysteresis) -> NDArray[np.bool_]:
+    """Tells when (T, n) the expert would be called, had its actions changed nothing."""
+    guard, called = initial_guard(overrun.shape[1:]), []
+    for own in overrun:
+        guard = step_guard(guard, own, hysteresis)
+        called.append(guard.expert_acts)
+    return np.array(called)

@@ -1,0 +1,207 @@
+"""`glassgait assurance`: the student acts at home, the expert where the student is a stranger."""
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import pandas as pd
+import tyro
+from annotated_types import Ge, Lt, MinLen
+
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, load_scenarios
+from glassgait.models.certificates.observation_box import ObservationBox
+from glassgait.models.errors import InputError
+from glassgait.models.policies.library import (
+    load_student,
+    load_student_of,
+    policy_path,
+)
+from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.parallel.loop import parallel_backend
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, inputs_of
+from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.sweep import WorkersConfig
+from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.distillation.students.settings import StudentKind
+from glassgait.studies.evaluation.assurance.calibration import has_bags
+from glassgait.studies.evaluation.assurance.figures import draw_calls, draw_pushed
+from glassgait.studies.evaluation.assurance.pushed_robot import push_one
+from glassgait.studies.evaluation.assurance.study import (
+    Calibration,
+    Pair,
+    calibrate_once,
+    roll_out_all,
+)
+from glassgait.studies.evaluation.assurance.tables import assurance_table, readable_table
+
+OUTPUT = Path("runs/assurance")
+
+PUSHED = "push_1.0"
+"""The world in which it is tried whether overruns foretell falls."""
+
+WORLDS = (TRAINING, PUSHED, "friction_0.5", "latency_20ms")
+
+
+@dataclass(frozen=True)
+class Assurance(Settings):
+    """Let a student act in distribution, and the expert elsewhere, and count falls.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        student: Kind of the student.
+        scenario: The scenarios: names of those that ship, and paths of scenario files. `--worlds`
+            is another name for it.
+        calls: Shares of steps in which the expert may be called in the training scenario; each
+            gives limits, and a schedule with as many calls.
+        quantile: Share of the observations in the training scenario that each end of a range
+            leaves out.
+        return_steps: Control steps inside after which the student acts again.
+        bags: Watch, beside the region, how far the bags of an additive student disagree.
+        home_robots: Robots in the training scenario that the student leads, and as many that the
+            expert leads, for the region and the limits.
+        pushed_robots: Robots that the student leads under pushes, to see what foretells falls.
+        calibration_seed: Seed of both; other than those of the rollouts.
+        rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
+        workers: Where rollouts run.
+        distillation: Folder of a distillation that holds the student; the shipped one by default.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/assurance/<gait>/<student> by default.
+    """
+
+    title: ClassVar[str] = "assurance"
+
+    gait: str = "trot"
+    student: StudentKind = "page"
+    scenario: Annotated[
+        tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
+    ] = WORLDS
+    calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
+    quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
+    return_steps: Count = 25
+    bags: bool = False
+    home_robots: Count = 26
+    pushed_robots: Count = 130
+    calibration_seed: Seed = SELECTION_SEEDS[0]
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_seeds=1)
+    )
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if a value is out of range, or the limits would be judged by the very
+                robots that they were chosen with.
+        """
+        super().__post_init__()
+        refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
+        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
+            raise InputError(
+                f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "
+                "the next one; name another"
+            )
+
+    def run(self) -> None:
+        """Runs the study."""
+        pair, scenarios = self._pair(), load_scenarios(self.scenario)
+        folder = self.output or OUTPUT / pair.gait.name / pair.name
+        alone = pair.alone[pair.name]
+        # A job refuses what cannot be rolled out, here before anything is made.
+        jobs = [
+            RolloutJob({}, pair.gait, alone, scenario, self.rollouts)
+            for scenario in scenarios.values()
+        ]
+        inputs = inputs_of(jobs)
+        run = {"study": "assurance", "settings": self, "resume": self.resume, "inputs": inputs}
+        with open_run(folder, **run) as of, parallel_backend(self.workers.backend):
+            calibration = self._calibrate(pair, folder, of)
+            scores = roll_out_all(
+                pair,
+                calibration,
+                scenarios,
+                self.rollouts,
+                folder / "rollouts",
+                self.workers.processes,
+            )
+            titles = {name: scenario.title for name, scenario in scenarios.items()}
+            table = assurance_table(scores, titles)
+            write_table(readable_table(table), folder / "worlds")
+            write_metrics(_metrics(table, calibration), folder / "metrics.json")
+            save_figure(draw_calls(table, titles), folder / "calls")
+            shown = push_one(pair, calibration, folder / "pushed_robot.json", of=of)
+            save_figure(draw_pushed(shown, calibration), folder / "pushed_robot")
+        print_table(f"{pair.gait.name}: who falls, and who acted", readable_table(table))
+        console.print(f"written to {folder}")
+
+    def _pair(self) -> Pair:
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        kind = str(self.student)
+        if self.distillation:
+            student = load_student_of(expert, policy_path(self.distillation, kind))
+        else:
+            student = load_student(gait.name, kind)
+        student.check(gait=gait.name, observation_names=expert.observation_names)
+        if self.bags and not has_bags(student):
+            raise InputError(
+                f"assurance: bags is set, and the {kind} of the {gait.name} has none that could "
+                "disagree; name --student ebm, or leave it out"
+            )
+        return Pair(gait, expert, student, kind)
+
+    def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
+        say(
+            f"{pair.gait.name}: robots walk in the training scenario and under pushes, for the "
+            "region and the limits"
+        )
+        home = replace(
+            self.rollouts, n_robots=self.home_robots, seed=self.calibration_seed, n_seeds=1
+        )
+        pushed = replace(home, n_robots=self.pushed_robots, seed=self.calibration_seed + 1)
+        calibration = calibrate_once(
+            pair,
+            (Scenario(), load_scenario(PUSHED)),
+            (home, pushed),
+            folder / "calibration.json",
+            of=of,
+            calls=self.calls,
+            quantile=self.quantile,
+            return_steps=self.return_steps,
+            bags=self.bags,
+        )
+        for stem, table in {
+            "foretelling": calibration.foretelling,
+            "warnings": calibration.warnings,
+            "rescues": calibration.rescues,
+        }.items():
+            write_table(table, folder / stem)
+        region = calibration.region
+        for state, name in enumerate(pair.gait.states):
+            box = ObservationBox(region.names, region.lower[state], region.upper[state])
+            told = (
+                f"{home.n_robots} robots each of expert and {pair.name} in the training scenario, "
+                f"seed {home.seed}"
+            )
+            box.save(folder / f"region_{name}.yaml", pair.gait, f"{told}, machine state {name}")
+        return calibration
+
+
+def _metrics(table: pd.DataFrame, calibration: Calibration) -> dict[str, Any]:
+    return {
+        "worlds": json_records(table),
+        "limits": {f"{calls:g}": asdict(own) for calls, own in calibration.hysteresis.items()},
+        "foretelling": json_records(calibration.foretelling),
+        "warnings": json_records(calibration.warnings),
+        "rescues": json_records(calibration.rescues),
+    }

@@ -1,0 +1,251 @@
+"""The study: a calibration at home, then rollouts in every world."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.files import record_or_made
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.assurance import Doubt, Hysteresis, Region
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob, run_jobs
+from glassgait.studies.common.rollouts.worlds import jobs_in_worlds
+from glassgait.studies.evaluation.assurance.calibration import (
+    REGION_TITLES,
+    RegionKind,
+    choose_hysteresis,
+    make_regions,
+)
+from glassgait.studies.evaluation.assurance.foretelling import foretelling_row, rescues, warnings_of
+from glassgait.studies.evaluation.assurance.visits import Visits, joined, visit
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Who acts, and who is trusted.
+
+    Attributes:
+        gait: Their gait.
+        expert: Who is trusted.
+        student: Who acts at home.
+        name: The student's kind.
+    """
+
+    gait: Gait
+    expert: NeuralPolicy
+    student: Policy
+    name: str
+
+    @property
+    def alone(self) -> dict[str, AlternatingPolicy]:
+        """Both alone, by name."""
+        student = AlternatingPolicy(self.expert, self.student, period=0)
+        return {"expert": AlternatingPolicy(self.expert), self.name: student}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was chosen at home, and what it foretells.
+
+    Attributes:
+        region: Where the student may act.
+        hysteresis: Limits, by the share of steps at home that the expert is called in.
+        foretelling: How each kind of region tells falls under pushes, a row a kind and share.
+        warnings: A row a fall under pushes.
+        rescues: How late a fall can be averted, a row a lead.
+    """
+
+    region: Region
+    hysteresis: dict[float, Hysteresis]
+    foretelling: pd.DataFrame
+    warnings: pd.DataFrame
+    rescues: pd.DataFrame
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns it as values that JSON can hold."""
+        tables = (self.foretelling, self.warnings, self.rescues)
+        return {
+            "corners": [self.region.lower.tolist(), self.region.upper.tolist()],
+            "usual_doubt": self.region.doubt.usual.tolist() if self.region.doubt else None,
+            "hysteresis": [
+                [calls, own.limit, own.return_limit, own.return_steps]
+                for calls, own in self.hysteresis.items()
+            ],
+            "tables": [table.to_dict(orient="list") for table in tables],
+        }
+
+    @staticmethod
+    def from_plain(values: dict[str, Any], student: Policy) -> "Calibration":
+        """Rebuilds what `to_plain` took apart, of the student that it was made with."""
+        lower, upper = np.array(values["corners"])
+        doubt = None
+        if isinstance(student, AdditivePolicy) and values["usual_doubt"] is not None:
+            doubt = Doubt(student.disagreement, np.array(values["usual_doubt"]))
+        region = Region(student.observation_names, lower, upper, doubt)
+        limits = {calls: Hysteresis(*own) for calls, *own in values["hysteresis"]}
+        tables = [pd.DataFrame(table) for table in values["tables"]]
+        return Calibration(region, limits, *tables)
+
+
+def calibrate(
+    pair: Pair,
+    home: Visits,
+    pushed: Visits,
+    world: Scenario,
+    *,
+    calls: tuple[float, ...],
+    quantile: float,
+    return_steps: int,
+    bags: bool,
+    seed: int,
+) -> Calibration:
+    """Chooses region and limits by what is visited at home, and tries what they foretell.
+
+    Args:
+        pair: Who acts, and who is trusted.
+        home: Where the student alone and the expert alone were at home.
+        pushed: Where the student alone was under pushes.
+        world: The world of the pushes.
+        calls: Shares of steps at home in which the expert may be called.
+        quantile: Share of observations that each end of a range leaves out.
+        return_steps: Control steps inside after which the student acts again.
+        bags: Whether the bags of the student must agree as they do at home, too.
+        seed: Seed of the noise in rescues.
+    """
+    regions = make_regions(pair.gait, pair.student, home, quantile)
+    watched: RegionKind = "states_and_bags" if bags else "states"
+    chosen: dict[float, Hysteresis] = {}
+    rows = []
+    for kind, own in regions.items():
+        overrun = own.overrun(home.observation)
+        for share in calls:
+            hysteresis = choose_hysteresis(overrun, home.alive, share, return_steps)
+            row = {"region": REGION_TITLES[kind], "calls": share}
+            rows.append(row | foretelling_row(home, pushed, own, hysteresis))
+            if kind == watched:
+                chosen[share] = hysteresis
+    region = regions[watched]
+    averted, alone = (
+        rescues(pair.gait, policy, world, pushed, seed) for policy in pair.alone.values()
+    )
+    averted = averted.assign(alone=alone["rescued"])
+    warnings = warnings_of(pushed, region, chosen[max(calls)])
+    return Calibration(region, chosen, pd.DataFrame(rows), warnings, averted)
+
+
+def calibrate_once(
+    pair: Pair,
+    worlds: tuple[Scenario, Scenario],
+    configs: tuple[RolloutConfig, RolloutConfig],
+    path: Path,
+    *,
+    of: str,
+    calls: tuple[float, ...],
+    quantile: float,
+    return_steps: int,
+    bags: bool,
+) -> Calibration:
+    """Calibrates with robots at home and under pushes, unless the file holds the outcome.
+
+    Args:
+        pair: Who acts, and who is trusted.
+        worlds: Home, and the world of the pushes.
+        configs: How robots are rolled out in each.
+        path: Where the calibration is kept.
+        of: What tells the run from others.
+        calls: See `calibrate`.
+        quantile: See `calibrate`.
+        return_steps: See `calibrate`.
+        bags: See `calibrate`.
+    """
+
+    def made() -> dict[str, Any]:
+        # Where the expert walks at home the student may take over again: without those visits the
+        # expert, once called, would hardly ever be let go.
+        home = joined(
+            [visit(pair.gait, policy, worlds[0], configs[0]) for policy in pair.alone.values()]
+        )
+        pushed = visit(pair.gait, pair.alone[pair.name], worlds[1], configs[1])
+        return calibrate(
+            pair,
+            home,
+            pushed,
+            worlds[1],
+            calls=calls,
+            quantile=quantile,
+            return_steps=return_steps,
+            bags=bags,
+            seed=configs[1].seed,
+        ).to_plain()
+
+    kept = record_or_made(path, made, of=of)
+    return Calibration.from_plain(kept, pair.student)
+
+
+def assured_name(calls: float) -> str:
+    """Names the assured policy whose expert may be called in a share of steps at home."""
+    return f"assured_{calls:g}"
+
+
+def scheduled_name(calls: float) -> str:
+    """Names the schedule with as many calls as that policy."""
+    return f"schedule_{calls:g}"
+
+
+def assured_policies(pair: Pair, calibration: Calibration) -> dict[str, ActingPolicy]:
+    """Returns the expert, the student alone, and the student under assurance, by name."""
+    assured = {
+        assured_name(calls): AssuredPolicy(
+            pair.expert, pair.student, calibration.region, hysteresis
+        )
+        for calls, hysteresis in calibration.hysteresis.items()
+    }
+    return {**pair.alone, **assured}
+
+
+def roll_out_all(
+    pair: Pair,
+    calibration: Calibration,
+    scenarios: Mapping[str, Scenario],
+    config: RolloutConfig,
+    folder: Path,
+    processes: int | None,
+) -> pd.DataFrame:
+    """Rolls everybody out in every world, the schedules last: their calls follow from the others'.
+
+    Returns:
+        Scores, a row a robot.
+    """
+    jobs = jobs_in_worlds(pair.gait, assured_policies(pair, calibration), scenarios, config)
+    scores = run_jobs(jobs, folder, processes=processes)
+    scheduled: list[RolloutJob] = []
+    for name, scenario in scenarios.items():
+        own = scores[scores["scenario"] == name]
+        policies: dict[str, ActingPolicy] = {}
+        for calls in calibration.hysteresis:
+            called = _share_called(own[own["policy"] == assured_name(calls)])
+            schedule = AlternatingPolicy(pair.expert, pair.student, period_of(called))
+            policies[scheduled_name(calls)] = schedule
+        scheduled += jobs_in_worlds(pair.gait, policies, {name: scenario}, config)
+    return pd.concat([scores, run_jobs(scheduled, folder, processes=processes)], ignore_index=True)
+
+
+def period_of(called: float) -> int:
+    """Returns the period of a schedule that calls the expert as often, or a little more often."""
+    return math.floor(1.0 / called) if called > 0.0 else 0
+
+
+def _share_called(scores: pd.DataFrame) -> float:
+    """Returns the share of all robots' steps, so that those who fell early count for less."""
+    return float(np.average(scores["expert_share"], weights=scores["steps"]))

@@ -1,0 +1,215 @@
+"""`glassgait counterfactual`: what would have had to be observed for a joint to do otherwise."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge, Lt
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.pair_replay import ReplayedRobot, save_pair_replay
+from glassgait.diagrams.rollout import Rollout
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.counterfactuals.question import Answer, Question, Room
+from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.robots.quadruped import joint_index
+from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.play import Seconds, roll_one_out
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.distillation.students.library import default_student, find_student
+from glassgait.studies.explanation.counterfactuals.futures import (
+    AFTER,
+    WAS,
+    WOULD_BE,
+    Futures,
+    course_figure,
+)
+from glassgait.studies.explanation.counterfactuals.page import render_page
+from glassgait.studies.explanation.counterfactuals.survey import ask_many, summary
+from glassgait.studies.explanation.counterfactuals.words import (
+    answer_table,
+    certainty_in_words,
+    outcome_in_words,
+    question_in_words,
+)
+
+REPETITIONS = 100
+"""How often the short replay plays before it stands still."""
+
+
+@dataclass(frozen=True)
+class Counterfactual(Settings):
+    """Ask what a robot would have had to observe for a joint to do otherwise, and let it.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: A kind of student, or the path of a policy file; linear, additive, of formulas or of
+            trees. By default one that ships with the gait.
+        joint: The joint.
+        step: Control step that the question is about.
+        by: By how much the joint's target should have been greater (rad), or smaller, where it is
+            negative.
+        replayed: The answer that the policy is given: the nearest, or that of the fewest changes.
+        lasting: For how many control steps it is given.
+        vary_commands: Whether the commanded speed and yaw rate may differ too, within what the gait
+            takes.
+        command: Commanded speed, yaw rate and rhythm.
+        seconds: Length of the rollout that ranges are measured in (s), 3600 at most; longer where
+            the step asks for it.
+        survey: Further questions of random moments and joints, whose times are measured.
+        seed: Seed of the sensors' noise, and of the further questions.
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Answer anew in a folder that holds the same question.
+        output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
+            default.
+    """
+
+    title: ClassVar[str] = "counterfactual"
+
+    gait: str = "trot"
+    policy: str | None = None
+    joint: str = "FR_calf"
+    step: Annotated[int, Ge(0), Lt(180_000)] = 280
+    by: float = 0.1
+    replayed: Literal["nearest", "fewest"] = "nearest"
+    lasting: Count = 1
+    vary_commands: bool = False
+    command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
+    seconds: Seconds = 6.0
+    survey: Natural = 0
+    seed: Seed = 0
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if abs(self.by) < 1e-6:
+            raise InputError(
+                f"{self.title}: by is {self.by:g}; give 1e-6 rad or more, or -1e-6 or less"
+            )
+
+    def run(self) -> None:
+        """Asks, lets the robot walk with the answer, and writes the page."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        name = self.policy or default_student(gait.name, self.distillation)
+        if name == "expert":
+            raise InputError("--policy expert: a network is not searched; name a student")
+        student, joint = find_student(name, expert, self.distillation), joint_index(self.joint)
+        refuse_unsearched(student)
+        walker = AlternatingPolicy(expert, student, period=0)
+        stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
+        folder = self.output or Path("runs/counterfactuals") / gait.name / stem
+        inputs = {
+            "gait": gait.digest(),
+            "expert": expert.digest(),
+            "policy": student.digest(),
+        }
+        with open_run(
+            folder, study="counterfactual", settings=self, inputs=inputs, resume=self.resume
+        ):
+            say("rolling out")
+            was = self._walk(gait, walker, None)
+            self._check_step(was)
+            observations = was["observations"]
+            names = student.observation_names
+            room = Room.of(names, observations, gait if self.vary_commands else None)
+            question = Question(student, joint, observations[self.step], self.by, room)
+            say(question_in_words(question, self.step))
+            answers = answer(question)
+            chosen = self._chosen(answers)
+            print_table("what would have had to differ", answer_table(question, chosen))
+            say(certainty_in_words(chosen))
+            offset = chosen.observation - question.observation
+            would_be = self._walk(gait, walker, Intervention(offset, self.step, self.lasting))
+            futures = Futures(was, would_be, self.step, joint)
+            outcome = futures.outcome(self.by)
+            _write(folder, question, answers, futures)
+            metrics = {"outcome": outcome, "question": question_in_words(question, self.step)}
+            metrics |= {key: _plain(own) for key, own in vars(answers).items()}
+            write_metrics(metrics, folder / "metrics.json")
+            page = render_page(
+                gait=gait,
+                policy_name=Path(name).stem,
+                question=question,
+                step=self.step,
+                answers=vars(answers),
+                replayed=self.replayed,
+                lasting=self.lasting,
+                outcome=outcome,
+                replay=(folder / "replay.html").read_text(),
+                figure=folder / "futures.png",
+            )
+            write_atomically(folder / "index.html", page)
+            if self.survey:
+                options = {"count": self.survey, "by": self.by, "seed": self.seed}
+                asked = ask_many(student, observations, room, **options)
+                write_table(asked, folder / "survey")
+                print_table(f"{self.survey} questions", summary(asked))
+        say(outcome_in_words(outcome, self.by))
+        console.print(f"page written to {folder / 'index.html'}")
+
+    def _walk(
+        self, gait: Gait, walker: AlternatingPolicy, intervention: Intervention | None
+    ) -> Rollout:
+        scenario = Scenario(command=self.command)
+        diagram = MakeLocomotion(gait, scenario, policy=walker, intervention=intervention)
+        seconds = max(self.seconds, (self.step + AFTER) * CONTROL_PERIOD)
+        return roll_one_out(diagram, scenario, seconds=seconds, seed=self.seed)
+
+    def _check_step(self, rollout: Rollout) -> None:
+        last = len(rollout.time) - 1
+        if self.step >= last:
+            raise InputError(
+                f"--step {self.step}: the rollout ended in a fall at step {last}; name one before"
+            )
+
+    def _chosen(self, answers: Answers) -> Answer:
+        if self.replayed == "nearest":
+            return answers.nearest
+        if answers.fewest is None:
+            raise InputError(
+                "--replayed fewest: no change of one observation or two was found that does what "
+                "is asked; replay the nearest, or ask for less with --by"
+            )
+        return answers.fewest
+
+
+def _write(folder: Path, question: Question, answers: Answers, futures: Futures) -> None:
+    for name, own in vars(answers).items():
+        if own is not None:
+            write_table(answer_table(question, own), folder / name)
+    save_figure(course_figure(futures), folder / "futures")
+    was, would_be = futures.shown()
+    left = ReplayedRobot("was", "as it was", WAS, was)
+    right = ReplayedRobot("other", "given the other observation", WOULD_BE, would_be)
+    save_pair_replay(left, right, folder / "replay.html", repetitions=REPETITIONS)
+
+
+def _plain(own: Answer | None) -> dict[str, Any] | None:
+    if own is None:
+        return None
+    return {
+        "observation": np.asarray(own.observation).tolist(),
+        "changed": own.changed.tolist(),
+        "change_of_target": own.change_of_target,
+        "distance": own.distance,
+        "bound": own.bound,
+        "proved": own.proved,
+    }

@@ -1,0 +1,111 @@
+"""Questions and answers in words and tables."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from glassgait.models.counterfactuals.question import Answer, Question
+from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import entries_of
+
+_WORDS = {
+    "hip": ("turn further to the left", "turn further to the right"),
+    "thigh": ("swing further back", "swing further forward"),
+    "calf": ("stretch more", "bend more"),
+}
+"""What a joint does whose angle is more, or less."""
+
+_GROUPS = {
+    "joint position": "angle of {0}",
+    "joint velocity": "velocity of {0}",
+    "previous action": "target of {0} at the step before",
+    "foot height": "height of the {0} foot",
+}
+
+
+def question_in_words(question: Question, step: int) -> str:
+    """Returns the question as a person would ask it."""
+    more, less = _WORDS[quadruped.JOINTS[question.joint].split("_")[1]]
+    name = quadruped.JOINTS[question.joint].replace("_", " ")
+    return f"Why did {name} not {more if question.by > 0 else less} at step {step}?"
+
+
+def answer_table(question: Question, answer: Answer) -> pd.DataFrame:
+    """Lists what would have had to differ, in the robot's units, what differs most first.
+
+    Args:
+        question: The question.
+        answer: Its answer.
+
+    Returns:
+        A row an observation: `observation`, `symbol` as formulas call it, `was`, `would be` and
+        `difference` in `unit`, and `spreads`, the difference in standard deviations.
+    """
+    names, room = question.policy.observation_names, question.room
+    units, entries = RobotUnits.of(names), entries_of(names)
+    was, would_be = (units.quantities(o) for o in (question.observation, answer.observation))
+    spreads = (answer.observation - question.observation)[answer.changed]
+    spreads = spreads / room.spread[answer.changed]
+    order = np.argsort(-np.abs(spreads), kind="stable")
+    rows = [
+        {
+            "observation": _name_in_words(
+                entries[index].group, entries[index].symbol, names[index]
+            ),
+            "symbol": entries[index].symbol,
+            "was": float(was[index]),
+            "would be": float(would_be[index]),
+            "difference": float(would_be[index] - was[index]),
+            "unit": entries[index].unit,
+            "spreads": float(spread),
+        }
+        for index, spread in zip(answer.changed[order].tolist(), spreads[order], strict=True)
+    ]
+    return pd.DataFrame(rows)
+
+
+def certainty_in_words(answer: Answer) -> str:
+    """Tells whether an answer is proved to be the nearest of its sort."""
+    if answer.gap < 1e-6:
+        return "proved to be the nearest"
+    if answer.proved:
+        return f"proved to be the nearest but for {100 * answer.gap:.1f} % of its distance"
+    if answer.bound <= 0:
+        return "not proved to be the nearest: a nearer one may have been missed"
+    return f"not proved to be the nearest: one nearer by {100 * answer.gap:.0f} % may be missed"
+
+
+def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
+    """Tells what the joint and its foot did, of `Futures.outcome`."""
+    followed = np.sign(outcome["joint"]) == np.sign(by) and abs(outcome["joint"]) > 1e-4
+    told = (
+        f"the joint went {abs(outcome['joint']):.3f} rad that way after {outcome['after']:.2f} s, "
+        f"and its foot was {_side(outcome['height'], 'higher', 'lower')} and "
+        f"{_side(outcome['forward'], 'further forward', 'further back')}"
+        if followed
+        else "the joint did not go that way"
+    )
+    falls = {
+        (False, False): "neither robot fell",
+        (True, False): "with the other observation the robot fell",
+        (False, True): "only the robot as it was fell",
+        (True, True): "both robots fell",
+    }
+    return f"The target changed by {outcome['target']:+.3f} rad; {told}; " + (
+        f"{falls[outcome['fell'], outcome['fell_before']]} within the part that is shown."
+    )
+
+
+def _side(value: float, more: str, less: str) -> str:
+    return f"{1000 * abs(value):.1f} mm {more if value > 0 else less}"
+
+
+def _name_in_words(group: str, symbol: str, name: str) -> str:
+    pattern = _GROUPS.get(group)
+    if pattern is None:
+        axes = {"v.x": "forward speed", "v.y": "speed to the left", "v.z": "upward speed"}
+        return axes.get(symbol, name)
+    return pattern.format(symbol.split(".")[1].replace("_", " "))

@@ -1,0 +1,178 @@
+"""Compiled students against their libraries, and the study against the naive loop."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from interpret.glassbox import ExplainableBoostingRegressor
+from sklearn.ensemble import GradientBoostingRegressor
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.files import read_record
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.distillation.collection import collect
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.rounds import Round
+from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset
+from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.student import TrainingSet
+from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
+
+NAIVE_BAGS = 14
+"""Outer bags of an additive model by interpret's default, fitted one after the other on 2 cores."""
+
+
+N_JOBS = 2
+"""Joints that are fitted at once."""
+
+
+@dataclass(frozen=True)
+class NaiveModel:
+    """A model by its library's defaults, and how it is timed.
+
+    Attributes:
+        make: Returns the model, or a part of it.
+        parts: How many such parts the model has.
+        samples: Sizes at which a part is fitted, to extrapolate from.
+    """
+
+    make: Callable[[], Any]
+    parts: int
+    samples: tuple[int, int]
+
+
+NAIVE_MODELS = {
+    GBM.name: NaiveModel(lambda: GradientBoostingRegressor(random_state=0), 1, (800, 3200)),
+    EBM.name: NaiveModel(
+        lambda: ExplainableBoostingRegressor(outer_bags=1, n_jobs=1, random_state=0),
+        NAIVE_BAGS,
+        (400, 800),
+    ),
+}
+"""The ensembles whose defaults can be fitted at all: an additive one is timed by one of its bags,
+at few samples, and takes minutes even so."""
+
+
+def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
+    """Collects four episodes of the expert alone."""
+    config = DistillationConfig(gait=expert.gait)
+    return collect(
+        load_gait(expert.gait),
+        expert,
+        untrained_student(expert.gait, expert.observation_names),
+        plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
+        speeds=np.array(config.speeds),
+        worlds=Scenario(),
+        generator=np.random.default_rng(0),
+    )
+
+
+def compiled_against_library(
+    samples: Dataset, expert: NeuralPolicy, settings: StudentsSettings
+) -> pd.DataFrame:
+    """Times a step of all 12 joints, one observation: compiled, and `predict` joint by joint.
+
+    Boosted trees are as many and as deep as the study's; additive models have as many terms, but
+    few rounds, which a prediction does not notice.
+    """
+    names = expert.observation_names
+    own = TrainingSet(expert.gait, names, samples.observations, samples.actions, samples.starts)
+    settings = replace(
+        settings, **{EBM.name: replace(settings.of(EBM.name), outer_bags=1, max_rounds=50)}
+    )
+    rows = []
+    for kind, student in STUDENTS.items():
+        if student.fit_models is None or student.compile is None:
+            continue
+        models = student.fit_models(own, settings.of(kind), seed=0, n_jobs=N_JOBS)
+        compiled = student.compile(expert.gait, names, models)
+        row = samples.observations[:1]
+
+        def library(observation: np.ndarray, models: Any = models) -> None:
+            for model in models:
+                model.predict(observation)
+
+        ours = single_row_microseconds(compiled, row[0])
+        theirs = single_row_microseconds(library, row)
+        expected = np.stack([model.predict(samples.observations) for model in models], axis=1)
+        rows.append(
+            {
+                "student": kind,
+                "compiled (µs)": round(ours, 1),
+                "predict × 12 (µs)": round(theirs),
+                "ratio": round(theirs / ours),
+                "greatest difference": float(
+                    np.abs(compiled(samples.observations) - expected).max()
+                ),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def naive_minutes(
+    samples: Dataset, model: NaiveModel, config: DistillationConfig
+) -> tuple[float, float]:
+    """Extrapolates the naive loop: 12 default models fitted anew after each episode.
+
+    Args:
+        samples: Samples to fit to.
+        model: The model.
+        config: Tells how many episodes there are, and how long they are.
+
+    Returns:
+        Minutes if a fit's time is linear in the samples, and if none takes longer than the smallest
+        fit that was timed.
+    """
+    times = []
+    generator = np.random.default_rng(0)
+    for size in model.samples:
+        chosen = generator.choice(len(samples.actions), size, replace=False)
+        start = time.perf_counter()
+        model.make().fit(samples.observations[chosen], samples.actions[chosen, 1])
+        times.append(model.parts * (time.perf_counter() - start))
+    slope, offset = np.polyfit(model.samples, times, 1)
+    episodes = np.arange(1, config.episodes + 1)
+    sizes = (1.0 - 1.0 / HELD_OUT_EVERY) * config.episode_steps * episodes
+    linear = np.sum(offset + slope * sizes)
+    least = len(episodes) * min(times)
+    return float(quadruped.N_JOINTS * linear / 60), float(quadruped.N_JOINTS * least / 60)
+
+
+def study_against_naive_loop(
+    samples: Dataset, config: DistillationConfig, folder: Path
+) -> pd.DataFrame:
+    """Compares the minutes that a finished study took with the naive loop's.
+
+    The last row is of the whole study, whose other students the naive loop has not.
+    """
+    minutes = {
+        path.parent.name: read_record(path)["minutes"]
+        for path in sorted(folder.glob("*/record.json"))
+    }
+    rows = []
+    for kind, model in NAIVE_MODELS.items():
+        if kind in minutes:
+            linear, least = naive_minutes(samples, model, config)
+            rows.append({"student": kind, "study": minutes[kind], "naive": linear, "least": least})
+    if not rows:
+        return pd.DataFrame()
+    table = pd.DataFrame(rows)
+    everything = {"student": f"all {len(minutes)}", **table[["naive", "least"]].sum()}
+    table.loc[len(table)] = {**everything, "study": sum(minutes.values())}
+    table["ratio"] = (table["naive"] / table["study"]).round(1)
+    names = {
+        "study": "study (min)",
+        "naive": "naive loop, extrapolated (min)",
+        "least": "naive loop, at least (min)",
+    }
+    return table.round({"study": 1, "naive": 0, "least": 0}).rename(columns=names)

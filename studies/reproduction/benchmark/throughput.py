@@ -1,0 +1,146 @@
+"""Training throughput against bare physics, and against gymnasium's processes."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv
+from pydrake.common import Parallelism
+from pydrake.gym import DrakeGymEnv
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from glassgait.diagrams.gym import action_space, observation_space
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.physics import PhysicsStep
+from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.training.config import TrainingConfig
+from glassgait.studies.training.study import TrainingRun
+
+
+def training_and_physics(
+    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int
+) -> list[dict[str, float]]:
+    """Times updates of PPO, and physics over the very same states and targets.
+
+    Physics is timed as training steps it, latencies included, and bare. All are timed in turn,
+    `repeats` times, so that they meet the machine's moods alike.
+
+    Args:
+        config: The training run.
+        checkpoint: Folder of a run to start from, or None to start at the beginning.
+        n_updates: Updates to time at once.
+        repeats: Number of turns.
+
+    Returns:
+        Control steps/s of `training`, `late_physics` and bare `physics`, a row a turn.
+    """
+    with TemporaryDirectory() as temporary:
+        folder = checkpoint or Path(temporary)
+        gait = load_gait(config.gait)
+        run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
+    physics = _BarePhysics(config.worlds.stations(np.random.default_rng(config.seed)))
+    late_step, recorded = _record_steps(run)
+    run.update()
+    rows = []
+    for _ in range(repeats):
+        recorded.clear()
+        n_steps = n_updates * config.ppo.steps_per_update * config.n_robots
+        training = _seconds(lambda: [run.update() for _ in range(n_updates)])
+        late = _seconds(lambda: [late_step(*pair, **delays) for *pair, delays in recorded])
+        bare = _seconds(lambda: [physics.step(*pair) for *pair, _ in recorded])
+        speeds = {"training": training, "late_physics": late, "physics": bare}
+        rows.append({name: n_steps / seconds for name, seconds in speeds.items()})
+    return rows
+
+
+def gymnasium_processes(n_envs: int, n_processes_steps: int) -> float:
+    """Times `DrakeGymEnv` over the full diagram in `AsyncVectorEnv`; returns control steps/s."""
+    envs = AsyncVectorEnv([_drake_gym_env] * n_envs)
+    try:
+        envs.reset(seed=0)
+        generator = np.random.default_rng(0)
+        actions = generator.normal(scale=0.3, size=(n_processes_steps, n_envs, quadruped.N_JOINTS))
+        envs.step(actions[0])
+        seconds = _seconds(lambda: [envs.step(action) for action in actions])
+    finally:
+        envs.close()
+    return n_envs * n_processes_steps / seconds
+
+
+class _BarePhysics:
+    """One call of Drake's batch evaluation a group and control step, and nothing else."""
+
+    def __init__(self, stations: Sequence[StationConfig]) -> None:
+        self._groups = []
+        for station in stations:
+            builder = DiagramBuilder()
+            plant, _, instance = AddA1Station(builder, station)
+            builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
+            diagram = builder.Build()
+            n_steps = round(CONTROL_PERIOD / station.time_step)
+            self._groups.append((diagram, diagram.CreateDefaultContext(), n_steps))
+
+    def step(self, states: Array, targets: Array) -> None:
+        desired = np.hstack([targets, np.zeros_like(targets)])
+        n = len(self._groups)
+        parts = zip(np.array_split(states, n), np.array_split(desired, n), strict=True)
+        for (diagram, context, n_steps), (mine, inputs) in zip(self._groups, parts, strict=True):
+            BatchEvalUniquePeriodicDiscreteUpdate(
+                diagram,
+                context,
+                times=np.zeros(len(mine)),
+                states=mine.T,
+                inputs=inputs.T,
+                num_time_steps=n_steps,
+                parallelize=Parallelism.Max(),
+            )
+
+
+_Step = tuple[Array, Array, dict[str, Array]]
+
+
+def _record_steps(run: TrainingRun) -> tuple[Callable[..., PhysicsStep], list[_Step]]:
+    """Returns what steps the run's physics, and a list that its steps are recorded in."""
+    physics = run.environment.simulator.physics
+    recorded: list[_Step] = []
+    step = physics.step
+
+    def recording_step(states: Array, targets: Array, **late: Array) -> PhysicsStep:
+        delays = {name: values.copy() for name, values in late.items()}
+        recorded.append((states.copy(), targets.copy(), delays))
+        return step(states, targets, **late)
+
+    setattr(physics, "step", recording_step)  # noqa: B010
+    return step, recorded
+
+
+def _drake_gym_env() -> gym.Env:
+    gait = load_gait("trot")
+    diagram = MakeLocomotion(gait, Scenario(sensor_noise=0.0))
+    return DrakeGymEnv(
+        simulator=Simulator(diagram),
+        time_step=CONTROL_PERIOD,
+        action_space=action_space(),
+        observation_space=observation_space(gait),
+        reward="reward",
+        action_port_id="actions",
+        observation_port_id="observations",
+        # Drake calls the handler with a seed that its own hint leaves out.
+        reset_handler=lambda simulator, context, seed=None: set_plant_state(diagram, context),
+    )
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start

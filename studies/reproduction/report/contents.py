@@ -1,0 +1,197 @@
+"""The report's contents: each of the paper's tables and figures, and ours for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
+from glassgait.studies.reproduction.report.gait import GaitResults
+
+FRAMEWORK = Path(__file__).parents[2] / "pictures" / "locomotion.svg"
+
+DEVIATIONS = (
+    "The robot is a Unitree A1 in Drake, SAP contact at 10 ms; the paper names neither its "
+    "simulator's contact model nor its time step.",
+    "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
+    "with a curriculum on the reward machine that the paper does not have.",
+    "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
+    "quarter of the samples; explainable boosting takes larger and fewer steps than interpret's "
+    "defaults, with fewer bins and bags. While samples are collected trees are boosted by "
+    "histograms and additive models are smaller.",
+    "Formulas start from a sparse sum found by least squares, gated by the reward machine and by "
+    "which feet are in the air, which Operon may then correct. Of several shapes, with the samples "
+    "of an episode's start counting once or often, the simplest is taken that walks alone about as "
+    "well as the best. The paper evolves them with PySR alone. "
+    "A joint's formula has at most 90 nodes, as the paper's, one per RM state at most 200, but "
+    "Operon counts a weighted observation as one.",
+    "After the paper's episodes come rounds in which the student acts alone.",
+    "Students are refitted when the alternation ratio changes, not after every episode.",
+    "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",
+    "Gait sequences are drawn as contacts over time, not as stills; glassgait rollout draws "
+    "those, with --stills.",
+    "Importances of legs are merged by a stated rule: added up over observations that differ by "
+    "leg alone; each of a type's four joints names its own first, second and third.",
+)
+
+
+@dataclass(frozen=True)
+class Item:
+    """A table or figure.
+
+    Attributes:
+        number: The paper's number for it.
+        title: What it shows.
+        note: How to read it.
+        tables: Tables, each with a heading or "".
+        figures: Pictures (PNG or SVG), each with what it shows.
+        wide: Whether a picture takes the page's whole width.
+    """
+
+    number: str
+    title: str
+    note: str = ""
+    tables: Sequence[tuple[str, pd.DataFrame]] = ()
+    figures: Sequence[tuple[str, Path]] = ()
+    wide: bool = False
+
+
+def contents(results: Sequence[GaitResults]) -> list[Item]:
+    """Lists everything in the paper's order."""
+    return [
+        Item(
+            "Figure 1",
+            "The framework, as the Drake diagram that runs it",
+            "Expert and student sit behind one switch; the alternation chooses who acts.",
+            figures=[("Block diagram of the closed loop", FRAMEWORK)],
+            wide=True,
+        ),
+        Item(
+            "Table I",
+            "Top 3 observations by importance for each joint type, GBM (boosted trees)",
+            "An asterisk marks what the paper lists at the same place.",
+            tables=[
+                ("Feature importance (impurity)", _tops(results, "impurity")),
+                ("Permutation importance", _tops(results, "permutation")),
+            ],
+        ),
+        Item(
+            "Table II",
+            "R² on test sets",
+            "Ours by the paper's shuffled split, the paper's beside it, and ours with whole "
+            "episodes held out.",
+            tables=[("", r2_by_gait(results))],
+        ),
+        Item(
+            "Figure 2",
+            "Return and falls against the alternation ratio",
+            "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
+            "shares compare each robot with the expert's under the same commands and noise.",
+            tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
+            figures=_each(results, "reward", "return against ratio"),
+        ),
+        *(
+            _sequences(results, f"Figure {number}", kind)
+            for number, kind in zip((3, 4, 5), paper_students(), strict=True)
+        ),
+        Item(
+            "Figure 6",
+            "A weak learner of the GBM, FL hip",
+            figures=_each(results, f"{GBM.name}_FL_hip_tree", "decision tree", first="walk"),
+            wide=True,
+        ),
+        Item(
+            "Figure 7",
+            "Partial dependence on the top 3 observations, GBM, FL hip",
+            figures=_each(
+                results, f"{GBM.name}_FL_hip_partial_dependence", "dependence", first="walk"
+            ),
+            wide=True,
+        ),
+        Item(
+            "Figure 8, top",
+            "Functions of one observation, explainable boosting, FL hip",
+            "Bands of two standard deviations between bags, where there is more than one.",
+            figures=_each(results, f"{EBM.name}_FL_hip_shapes", "shapes", first="trot"),
+            wide=True,
+        ),
+        Item(
+            "Figure 8, bottom",
+            "A function of two observations, explainable boosting, FL hip",
+            figures=_each(results, f"{EBM.name}_FL_hip_pair_1", "pair", first="trot"),
+        ),
+        Item(
+            "Figure 9",
+            "Local explanation, explainable boosting, FL hip",
+            figures=_each(results, f"{EBM.name}_local", "local explanation", first="pace"),
+        ),
+        Item(
+            "Figure 10",
+            "Global importances of the terms, explainable boosting, FL hip",
+            figures=_each(results, f"{EBM.name}_FL_hip_terms", "importances of terms"),
+        ),
+        Item(
+            "Figure 11",
+            "Observation importances of the GBM, by two methods",
+            figures=[
+                *_each(results, f"{GBM.name}_impurity", "impurity importance"),
+                *_each(results, f"{GBM.name}_permutation", "permutation importance"),
+            ],
+            wide=True,
+        ),
+        *(
+            _sequences(results, f"Ours {number}", kind)
+            for number, kind in enumerate(
+                (kind for kind in _students(results) if kind not in paper_students()), start=1
+            )
+        ),
+    ]
+
+
+def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Item:
+    return Item(
+        number,
+        f"Gait sequences, {student_title(kind)}",
+        "Feet in contact (dark) over the reward machine's states, the student alone.",
+        figures=_each(results, f"{kind}_sequence", "gait sequence"),
+        wide=True,
+    )
+
+
+def _students(results: Sequence[GaitResults]) -> list[str]:
+    """Lists the students of the results, each once."""
+    return list(dict.fromkeys(student for own in results for student in own.r2["student"]))
+
+
+def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
+    """Sets the students' R² beside the paper's, a row a student and split, a column a gait."""
+    rows = []
+    for kind in _students(results):
+        mine = {own.gait: own.r2.set_index("student").loc[kind] for own in results}
+        title = student_title(kind)
+        rows += [
+            {"student": title, "split": split}
+            | {gait: round(row[column], 4) for gait, row in mine.items()}
+            for split, column in (("shuffled", "r2_shuffled_split"), ("by episode", "r2"))
+        ]
+        theirs = STUDENTS[kind].paper_r2
+        paper = {gait: theirs.get(gait, float("nan")) for gait in mine}
+        if theirs:
+            rows.append({"student": title, "split": "paper"} | paper)
+    return pd.DataFrame(rows)
+
+
+def _tops(results: Sequence[GaitResults], method: str) -> pd.DataFrame:
+    tables = [own.tops[own.tops["method"] == method] for own in results]
+    return pd.concat(tables, ignore_index=True).drop(columns=["student", "method"])
+
+
+def _each(
+    results: Sequence[GaitResults], stem: str, what: str, first: str = ""
+) -> list[tuple[str, Path]]:
+    """Lists a figure of every gait; that of the paper's gait comes first."""
+    ordered = sorted(results, key=lambda own: own.gait != first) if first else results
+    return [(f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png") for own in ordered]

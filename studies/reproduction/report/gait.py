@@ -1,0 +1,120 @@
+"""What the report needs of one gait: students, scores, importances and figures, in its folder."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import Rollout, make_simulator, record
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import say
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.gait_figure import gait_figure
+from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.library import load_students
+from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.study import distill
+from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.evaluation.results import write_alternation
+from glassgait.studies.importance.additive_figures import contribution_figure
+from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.reproduction.report.config import ReportConfig
+
+JOINT = 0
+"""The joint of the paper's single-joint figures, FL hip."""
+
+SEQUENCE_SECONDS = 4.0
+EXPLAINED_STEP = 100
+SPEED = 0.5
+"""Commanded forward speed of the gait sequences (m/s), as the distillation's speeds."""
+
+
+@dataclass(frozen=True)
+class GaitResults:
+    """What was found about one gait.
+
+    Attributes:
+        gait: Its name.
+        folder: Where its figures lie.
+        r2: R² of each student, as `distill` returns them.
+        standalone: Scores alone, formatted.
+        tops: The most important observations beside the paper's.
+    """
+
+    gait: str
+    folder: Path
+    r2: pd.DataFrame
+    standalone: pd.DataFrame
+    tops: pd.DataFrame
+
+
+def study_gait(
+    name: str, config: ReportConfig, folder: Path, *, resume: bool, expert_file: Path | None = None
+) -> GaitResults:
+    """Distils, evaluates and explains one gait.
+
+    Args:
+        name: Name of the gait.
+        config: How thoroughly.
+        folder: Where everything of this gait goes.
+        resume: Whether to keep what is done already.
+        expert_file: Policy file of the expert; the shipped one by default.
+    """
+    gait = load_gait(name)
+    expert = load_expert(gait, expert_file)
+    title = name.capitalize()
+    distillation = replace(config.distillation, gait=name)
+    source = folder / "distillation"
+    r2 = distill(distillation, gait, expert, source, say, resume=resume)
+    write_r2_table(r2, name, source)
+    students = load_students(source, expert)
+
+    say(f"{title}: rolling out every student at every alternation ratio")
+    jobs = alternation_jobs(gait, expert, students, config.rollouts, config.periods)
+    scores = run_jobs(jobs, folder / "rollouts")
+    standalone = write_alternation(scores, title, folder)
+
+    seed = config.rollouts.seed
+    # Formulas are read; what the paper explains by figures are its ensembles.
+    explained = {kind: students[kind] for kind in (GBM.name, EBM.name)}
+    samples = {kind: held_out_samples(source, kind, config.n_samples, seed) for kind in explained}
+    _, tops = measure_importances(
+        name, explained, samples, folder, seed=seed, repeats=config.repeats
+    )
+    for kind, student in explained.items():
+        draw_student(name, kind, student, JOINT, samples[kind].observations, folder, seed)
+    _draw_sequences(gait, expert, students, folder)
+    return GaitResults(name, folder, r2, standalone, tops[tops["student"] == GBM.name])
+
+
+def _draw_sequences(
+    gait: Gait, expert: NeuralPolicy, students: Mapping[str, Policy], folder: Path
+) -> None:
+    for kind, student in students.items():
+        rollout = _roll_out_alone(gait, expert, student)
+        title = f"{gait.name.capitalize()}, {student_title(kind)}"
+        save_figure(gait_figure(rollout, gait, f"{title} alone"), folder / f"{kind}_sequence")
+        if kind == EBM.name:
+            step = min(EXPLAINED_STEP, len(rollout.time) - 1)
+            parts = student.explain(rollout["observations"][step], JOINT)
+            local = contribution_figure(parts, f"{title}, FL hip, step {step}")
+            save_figure(local, folder / f"{kind}_local")
+
+
+def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
+    command = FixedCommand(speed=min(SPEED, gait.max_speed))
+    policy = AlternatingPolicy(expert, student, period=0)
+    diagram = MakeLocomotion(gait, Scenario(command=command), policy=policy)
+    return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))

@@ -1,0 +1,174 @@
+"""`glassgait certify`: proves what a policy can never do."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from glassgait.diagrams.scenario import load_scenarios
+from glassgait.models.certificates.certificate import certificate, certificate_text
+from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
+from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
+from glassgait.models.errors import InputError
+from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import console, progress_bar
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.sweep import WorkersConfig
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.distillation.students.certificates import (
+    CERTIFICATE_NAME,
+    CERTIFICATION_FOLDER,
+)
+from glassgait.studies.distillation.students.library import (
+    default_student,
+    find_student,
+    load_shipped_students,
+    student_file,
+)
+from glassgait.studies.verification.measurement import measure_box
+from glassgait.studies.verification.tables import bounds_table, claims_table
+
+BOX_NAME = "box.yaml"
+
+
+@dataclass(frozen=True)
+class Certify(Settings):
+    """Prove what a policy can never do, or find the observation where it does.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a policy file; of the shipped formulas the shortest by
+            default.
+        claims: YAML file of claims of your own, besides those that ship.
+        box: File of the operating box; the gait's shipped one by default.
+        measure: Measure the operating box anew, in all scenarios, before anything is proved.
+        rollouts: How robots are rolled out to measure it.
+        workers: Where they are.
+        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Prove again what the folder holds.
+        output: Folder of the results; runs/certification/<gait>/<policy> by default.
+    """
+
+    title: ClassVar[str] = "certify"
+
+    gait: str = "trot"
+    policy: str | None = None
+    claims: Path | None = None
+    box: Path | None = None
+    measure: bool = False
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
+    )
+    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    distillation: Path | None = None
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Measures where it is asked for, proves, and writes the certificate."""
+        if self.box and self.measure:
+            raise InputError("--box: is not read where the box is measured; leave out one of both")
+        if self.policy == "expert":
+            raise InputError("--policy expert: nothing is proved of a network; name a student")
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        name = self.policy or default_student(gait.name, self.distillation)
+        path = student_file(name, gait.name, self.distillation)
+        policy = find_student(name, expert, self.distillation)
+        claims = self._claims(gait)
+        folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
+        inputs = {
+            "gait": gait.digest(),
+            "policy": digest(path),
+            "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
+        }
+        run = {"study": "certify", "settings": self, "resume": self.resume}
+        with open_run(folder, **run, inputs=inputs):
+            box = self._box(gait, expert, folder)
+            started = time.perf_counter()
+            prover = Prover(policy, gait, box)
+            verdicts = _proved(prover, claims)
+            seconds = time.perf_counter() - started
+            _write(prover, verdicts, path, folder, seconds)
+        console.print(f"written to {folder}")
+
+    def _claims(self, gait: Gait) -> tuple[Claim, ...]:
+        shipped = load_claims(DEFAULT_CLAIMS)
+        own = load_claims(self.claims) if self.claims else ()
+        taken = {claim.name for claim in shipped}
+        for claim in own:
+            if claim.name in taken:
+                raise InputError(
+                    f"{self.claims}: {claim.refused_as()}: a claim that ships is called so; rename "
+                    "it"
+                )
+            try:
+                claim.refuse_unknown(gait)
+            except InputError as error:
+                raise InputError(f"{self.claims}: {error}") from error
+        return *shipped, *own
+
+    def _box(self, gait: Gait, expert: NeuralPolicy, folder: Path) -> ObservationBox:
+        measured = folder / BOX_NAME
+        if self.box:
+            return load_box(self.box, gait)
+        if not self.measure:
+            return operating_box(gait)
+        if not (self.resume and measured.exists()):
+            found = measure_box(
+                gait,
+                expert,
+                load_shipped_students(expert),
+                load_scenarios(("all",)),
+                self.rollouts,
+                processes=self.workers.processes,
+            )
+            found.box.save(measured, gait, found.measured)
+        return load_box(measured, gait)
+
+
+def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
+    """Bounds every target over both boxes, and decides every claim."""
+    states, joints = range(prover.gait.n_states), range(quadruped.N_JOINTS)
+    ranges = [(s, j, box) for box in prover.boxes for s in states for j in joints]
+    verdicts = []
+    with progress_bar(len(ranges) + len(claims)) as (progress, bar):
+        for state, joint, box in ranges:
+            prover.range_of(state, joint, box)
+            progress.update(bar, advance=1, text=f"targets in the {box} box")
+        for claim in claims:
+            verdict = prover.decide(claim)
+            verdicts += [verdict] if verdict else []
+            progress.update(bar, advance=1, text=claim.name)
+    return verdicts
+
+
+def _write(
+    prover: Prover, verdicts: Sequence[Verdict], path: Path, folder: Path, seconds: float
+) -> None:
+    claims, bounds = claims_table(verdicts), bounds_table(prover)
+    write_table(claims, folder / "claims")
+    write_table(bounds, folder / "bounds")
+    counts = {outcome: int((claims["outcome"] == outcome).sum()) for outcome in OUTCOMES}
+    worst = float(bounds["gap (% of range)"].max())
+    write_metrics(
+        {**counts, "worst_gap_percent": worst, "seconds": seconds}, folder / "metrics.json"
+    )
+    written = certificate(prover, verdicts, path)
+    write_atomically(folder / CERTIFICATE_NAME, certificate_text(written))
+    print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
+    told = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    console.print(f"{told}; bounds of targets within {worst:.2g} % of the joint's range")

@@ -1,0 +1,111 @@
+"""Measuring the operating box: what robots sense in all worlds while they do not fall."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import delayed
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.arrays import Array
+from glassgait.models.certificates.observation_box import (
+    ObservationBox,
+    commanded,
+    rounded_outward,
+)
+from glassgait.models.errors import InputError
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import progress_bar
+from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.jobs import RolloutJob
+from glassgait.studies.common.rollouts.roll_out import make_batch
+from glassgait.studies.common.rollouts.worlds import world_jobs
+
+MARGIN = 0.1
+"""Share of its width that a measured range is widened by, on both sides."""
+
+
+@dataclass(frozen=True)
+class MeasuredBox:
+    """A box, and what it was measured with.
+
+    Attributes:
+        box: The operating box.
+        measured: How, in words.
+    """
+
+    box: ObservationBox
+    measured: str
+
+
+def measure_box(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Policy],
+    scenarios: Mapping[str, Scenario],
+    config: RolloutConfig,
+    *,
+    processes: int | None = None,
+) -> MeasuredBox:
+    """Rolls out the expert and the students alone in every world, and bounds what robots sense.
+
+    A robot that falls counts no more: what it senses while it falls is no operation. Worlds of
+    continuous plants, whose diagrams take minutes a robot, are left out.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its estimator observes for all.
+        students: The students by kind.
+        scenarios: The worlds by name.
+        config: How robots are rolled out, in each world with each policy.
+        processes: Rollouts at once; by default as many as there are cores.
+
+    Raises:
+        InputError: if no robot stayed up.
+    """
+    stepped = {name: world for name, world in scenarios.items() if world.accuracy is None}
+    jobs = world_jobs(gait, expert, students, stepped, config)
+    found = [corners for corners in _corners(jobs, processes) if corners is not None]
+    if not found:
+        raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
+    lower, upper = (np.array(corners) for corners in zip(*found, strict=True))
+    box = ObservationBox(expert.observation_names, lower.min(axis=0), upper.max(axis=0))
+    measured = (
+        f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
+        f"steps without a fall, in each of {len(stepped)} scenarios, led by the expert and each of "
+        f"{', '.join(students)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
+        "width on both sides; commands, counts and machine state at their true ranges"
+    )
+    return MeasuredBox(rounded_outward(commanded(box.widened(MARGIN), gait)), measured)
+
+
+def _corners(
+    jobs: Sequence[RolloutJob], processes: int | None
+) -> Iterator[tuple[Array, Array] | None]:
+    work = (delayed(_sensed)(job) for job in jobs)
+    with progress_bar(len(jobs)) as (progress, bar):
+        for corners in run_parallel(work, processes or len(jobs), in_order=False):
+            progress.update(bar, advance=1)
+            yield corners
+
+
+def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
+    """Returns the least and greatest observations (n, n) of the robots that stay up."""
+    scenario = job.config.commanding(job.scenario)
+    n_robots = min(job.config.n_robots, scenario.max_robots or job.config.n_robots)
+    simulator = make_batch(job.gait, job.policy, scenario, n_robots=n_robots, seed=job.config.seed)
+    observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
+    guard = job.policy.begin(simulator.n_robots)
+    for step in range(job.config.n_steps):
+        observations.append(simulator.observe())
+        turn = job.policy.advance(step, observations[-1], guard)
+        guard = turn.guard
+        action = np.where(failed[:, None], 0.0, turn.action)
+        failed |= simulator.step(action).failures.any(axis=-1)
+    if failed.all():
+        return None
+    kept = np.array(observations)[:, ~failed]
+    return kept.min(axis=(0, 1)), kept.max(axis=(0, 1))

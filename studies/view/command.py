@@ -1,0 +1,208 @@
+"""`glassgait rollout`: watches one robot."""
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import yaml
+from annotated_types import Ge
+
+from glassgait.diagrams.commands import FixedCommand, SliderCommand
+from glassgait.diagrams.rollout import Rollout
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scenario_name
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots import kinematics
+from glassgait.models.settings import DISTINCT, FEW, Seed, Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.common.console import console
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.rollouts.gait_figure import gait_figure, session_figure
+from glassgait.studies.common.rollouts.play import Seconds, play
+from glassgait.studies.common.run_folder import refuse_run
+from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.common.sweep import refuse_files_of_several
+from glassgait.studies.distillation.students.library import find_student, find_walker
+from glassgait.studies.view.live import play_live
+from glassgait.studies.view.stills import gait_strip
+
+SECONDS = 10.0
+"""Length of a rollout that nobody watches (s), unless a person names another."""
+
+
+@dataclass(frozen=True)
+class OwnCommand(Settings):
+    """A command in place of the scenario's.
+
+    Attributes:
+        speed: Forward speed (m/s).
+        yaw_rate: Yaw rate (rad/s).
+        dwell: Iterations to stay in a state of the reward machine (control steps).
+    """
+
+    title: ClassVar[str] = "command"
+
+    speed: float | None = None
+    yaw_rate: float | None = None
+    dwell: Annotated[int, Ge(1)] | None = None
+
+    def over(self, scenario: Scenario) -> Scenario:
+        """Returns a scenario with this command."""
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        if scenario.names_a_command and not given:
+            return scenario
+        own = scenario.command
+        fixed = own if isinstance(own, FixedCommand) else FixedCommand()
+        return replace(scenario, command=replace(fixed, **given))
+
+
+@dataclass(frozen=True)
+class ShowRollout(Settings):
+    """Watch one robot, live in Meshcat with sliders or as fast as it goes.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: `expert`, a kind of student, or the path of a policy file.
+        ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
+            default the policy acts alone.
+        stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
+        live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
+            or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
+        change_to: Further gaits, each with a button that changes to it while the robot walks; with
+            --live, and with the expert or a kind of students that every gait has.
+        scenario: Name of a scenario that ships, or path of a scenario file.
+        command: The command, in place of the scenario's, where there are no sliders; what is left
+            out is the scenario's. A scenario that names no command asks for 0.5 m/s.
+        seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
+            Not with --live.
+        seed: Seed of the sensors' noise, of pushes and of drawn commands.
+        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
+            lacks the student, the shipped one.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        output: Folder of the replay; runs/rollout/<gait> by default.
+    """
+
+    title: ClassVar[str] = "rollout"
+
+    gait: str = "trot"
+    policy: str = "expert"
+    ratio: str | None = None
+    stills: bool = False
+    live: bool = False
+    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
+    scenario: str = TRAINING
+    command: OwnCommand = field(default_factory=OwnCommand)
+    seconds: Seconds | None = None
+    seed: Seed = 0
+    distillation: Path | None = None
+    expert: Path | None = None
+    output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.live and self.seconds is not None:
+            raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
+        if self.change_to and not self.live:
+            raise InputError("rollout: gaits change by buttons; give --live with --change-to")
+        if self.change_to and self.ratio is not None:
+            raise InputError("rollout: of several gaits each policy acts alone; leave --ratio out")
+
+    def run(self) -> None:
+        """Plays, and writes replay, gait diagram and, beside them, these settings."""
+        gait, policy = self._several() if self.change_to else self._one()
+        self._play(gait, policy)
+
+    def _several(self) -> tuple[GaitSwitch, AlternatingPolicy]:
+        """Loads the gaits that change, and who walks in each."""
+        names = (self.gait, *self.change_to)
+        own = Path(self.policy) if Path(self.policy).suffix else None
+        refuse_files_of_several(names, self.expert, self.distillation, own)
+        switch = GaitSwitch([load_gait(name) for name in names])
+        walkers = [find_walker(self.policy, find_expert(gait)) for gait in switch.gaits]
+        return switch, AlternatingPolicy(SwitchedPolicy(switch, walkers))
+
+    def _one(self) -> tuple[Gait, AlternatingPolicy]:
+        """Loads the only gait, and who walks."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        student: Policy | None = None
+        if self.policy != "expert":
+            student = find_student(self.policy, expert, self.distillation)
+        period = parse_ratio(
+            ("1" if student is None else "0") if self.ratio is None else self.ratio
+        )
+        if student is None and self.ratio is not None:
+            raise InputError("--ratio shares steps with a student; name one with --policy")
+        return gait, AlternatingPolicy(expert, student, period)
+
+    def _play(self, gait: Gait | GaitSwitch, policy: AlternatingPolicy) -> None:
+        shown = gait.gait if isinstance(gait, GaitSwitch) else gait
+        scenario = load_scenario(self.scenario)
+        if self.live:
+            scenario = replace(scenario, command=SliderCommand())
+        else:
+            scenario = self.command.over(scenario)
+        # As the paper writes it, so that 0.25 and 1/4 are one.
+        ratio = None if self.ratio is None else ratio_title(policy.period)
+        name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
+        world = scenario_name(self.scenario)
+        if world != TRAINING:
+            name += f"_{world}"
+        if self.change_to:
+            name += "_changing"
+        stem = (self.output or Path("runs/rollout") / load_gait(self.gait).name) / name
+        refuse_run(stem.parent)
+        replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
+        if self.live:
+            rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
+            told = f"stopped after {rollout.time[-1]:.2f} s"
+        else:
+            seconds = SECONDS if self.seconds is None else self.seconds
+            rollout = play(
+                shown, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed
+            )
+            end = "fell" if rollout.failed else "stayed up"
+            reward = rollout["reward"][1:].sum()
+            told = f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
+        record = yaml.safe_dump(
+            {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
+        )
+        write_atomically(stem.with_name(f"{name}.yaml"), record)
+        title = f"{shown.description if self.change_to else shown.name}, {self.policy}"
+        title += f", ratio {ratio}" if ratio else ""
+        figure = (
+            session_figure(rollout, gait, title)
+            if isinstance(gait, GaitSwitch)
+            else gait_figure(rollout, shown, title)
+        )
+        save_figure(figure, stem)
+        if self.stills:
+            save_figure(gait_strip(rollout, shown), stem.with_name(f"{name}_stills"))
+        console.print(told)
+        console.print(_summary(rollout, scenario))
+        stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
+        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
+
+
+def _summary(rollout: Rollout, scenario: Scenario) -> str:
+    """Says how far the robot came, and what it observed that no sensor measures."""
+    speed = kinematics.base_velocity(rollout["state"])[0][:, 0].mean()
+    commanded = rollout["command"][:, 0].mean()
+    n_steps = len(rollout.time) - 1
+    rhythm = rollout["served_dwell"][1:].sum() / max(n_steps, 1)
+    observed = "estimated velocity and foot heights"
+    if scenario.true_body_state:
+        observed = "true velocity and foot heights, which no sensor measures"
+    return (
+        f"mean speed {speed:.2f} m/s ({commanded:.2f} commanded), "
+        f"{speed * n_steps * CONTROL_PERIOD:.2f} m forward, rhythm {rhythm:.2f} of the commanded; "
+        f"observed: {observed}"
+    )

@@ -1,0 +1,78 @@
+"""The paper's gait figure: stills over one cycle of the machine, above the feet's contacts."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from glassgait.diagrams.camera import Camera
+from glassgait.diagrams.rollout import Rollout
+from glassgait.models.errors import InputError
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import state_colors
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled
+from glassgait.studies.common.rollouts.gait_figure import draw_gait
+
+
+def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
+    """Finds the last whole cycle of the machine: the steps [start, stop) from one entry of its
+    initial state to the next.
+
+    Raises:
+        InputError: if the rollout holds no whole cycle.
+    """
+    initial = rollout["rm_state"][:, gait.states.index(gait.initial)] > 0.5
+    entries = np.flatnonzero(initial[1:] & ~initial[:-1]) + 1
+    if len(entries) < 2:
+        raise InputError("the rollout holds no whole cycle of the gait; roll out for longer")
+    return int(entries[-2]), int(entries[-1])
+
+
+@styled
+def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
+    """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
+    moment in the gait diagram.
+
+    Args:
+        rollout: A rollout with at least one whole cycle.
+        gait: Its gait.
+        n_stills: Number of stills.
+
+    Raises:
+        InputError: if the rollout holds no whole cycle.
+    """
+    start, stop = last_cycle(rollout, gait)
+    middles = (np.arange(n_stills) + 0.5) / n_stills
+    steps = start + np.floor(middles * (stop - start)).astype(int)
+    camera = Camera(480, 320)
+    figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
+    grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
+    colors = state_colors(gait)
+    for column, step in enumerate(steps):
+        _place_still(
+            figure.add_subplot(grid[0, column]),
+            _cropped(camera.take(rollout["state"][step])),
+            colors[rollout["rm_state"][step].argmax()],
+            1000.0 * (rollout.time[step] - rollout.time[start]),
+        )
+    axes = figure.add_subplot(grid[1, :])
+    draw_gait(axes, rollout, gait)
+    axes.set_xlim(rollout.time[start], rollout.time[stop])
+    for step in steps:
+        axes.axvline(float(rollout.time[step]), color="0.3", linewidth=0.5, linestyle=":")
+    return figure
+
+
+def _cropped(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Cuts the picture to the robot's surroundings."""
+    height, width, _ = picture.shape
+    return picture[height // 10 : height - height // 10, width // 6 : width - width // 6]
+
+
+def _place_still(axes, picture: NDArray[np.uint8], color: str, milliseconds: float) -> None:
+    axes.imshow(picture)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.set_title(f"{milliseconds:.0f} ms", fontsize=6, pad=2)
+    for side in axes.spines.values():
+        side.set(visible=True, color=color, linewidth=1.5)
