@@ -14,8 +14,7 @@ from glassgait.models.link.loss import BoolArray, Loss
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Phase, Watchdog
 from glassgait.models.policies.assured import ActingPolicy
-from glassgait.models.robots import kinematics
-from glassgait.models.robots import robot as a1
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 
@@ -198,7 +197,7 @@ class Walkers:
             outcome.phases.append(robot.phase)
             outcome.fell = robot.fallen
             if robot.phase not in FOLLOWED:
-                lean = kinematics.lean(robot.output("state")[a1.QUATERNION])
+                lean = kinematics.lean(robot.output("state")[quadruped.QUATERNION])
                 outcome.overturned |= bool(lean > OVERTURNED)
             if outcome.fell:
                 break
