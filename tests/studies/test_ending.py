@@ -174,7 +174,8 @@ def test_a_working_folder_that_is_gone_is_told(tmp_path):
 # A command that is at work as soon as it has started, and that may be slow to unwind.
 AT_WORK = """
 import os, sys, time
-from glassgait.studies import cli, ending
+from glassgait.studies import cli
+from glassgait.studies.common import exit_codes as ending
 
 class Work:
     def run(self):
