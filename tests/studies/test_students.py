@@ -84,9 +84,7 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*; give --expert"
-    ):
+    with pytest.raises(InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*--source"):
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
