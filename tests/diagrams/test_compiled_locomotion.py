@@ -17,7 +17,9 @@ N_STEPS = 60
 
 def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
     scenario = Scenario(sensor_noise=0.0)
-    policy = AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+    policy = AlternatingPolicy(
+        load_expert("trot"), load_student("trot", "sparse_formula"), period=0
+    )
     diagrams = [
         MakeLocomotion(trot, scenario, policy=policy),
         MakeCompiledLocomotion(trot, scenario, compiled_page),

@@ -30,7 +30,7 @@ N_STEPS = 120
 
 @pytest.fixture(scope="module")
 def page() -> AlternatingPolicy:
-    return AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+    return AlternatingPolicy(load_expert("trot"), load_student("trot", "sparse_formula"), period=0)
 
 
 class Ends:

@@ -22,7 +22,7 @@ def switch():
 @pytest.fixture(scope="module")
 def walkers():
     """The walk's page of formulas, and the trot's expert."""
-    page = AlternatingPolicy(load_expert("walk"), load_student("walk", "page"), period=0)
+    page = AlternatingPolicy(load_expert("walk"), load_student("walk", "sparse_formula"), period=0)
     return [page, AlternatingPolicy(load_expert("trot"))]
 
 
