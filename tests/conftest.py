@@ -131,8 +131,8 @@ def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]
 def written_page() -> ControllerSource:
     """The C of the trot's page of formulas."""
     gait, expert = load_gait("trot"), load_expert("trot")
-    policy = load_student("trot", "page")
-    names = {"name": "trot_page", "policy_name": "page", "version": "0"}
+    policy = load_student("trot", "sparse_formula")
+    names = {"name": "trot_sparse_formula", "policy_name": "sparse_formula", "version": "0"}
     return write_controller(gait, policy, expert, **names)
 
 
@@ -150,14 +150,16 @@ def compiled_page(
 def switched_pages() -> SwitchedPolicy:
     """The pages of formulas of three gaits as one policy."""
     switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
-    walkers = [alone(load_student(gait.name, "page"), load_expert(gait)) for gait in switch.gaits]
+    walkers = [
+        alone(load_student(gait.name, "sparse_formula"), load_expert(gait)) for gait in switch.gaits
+    ]
     return SwitchedPolicy(switch, walkers)
 
 
 @pytest.fixture(scope="session")
 def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
     """Their C, in one file."""
-    names = {"name": "pages", "policy_name": "page", "version": "0"}
+    names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
     return write_switching_controller(switched_pages, **names)
 
 

@@ -76,7 +76,7 @@ class AblatedController:
 
     @property
     def _whole(self) -> AlternatingController:
-        return AlternatingController(self.expert, self.student, period=0)
+        return alone(self.student, self.expert)
 
     def begin(self, n_robots: int) -> Array | None:
         """Returns the observations of the step before: none."""

@@ -17,7 +17,7 @@ N_STEPS = 60
 
 def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
     scenario = Scenario(sensor_noise=0.0)
-    policy = alone(load_student("trot", "page"), load_expert("trot"))
+    policy = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
     diagrams = [
         MakeLocomotion(trot, scenario, policy=policy),
         MakeCompiledLocomotion(trot, scenario, compiled_page),

@@ -68,8 +68,8 @@ def recorded(diagram, state, requested):
     [
         ("walk", "trot", None, 0.0),
         ("trot", "bound", None, 0.02),
-        ("bound", "pace", "page", 0.0),
-        ("pace", "walk", "page", 0.0),
+        ("bound", "pace", "sparse_formula", 0.0),
+        ("pace", "walk", "sparse_formula", 0.0),
     ],
 )
 def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student, latency):

@@ -30,7 +30,7 @@ N_STEPS = 120
 
 @pytest.fixture(scope="module")
 def page() -> AlternatingController:
-    return alone(load_student("trot", "page"), load_expert("trot"))
+    return alone(load_student("trot", "sparse_formula"), load_expert("trot"))
 
 
 class Ends:

@@ -167,7 +167,7 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     trot, make_policy, limit_targets, limited
 ):
     # It kicks: every joint is at an end of its range again and again.
-    page = load_student("trot", "page")
+    page = load_student("trot", "sparse_formula")
     wild = LinearPolicy(
         "trot", page.observation_names, 4.0 * make_policy(trot).weights, np.ones(12)
     )
@@ -223,7 +223,7 @@ def test_they_agree_where_a_planner_commands(trot):
 
 
 def test_they_agree_while_expert_and_student_act_under_assurance(trot):
-    expert, student = load_expert("trot"), load_student("trot", "page")
+    expert, student = load_expert("trot"), load_student("trot", "sparse_formula")
     names = expert.observation_names
     upper = np.full((2, len(names)), 100.0)
     # So narrow that the robot, which sways, leaves it and comes back again and again.
@@ -349,7 +349,7 @@ def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
 
 
 def test_a_policy_without_an_estimator_observes_the_true_body_state_only_if_asked(trot):
-    page = load_policy(STUDENT_DIRECTORY / "trot" / "page.formulas")
+    page = load_policy(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     with pytest.raises(InputError, match=r"policy of the trot has no estimator.*load_student"):
         MakeLocomotion(trot, CALM, policy=page)
     rollout = record(make_simulator(MakeLocomotion(trot, TRUE, policy=page)), 0)
@@ -357,7 +357,7 @@ def test_a_policy_without_an_estimator_observes_the_true_body_state_only_if_aske
 
 
 def test_a_shipped_student_alone_observes_by_its_experts_estimator(trot):
-    page = load_student("trot", "page")
+    page = load_student("trot", "sparse_formula")
     assert_agreement(trot, page, replace(CALM, command=COMMAND))
     beside = alone(page, load_expert("trot"))
     single, both = (

@@ -77,13 +77,13 @@ def test_targets_are_limited_by_the_expert_or_by_a_student_that_acts_alone(
 
 
 def test_shipped_pages_that_lose_nothing_by_it_are_limited():
-    limits = {gait: load_student(gait, "page").limits_targets for gait in PAGES}
+    limits = {gait: load_student(gait, "sparse_formula").limits_targets for gait in PAGES}
     assert limits == {"trot": True, "pace": True, "bound": True, "walk": False}
     assert not any(load_expert(gait).limits_targets for gait in PAGES)
 
 
 def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, make_policy):
-    expert, page = load_expert("trot"), load_student("trot", "page")
+    expert, page = load_expert("trot"), load_student("trot", "sparse_formula")
     for policy in (expert, page, alone(expert), alone(page)):
         assert estimator_in_loop(policy) is policy.estimator is not None
         assert estimator_in_loop(policy, true_body_state=True) is None
@@ -95,7 +95,7 @@ def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, m
 
 
 def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_expert):
-    page, other = load_student("trot", "page"), small_expert(trot)
+    page, other = load_student("trot", "sparse_formula"), small_expert(trot)
     assert alone(page, load_expert("trot")).student is page
     told = f"the expert {load_expert('trot').digest()}, not by that of {other.digest()}"
     with pytest.raises(InputError, match=told):
@@ -108,4 +108,4 @@ def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_e
 
 def test_a_policy_does_not_observe_by_an_expert_of_another_gait():
     with pytest.raises(InputError, match="the expert is of the trot and the policy of the bound"):
-        load_student("bound", "page").with_estimator_of(load_expert("trot"))
+        load_student("bound", "sparse_formula").with_estimator_of(load_expert("trot"))

@@ -214,7 +214,7 @@ def test_no_reader_takes_what_nobody_sees(sign, tmp_path):
             read_formulas(text)
         with pytest.raises(RefusedError):
             FormulaText.read(text)
-        path = tmp_path / "page.formulas"
+        path = tmp_path / "sparse_formula.formulas"
         path.write_bytes(text.encode())
         with pytest.raises(InputError):
             load_policy(path)

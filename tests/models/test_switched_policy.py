@@ -22,7 +22,7 @@ def switch():
 @pytest.fixture(scope="module")
 def walkers():
     """The walk's page of formulas, and the trot's expert."""
-    page = alone(load_student("walk", "page"), load_expert("walk"))
+    page = alone(load_student("walk", "sparse_formula"), load_expert("walk"))
     return [page, alone(load_expert("trot"))]
 
 
@@ -76,7 +76,10 @@ def test_an_action_goes_toward_the_policys_as_far_as_a_step_may(switch, walkers,
 
 
 def test_digests_differ_by_policy_estimator_and_order(switch, walkers):
-    trot, walk = alone(load_expert("trot")), alone(load_expert("walk"))
+    trot, walk = (
+        alone(load_expert("trot")),
+        alone(load_expert("walk")),
+    )
     digests = {
         SwitchedPolicy(switch, walkers).digest(),
         SwitchedPolicy(switch, [walk, trot]).digest(),

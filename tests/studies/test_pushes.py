@@ -102,7 +102,9 @@ def test_tables_hold_shares_and_their_intervals():
     row = table[(table["direction (°)"] == 0) & (table["speed (m/s)"] == 2)].iloc[0]
     assert (row["robots"], row["survived"], row["share"]) == (4, 2, 0.5)
     assert 0 < row["95 % from"] < 0.5 < row["95 % to"] < 1
-    (summed,) = summary_table({"page": basin([[4, 2], [4, 0], [3, 1]])}).to_dict("records")
+    (summed,) = summary_table({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict(
+        "records"
+    )
     assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°"
     assert summed["how the others ended"] == "low trunk 3"
 
@@ -114,7 +116,7 @@ def test_the_line_stands_where_half_survive_first():
 
 def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
     own = basin([[4, 2], [4, 0], [3, 1]])
-    figure = push_figure(dict.fromkeys(("expert", "gbm", "page"), own), "Trot")
+    figure = push_figure(dict.fromkeys(("expert", "gbm", "sparse_formula"), own), "Trot")
     *panels, bar = figure.axes
     assert [axes.get_title().splitlines()[0] for axes in panels] == [
         "Neural expert",
@@ -147,7 +149,15 @@ def run(tmp_path, monkeypatch):
         monkeypatch.setattr("glassgait.studies.evaluation.pushes.command.push_everywhere", quickly)
         folder = tmp_path / output
         small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
-        policies = ["--policy", "expert", "page", "--seconds", "1", "--output", str(folder)]
+        policies = [
+            "--policy",
+            "expert",
+            "sparse_formula",
+            "--seconds",
+            "1",
+            "--output",
+            str(folder),
+        ]
         main(["pushes", *small, *policies, *more])
         return folder, len(asked)
 

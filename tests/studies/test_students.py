@@ -84,9 +84,7 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*; give --expert"
-    ):
+    with pytest.raises(InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*--source"):
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
@@ -97,15 +95,17 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
 def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
     expert, other_expert, tmp_path
 ):
-    load_student("trot", "page").save(tmp_path / "page.formulas")
+    load_student("trot", "sparse_formula").save(tmp_path / "sparse_formula.formulas")
     # Nothing tells whose it is: a person names its expert.
-    assert find_student("page", other_expert, tmp_path).observes_by == other_expert.digest()
+    assert (
+        find_student("sparse_formula", other_expert, tmp_path).observes_by == other_expert.digest()
+    )
     write_record = (tmp_path / "config.yaml").write_text
     write_record(f"inputs: {{expert: {expert.digest()}}}")
-    assert find_student("page", expert, tmp_path).estimator is expert.estimator
+    assert find_student("sparse_formula", expert, tmp_path).estimator is expert.estimator
     for load in (
-        lambda: find_student("page", other_expert, tmp_path),
-        lambda: find_student(str(tmp_path / "page.formulas"), other_expert),
+        lambda: find_student("sparse_formula", other_expert, tmp_path),
+        lambda: find_student(str(tmp_path / "sparse_formula.formulas"), other_expert),
         lambda: load_students(tmp_path, other_expert),
     ):
         with pytest.raises(
@@ -166,7 +166,7 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
 
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    page = ["rollout", "--gait", "bound", "--policy", "page", "--seconds", "2"]
+    page = ["rollout", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
     main(page)
     main([*page, "--scenario", "true_body_state"])
     found = re.findall(

@@ -184,7 +184,8 @@ def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -
     if not isinstance(student, FormulaPolicy):
         raise InputError(
             f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
-            "student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
+            "student of the kind sparse_formula, symbolic or statewise_symbolic, or a .formulas "
+            "file"
         )
     return student
 
