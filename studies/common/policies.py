@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
@@ -137,18 +137,18 @@ class Policies:
             )
         return policy
 
-    def controller(self, name: str) -> AlternatingPolicy:
+    def controller(self, name: str) -> AlternatingController:
         """Loads a policy that acts alone, with the estimator that it observes by.
 
         A neural policy observes by its own estimator, and any other by its expert's.
         """
         policy = self.policy(name)
         if isinstance(policy, NeuralPolicy):
-            return AlternatingPolicy(policy)
+            return alone(policy)
         expert = self.expert if name in self.files else self._expert_of(self.file(name))
-        return AlternatingPolicy(expert, policy, period=0)
+        return alone(policy, expert)
 
-    def controllers(self, names: Iterable[str]) -> dict[str, AlternatingPolicy]:
+    def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
         """Loads policies that act alone, by the names that folders and tables call them.
 
         Args:
@@ -157,7 +157,7 @@ class Policies:
         Raises:
             InputError: if there is no such policy, it does not fit, or two are called the same.
         """
-        found: dict[str, AlternatingPolicy] = {}
+        found: dict[str, AlternatingController] = {}
         for name in self.named(names):
             stem = policy_stem(name)
             if stem in found:
@@ -172,7 +172,9 @@ class Policies:
         given = tuple(names)
         return (EXPERT, *self.files) if ALL in given else given
 
-    def inputs(self, controllers: Iterable[tuple[str, AlternatingPolicy]] = ()) -> dict[str, str]:
+    def inputs(
+        self, controllers: Iterable[tuple[str, AlternatingController]] = ()
+    ) -> dict[str, str]:
         """Returns digests of what a run takes from here, as its record holds them.
 
         Args:
