@@ -14,7 +14,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.switching_controller import write_switching_controller
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
@@ -151,8 +151,7 @@ def switched_pages() -> SwitchedPolicy:
     """The pages of formulas of three gaits as one policy."""
     switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
     walkers = [
-        AlternatingPolicy(load_expert(gait), load_student(gait.name, "sparse_formula"), period=0)
-        for gait in switch.gaits
+        alone(load_student(gait.name, "sparse_formula"), load_expert(gait)) for gait in switch.gaits
     ]
     return SwitchedPolicy(switch, walkers)
 

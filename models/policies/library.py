@@ -172,8 +172,8 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     if recorded is not None and recorded[1] != expert.digest():
         raise InputError(
             f"{path}: observes by the estimator of the expert {recorded[1]} (key 'inputs.expert' "
-            f"of {recorded[0]}), and this expert is {expert.digest()}; give --expert the one it "
-            "was distilled with, or distil a student from this one"
+            f"of {recorded[0]}), and this expert is {expert.digest()}; name the run "
+            "that it was distilled in with --source, or distil a student from this one"
         )
     return student.with_estimator_of(expert)
 

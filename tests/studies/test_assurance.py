@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import Pushes, Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.controller import AssuredController, alone
 from glassgait.models.policies.library import load_student
 from glassgait.models.task.assurance import Doubt, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
@@ -49,12 +48,12 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
 
 
 def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
-    alone = AlternatingPolicy(expert, load_student("trot", "sparse_formula"), period=0)
+    student = alone(load_student("trot", "sparse_formula"), expert)
     world = Scenario(pushes=Pushes(speed=4.0, interval=0.5))
-    visits = visit(trot, alone, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
+    visits = visit(trot, student, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
     fallen = len(visits.fallen)
     assert fallen > 1
-    averted = rescues(trot, AlternatingPolicy(expert), world, visits, seed=1)
+    averted = rescues(trot, alone(expert), world, visits, seed=1)
     assert averted["lead"].tolist() == list(LEADS)
     # Later pushes are left out: who is taken back to before the one that felled it stays up.
     assert averted["rescued"].iloc[0] < fallen
@@ -71,7 +70,7 @@ def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot, tmp_path
     calibration = Calibration(region, {0.05: Hysteresis(0.05, 0.02, 3)}, *[pd.DataFrame()] * 3)
     config = RolloutConfig(n_robots=2, n_steps=40, n_seeds=1)
     scores = roll_out_all(pair, calibration, {"training": Scenario()}, config, tmp_path, 1)
-    assured = AssuredPolicy(expert, student, region, calibration.hysteresis[0.05])
+    assured = AssuredController(expert, student, region, calibration.hysteresis[0.05])
     observation = visit(trot, assured, Scenario(), config).observation
     called = guarded(region.overrun(observation), calibration.hysteresis[0.05]).mean(axis=0)
     table = scores.set_index(["policy", "robot"])["expert_share"]

@@ -91,7 +91,7 @@ def test_a_neural_policy_observes_by_its_own_estimator(expert, other_expert, tmp
     assert b.walker.student is None
     (student,) = sides(expert, "gbm")
     assert student.walker.expert is expert
-    assert student.walker.acting_expert is None
+    assert "expert" not in student.walker.policies
 
 
 def constant(names, joint, value):

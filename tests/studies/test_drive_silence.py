@@ -9,7 +9,7 @@ import pytest
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.link.watchdog import Watchdog
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task.gait import load_gait
@@ -28,7 +28,7 @@ from glassgait.studies.deployment.drive.silence import (
 def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 60)
     gait = load_gait(name)
-    page = AlternatingPolicy(load_expert(gait), load_student(name, "sparse_formula"), period=0)
+    page = alone(load_student(name, "sparse_formula"), load_expert(gait))
     left = walk_until_silent(gait, page, Scenario(), n_moments=8, seed=0)
     assert left.walked.all()
     # They were caught in the middle of their strides: some on two feet, and moving.

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
@@ -31,7 +31,7 @@ COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
 
 @pytest.fixture(scope="module")
 def strides(expert):
-    return StrideMap(TROT, AlternatingPolicy(expert), COMMAND)
+    return StrideMap(TROT, alone(expert), COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_previous_action_is_remembered(strides, entered):
 
 
 def test_a_robot_that_stands_has_no_stride(other_expert):
-    still = StrideMap(TROT, AlternatingPolicy(other_expert), COMMAND)
+    still = StrideMap(TROT, alone(other_expert), COMMAND)
     assert np.isnan(still.first_points()).all()
     (record,) = analysis.analyse(still, n_strides=2, step_sizes=(1e-3, 1e-2), seed=0)
     assert record["period"] == -1 and not record["fixed"]
@@ -81,7 +81,7 @@ def test_a_robot_that_stands_has_no_stride(other_expert):
 
 def test_policies_of_steps_are_told_from_those_with_derivatives(expert, strides):
     def stepwise(kind):
-        walker = AlternatingPolicy(expert, load_student("trot", kind), period=0)
+        walker = alone(load_student("trot", kind), expert)
         return StrideMap(TROT, walker, COMMAND).is_stepwise
 
     assert stepwise("gbm") and stepwise("ebm")

@@ -10,7 +10,7 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
@@ -44,7 +44,7 @@ def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
     config = RolloutConfig(n_robots=6, n_steps=150, seed=7).at_distilled_speeds(load_gait(gait))
-    log = roll_out(load_gait(gait), AlternatingPolicy(expert, student, 0), Scenario(), config)
+    log = roll_out(load_gait(gait), alone(student, expert), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
 
@@ -84,9 +84,7 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*; give --expert"
-    ):
+    with pytest.raises(InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*--source"):
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
@@ -199,7 +197,7 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
 
 def test_students_are_scored_at_slower_speeds_than_experts():
     expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
-    policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
+    policies = [(gait, alone(expert)), (gait, alone(student, expert))]
     jobs = scorecard_jobs(policies, {"training": Scenario()}, RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]
 
