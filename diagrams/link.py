@@ -28,7 +28,7 @@ from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, un
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.systems.link_watchdog import LinkWatchdog
@@ -54,12 +54,12 @@ class ControllerEnd:
     """
 
     def __init__(
-        self, gait: Gait, policy: ActingPolicy, lcm: DrakeLcmInterface, channels: Channels
+        self, gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
     ) -> None:
         """
         Args:
             gait: The gait whose reward machine runs.
-            policy: Who acts.
+            policy: The controller.
             lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
             channels: Names of the channels.
 

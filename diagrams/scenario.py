@@ -15,7 +15,7 @@ from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedComma
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -136,7 +136,7 @@ class Scenario(Settings):
         if told:
             raise InputError(f"{self.refused_as()}: {told}")
 
-    def limits_targets(self, policy: ActingPolicy | Policy | None) -> bool:
+    def limits_targets(self, policy: Controller | Policy | None) -> bool:
         """Tells whether joints follow targets within their ranges alone where a policy acts."""
         if self.limit_targets is not None:
             return self.limit_targets

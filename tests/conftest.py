@@ -16,7 +16,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.switching_controller import write_switching_controller
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
@@ -143,8 +143,8 @@ def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]
 def written_page() -> ControllerSource:
     """The C of the trot's page of formulas."""
     gait, expert = load_gait("trot"), load_expert("trot")
-    policy = load_student("trot", "page")
-    names = {"name": "trot_page", "policy_name": "page", "version": "0"}
+    policy = load_student("trot", "sparse_formula")
+    names = {"name": "trot_sparse_formula", "policy_name": "sparse_formula", "version": "0"}
     return write_controller(gait, policy, expert, **names)
 
 
@@ -163,8 +163,7 @@ def switched_pages() -> SwitchedPolicy:
     """The pages of formulas of three gaits as one policy."""
     switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
     walkers = [
-        AlternatingPolicy(load_expert(gait), load_student(gait.name, "page"), period=0)
-        for gait in switch.gaits
+        alone(load_student(gait.name, "sparse_formula"), load_expert(gait)) for gait in switch.gaits
     ]
     return SwitchedPolicy(switch, walkers)
 
@@ -172,7 +171,7 @@ def switched_pages() -> SwitchedPolicy:
 @pytest.fixture(scope="session")
 def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
     """Their C, in one file."""
-    names = {"name": "pages", "policy_name": "page", "version": "0"}
+    names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
     return write_switching_controller(switched_pages, **names)
 
 
