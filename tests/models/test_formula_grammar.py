@@ -183,8 +183,8 @@ def test_mutated_files_are_seen_alike():
 
 
 @pytest.mark.slow
-def test_ten_thousand_mutated_files_are_seen_alike():
-    assert_all_seen_alike(1, 10_000)
+def test_thousands_of_mutated_files_are_seen_alike():
+    assert_all_seen_alike(1, 4_000)
 
 
 @pytest.mark.slow

@@ -53,6 +53,7 @@ def test_single_row_time_counts_calls():
     assert len(calls) == 320
 
 
+@pytest.mark.slow
 def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
     expert = load_expert("trot")
     samples = expert_samples(expert, n_steps=40)

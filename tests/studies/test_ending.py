@@ -287,7 +287,7 @@ def test_an_interrupt_while_importing_is_told(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moment", range(20))
+@pytest.mark.parametrize("moment", range(10))
 def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
     seconds = random.Random(moment).uniform(0.05, 5.0)
     endless = ["--n-seeds", "9", "--n-steps", "100000", "--scenario", "training"]

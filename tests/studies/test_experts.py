@@ -46,7 +46,9 @@ def test_experts_treat_left_and_right_alike(gait, generator):
     np.testing.assert_allclose(image, expert(observations), atol=1e-9)
 
 
-@pytest.mark.parametrize("scenario", ["training", "latency_20ms"])
+@pytest.mark.parametrize(
+    "scenario", ["training", pytest.param("latency_20ms", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("gait", shipped_experts())
 def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)

@@ -39,7 +39,10 @@ def test_the_trot_ships_with_formulas():
     assert {"symbolic", "statewise_symbolic"} <= set(shipped_students("trot")) <= set(STUDENTS)
 
 
-@pytest.mark.parametrize(("gait", "kind"), SHIPPED)
+@pytest.mark.parametrize(
+    ("gait", "kind"),
+    [pytest.param(*own, marks=() if own[0] == "trot" else pytest.mark.slow) for own in SHIPPED],
+)
 def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
