@@ -123,7 +123,7 @@ def test_controllers_of_several_gaits_are_timed_as_a_whole(monkeypatch):
     assert "estimator (µs)" not in row
 
 
-def test_of_several_repetitions_the_quietest_is_told():
+def test_of_several_repetitions_the_quietest_is_reported():
     drawn = iter([5.0, 2.0, 3.0, 4.0, 6.0])
     (times,), load = quietest(lambda: [Times(own := next(drawn), 10.0 * own)])
     assert times == Times(2.0, 20.0)

@@ -22,7 +22,7 @@ BUDGET = 10e6
 
 
 @pytest.mark.parametrize("gait", shipped_experts())
-def test_records_tell_how_the_expert_was_made(gait):
+def test_records_hold_how_the_expert_was_made(gait):
     record = read_yaml(EXPERT_DIRECTORY / f"{gait}.yaml")
     config = read_config(EXPERT_DIRECTORY / f"{gait}.yaml")
     curve = pd.read_csv(EXPERT_DIRECTORY / f"{gait}.csv")
