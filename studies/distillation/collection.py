@@ -20,6 +20,7 @@ from glassgait.studies.common.episode import (
     ControlStep,
     Episode,
     Event,
+    IntArray,
     Observer,
     World,
     episode,
@@ -142,7 +143,7 @@ class _Samples(Observer):
         self._observations.append(step.observation)
         self._labels.append(label)
 
-    def dataset(self, episodes: Array) -> Dataset:
+    def dataset(self, episodes: IntArray) -> Dataset:
         """Returns the samples, one episode after the other."""
         observations, labels = (
             np.swapaxes(rows, 0, 1).reshape(len(episodes) * len(rows), -1)

@@ -97,7 +97,8 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
     log = recorder.log
     rows = []
     for i in range(n):
-        own = _Log(*(values[: request[i] + AFTER_STEPS, i] for values in log))
+        parts: list[Any] = [values[: request[i] + AFTER_STEPS, i] for values in log]
+        own = _Log(*parts)
         rows.append(
             {
                 **job.labels,

@@ -10,7 +10,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.console import say
 from glassgait.studies.deployment.export.agreement import recorded_observations
@@ -25,6 +25,11 @@ N_ROBOTS, N_STEPS = 4, 250
 """Robots that the expert moves, and control steps: what they observe is acted on."""
 
 
+def observed(gait: Gait, expert: NeuralPolicy) -> Array:
+    """Records observations (m, n) of robots that the expert moves."""
+    return recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
+
+
 def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     """Times the shipped policies of a gait, one observation at a time.
 
@@ -37,7 +42,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
         policy in Python, and, if it is installed, by ONNX Runtime; the machine's load.
     """
     gait, expert = load_gait(gait_name), load_expert(gait_name)
-    observations = recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
+    observations = observed(gait, expert)
     own = observations[:, :-N_ESTIMATED]
     rows = []
     for kind, policy in shipped_policies(expert).items():
