@@ -180,7 +180,10 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
         (["--gait", "three_one"], "no student 'sparse_formula' of the three_one ships"),
         (["--worlds", "moon"], "moon"),
-        (["--bags"], "the sparse_formula of the trot has none that could disagree; name --student ebm"),
+        (
+            ["--bags"],
+            "the sparse_formula of the trot has none that could disagree; name --student ebm",
+        ),
     ],
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):
