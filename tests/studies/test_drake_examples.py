@@ -84,6 +84,15 @@ def test_the_planner_sends_the_robot_round_its_corners(printed):
     assert np.hypot(x - 2.5, y - 2.5) < 0.5
 
 
+def test_harder_pushes_fell_more_robots(printed):
+    rows = numbers(r"(\S+) m/s: (\d+) of 8 fall, (\S+) degrees", printed("push_robots"))
+    assert [row[0] for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    falls = [row[1] for row in rows]
+    assert falls == sorted(falls) and falls[0] == 0.0
+    # Pushes that all survive make them lean.
+    assert falls[1] == 0.0 and rows[1][2] > rows[0][2] > 0.0
+
+
 def test_transport_costs_what_legged_robots_cost(printed):
     out = printed("own_leaf_system")
     rows = numbers(r"\w+: (\S+) W, (\S+) m, cost of transport (\S+)", out)

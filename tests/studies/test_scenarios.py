@@ -24,8 +24,6 @@ from glassgait.studies.common.rollouts.jobs import RolloutJob
 from glassgait.studies.common.rollouts.play import pusher
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.rounds import Round
-from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.view.command import OwnCommand
 
@@ -171,9 +169,9 @@ def test_a_robot_that_is_watched_is_pushed(expert):
 def samples_in(scenario, expert):
     return collect(
         TROT,
-        expert,
-        untrained_student("trot", expert.observation_names),
-        plan=Round(number=1, period=1, episodes=range(1, 3), steps=20),
+        alone(expert),
+        episodes=range(1, 3),
+        n_steps=20,
         speeds=np.array([0.0, 0.5]),
         worlds=scenario,
         generator=np.random.default_rng(0),
