@@ -178,12 +178,13 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
-TAKES_EXPERT = ["distill", "distill --sweep terms", "importance", "view", "explain page"]
+TAKES_EXPERT = ["distill", "distill --sweep terms", "importance"]
 TAKES_EXPERT += [f"evaluate {name}" for name in ("policies", "worlds", "symmetry")]
-TAKES_EXPERT += ["explain interventions", "reproduce curricula"]
+TAKES_EXPERT += ["reproduce curricula"]
 SOURCES = [["train", "--like"], ["importance", "--distillation"]]
 SOURCES += [["evaluate", "symmetry", "--distillation"]]
-SOURCES += [["explain", "interventions", "--distillation"]]
+SOURCES += [["explain", "interventions", "--source"], ["view", "--source"]]
+SOURCES += [["explain", "page", "--source"]]
 
 
 @pytest.mark.parametrize("path", FILES)
