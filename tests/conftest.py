@@ -33,8 +33,8 @@ from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
 
 # How long an example takes says how busy the machine is, nothing else.
-settings.register_profile("no deadline", deadline=None)
-settings.load_profile("no deadline")
+settings.register_profile("fast", deadline=None, max_examples=50)
+settings.register_profile("thorough", deadline=None, max_examples=300)
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
@@ -42,6 +42,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
 """Files that take longest: side by side with others they come first, lest one be waited for."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("fast" if config.option.markexpr == "not slow" else "thorough")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
