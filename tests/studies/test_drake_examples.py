@@ -51,7 +51,7 @@ def test_the_speeds_are_drawn_where_asked(tmp_path):
     assert (tmp_path / "speed.png").stat().st_size > 1000
 
 
-def test_the_robot_of_ones_own_diagram_comes_forward_on_its_feet(printed):
+def test_the_robot_of_a_users_diagram_comes_forward_on_its_feet(printed):
     out = printed("policy_in_own_diagram")
     ((ahead, aside, height),) = numbers(r"(\S+) m ahead, (\S+) m aside, (\S+) m high", out)
     assert 1.5 < ahead < 3.0

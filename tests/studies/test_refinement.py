@@ -236,7 +236,7 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
         (["--gait", "walk", "--policy", str(__file__)], "unknown policy"),
     ],
 )
-def test_what_cannot_be_refined_is_told(arguments, told, refused, tmp_path):
+def test_what_cannot_be_refined_is_refused(arguments, told, refused, tmp_path):
     folder = tmp_path / "refined"
     assert told in refused(["refine", *arguments, "--output", str(folder)])
     assert not folder.exists()

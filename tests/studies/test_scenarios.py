@@ -85,7 +85,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         (["distill", "--scenario", "cenic_1e-5"], "time_step is 0.0; it must divide the control"),
     ],
 )
-def test_bad_scenarios_are_told_before_anything_is_written(
+def test_bad_scenarios_are_refused_before_anything_is_written(
     arguments, told, refused, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -138,7 +138,7 @@ def test_a_command_is_laid_over_the_scenarios():
     assert OwnCommand(dwell=7).over(drawn).command == FixedCommand(dwell=7)
 
 
-def test_a_rollout_tells_in_which_world_it_was(icy, tmp_path):
+def test_a_rollout_records_its_world(icy, tmp_path):
     shown = tmp_path / "shown"
     command = ["rollout", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])

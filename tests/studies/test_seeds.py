@@ -102,7 +102,7 @@ def test_what_selects_is_not_reported(expert, refused):
 
 
 def test_a_reported_seed_calibrates_nothing():
-    with pytest.raises(InputError, match="calibration_seed is or leads to 1003, but 1000 to 1004"):
+    with pytest.raises(InputError, match="calibration_seed"):
         Assurance(calibration_seed=1003, rollouts=RolloutConfig(seed=2000, n_seeds=1))
 
 
