@@ -21,14 +21,14 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class EnsembleDisagreement:
-    """How far the parts of a student disagree about what to do.
+    """How far the models of an ensemble disagree about the action.
 
     Attributes:
-        disagreement: Maps observations (..., n) to the disagreement (...), 0 or more.
+        measure: Maps observations (..., n) to the disagreement (...), 0 or more.
         usual: The least and the greatest that are usual in each state of the machine (2, n_states).
     """
 
-    disagreement: Callable[[Array], Array]
+    measure: Callable[[Array], Array]
     usual: Array
 
 
