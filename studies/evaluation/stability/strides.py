@@ -11,8 +11,6 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
@@ -90,9 +88,8 @@ class StrideMap:
 
     @property
     def is_stepwise(self) -> bool:
-        """Whether the policy is constant but for jumps, and the map's derivatives tell nothing."""
-        acting = self.policy.policy
-        return isinstance(acting, BoostedTreesPolicy | AdditivePolicy)
+        """Whether the policy is constant but for jumps, and the map's derivatives say nothing."""
+        return self.policy.policy.capabilities.stepwise
 
     def first_points(self) -> Array:
         """Lets a robot of each command start from standing, until it enters after some seconds.
