@@ -27,17 +27,18 @@ from glassgait.models.task.observation import ObservationLayout
 
 GAIT = load_gait("trot")
 NAMES = ObservationLayout(2).names
+FEW = ("FL_hip", "RR_calf")
 CLAIMS = (
     Claim("hips", "limits", joints=("FL_hip", "FR_hip")),
-    Claim("far", "limits", least=-50.0, most=50.0, box="physical"),
+    Claim("far", "limits", joints=FEW, least=-50.0, most=50.0, box="physical"),
     Claim("torque", "torque", joints=("FL_calf",)),
     Claim("damped", "never", observations=("dq.own",), never="rises"),
-    Claim("stuck", "effect", observations=("h.FL",), most=0.05, stuck=("h.FL",)),
-    Claim("count", "effect", observations=("t",), most=20.0),
+    Claim("stuck", "effect", joints=FEW, observations=("h.FL",), most=0.05, stuck=("h.FL",)),
+    Claim("count", "effect", joints=FEW, observations=("t",), most=20.0),
     Claim("blind", "independent", observations=("cmd.yaw",)),
     Claim("alike", "mirror"),
-    Claim("noise", "change", changes={"q": 0.02, "dq": 3.0}),
-    Claim("step", "change", changes={"q": 0.02, "dq": 3.0}, most=1e6),
+    Claim("noise", "change", joints=FEW, changes={"q": 0.02, "dq": 3.0}),
+    Claim("step", "change", joints=FEW, changes={"q": 0.02, "dq": 3.0}, most=1e6),
 )
 
 
@@ -110,7 +111,7 @@ def test_what_was_proved_holds(certified, tmp_path):
 
 def test_a_bound_that_is_too_low_does_not_hold(certified, tmp_path):
     _, path, content = certified
-    for number in np.random.default_rng(5).choice(len(content["statements"]), 8, replace=False):
+    for number in np.random.default_rng(5).choice(len(content["statements"]), 5, replace=False):
         false = json.loads(json.dumps(content))
         false["statements"][number]["bound"] -= 1e-8
         with pytest.raises(RefusedError, match="is not proved"):
@@ -121,7 +122,7 @@ def test_a_witness_that_reaches_less_does_not_hold(certified, tmp_path):
     _, path, content = certified
     false = json.loads(json.dumps(content))
     false["statements"][0]["reached"] += 1e-6
-    with pytest.raises(RefusedError, match="the witness is too low"):
+    with pytest.raises(RefusedError, match="witness"):
         checked(false, path, tmp_path)
 
 
@@ -144,11 +145,11 @@ def test_a_claim_that_is_turned_about_does_not_hold(certified, tmp_path, number)
         (9, "changes", {"qq": 0.02}),
     ],
 )
-def test_a_claim_of_what_nobody_senses_is_none(certified, tmp_path, number, key, value):
+def test_a_claim_of_an_unknown_observation_is_refused(certified, tmp_path, number, key, value):
     _, path, content = certified
     false = json.loads(json.dumps(content))
     false["claims"][number] |= {key: value, "outcome": "proved", "witnesses": []}
-    with pytest.raises(RefusedError, match="is not what it must be"):
+    with pytest.raises(RefusedError, match="must be"):
         checked(false, path, tmp_path)
 
 
@@ -168,7 +169,7 @@ def test_a_policy_with_another_number_is_refused(certified, tmp_path):
     intercepts[3] = np.nextafter(intercepts[3], 1.0)
     arrays = {name: getattr(policy, name) for name in policy.array_specs}
     type(policy)("trot", NAMES, **{**arrays, "intercepts": intercepts}).save(other)
-    with pytest.raises(RefusedError, match="is not the one that was certified"):
+    with pytest.raises(RefusedError, match="certified"):
         checked(content, other, tmp_path)
 
 
@@ -264,9 +265,9 @@ def test_a_pair_of_one_observation_is_none():
     policy = tables(np.random.default_rng(3))
     arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
     arrays["pairs"][0] = 7
-    with pytest.raises(RefusedError, match="a pair is of one observation"):
+    with pytest.raises(RefusedError, match="pair"):
         Tables(arrays, 2)
-    with pytest.raises(InputError, match="a pair of the policy is of one observation"):
+    with pytest.raises(InputError, match="pair"):
         Prover(AdditivePolicy("trot", NAMES, **arrays), GAIT)
 
 
@@ -278,7 +279,7 @@ def test_trees_without_questions_and_thresholds_between_numbers_are_refused():
         Trees(bare, 2)
     del arrays["thresholds"]
     between = np.full_like(policy.thresholds, 1.0 + 2.0**-40)
-    with pytest.raises(RefusedError, match="no number of single precision"):
+    with pytest.raises(RefusedError, match="single precision"):
         Trees(arrays | {"thresholds_lower_neighbours": between}, 2)
 
 
