@@ -158,7 +158,18 @@ def test_it_is_distilled_with_settings_of_its_own(distilled):
 
 
 def test_it_is_evaluated_at_every_ratio(run, distilled, folder):
-    run("evaluate", "--policy", "students", "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1")
+    run(
+        "evaluate",
+        "policies",
+        "--policy",
+        "students",
+        "--n-robots",
+        "2",
+        "--n-steps",
+        "20",
+        "--n-seeds",
+        "1",
+    )
     table = pd.read_csv(folder / "runs" / "evaluation" / "trot" / "students" / "standalone.csv")
     assert "Stiff" in table["policy"].tolist()
 
@@ -172,7 +183,17 @@ def test_its_importances_are_measured(run, distilled, folder):
 
 
 def test_it_stands_in_the_report_beside_the_papers(run, folder):
-    run("report", "--quick", "--gait", "trot", "--students", "stiff", "--output", "report")
+    run(
+        "reproduce",
+        "report",
+        "--quick",
+        "--gait",
+        "trot",
+        "--students",
+        "stiff",
+        "--output",
+        "report",
+    )
     page = (folder / "report" / "report.html").read_text()
     assert "Gait sequences, Stiff" in page
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()
