@@ -13,7 +13,6 @@ from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 
@@ -60,7 +59,7 @@ class AffineTarget(SmoothTarget):
         else:
             assert isinstance(policy, LinearPolicy)
             weights = policy.weights[question.joint]
-        scale = question.sign * robot.ACTION_SCALE
+        scale = question.sign * question.policy.robot.action_scale
         self._slopes = scale * (weights * room.spread)[room.free]
         self.size = len(room.free)
         self.curved = np.zeros(0, dtype=np.intp)
@@ -80,7 +79,7 @@ class FormulaTarget(SmoothTarget):
         policy, room = question.policy, question.room
         assert isinstance(policy, FormulaPolicy)
         names = policy.observation_names
-        units = RobotUnits.of(names)
+        units = RobotUnits.of(policy.robot, names)
         self._here = units.quantities(question.observation)
         self._spread = (room.spread / units.scale)[room.free]
         self._free = room.free.tolist()

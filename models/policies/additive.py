@@ -15,6 +15,7 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.policies.precision import rounded
+from glassgait.models.robots.robot import Robot
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -67,6 +68,7 @@ class AdditivePolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         *,
+        robot: Robot | None = None,
         cuts: Array,
         pair_cuts: Array,
         tables: Array,
@@ -80,6 +82,7 @@ class AdditivePolicy(Policy):
         super().__init__(
             gait,
             observation_names,
+            robot=robot,
             cuts=cuts,
             pair_cuts=pair_cuts,
             tables=tables,
@@ -101,6 +104,7 @@ class AdditivePolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         models: "Sequence[ExplainableBoostingRegressor]",
+        robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted interpret model a joint.
 
@@ -131,6 +135,7 @@ class AdditivePolicy(Policy):
         return cls(
             gait,
             observation_names,
+            robot=robot,
             cuts=cuts,
             pair_cuts=pair_cuts,
             tables=tables[0],
@@ -229,7 +234,7 @@ class AdditivePolicy(Policy):
         values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
         terms = (INTERCEPT, *self.term_names(joint))
         values = values.reshape(*observation.shape[:-1], -1)
-        return contributions_of_action(terms, values, joint)
+        return contributions_of_action(self.robot, terms, values, joint)
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

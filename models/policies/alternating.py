@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy, refuse_other_estimator
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.assurance import Guard, initial_guard
 
@@ -73,6 +74,11 @@ class AlternatingPolicy:
         """Acts at a control step (n robots), and tells who did."""
         acts = np.full(len(observation), self.student is None or self.expert_acts(step))
         return Turn(self.act(step, observation), acts, guard)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
 
     @property
     def estimator(self) -> Callable[[Array], Array] | None:

@@ -11,6 +11,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy, Turn
 from glassgait.models.policies.policy import Policy, refuse_other_estimator
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.assurance import Guard, Hysteresis, Region, initial_guard, step_guard
 
 
@@ -64,6 +65,11 @@ class AssuredPolicy:
         if called.any():
             action[called] = self.expert(observation[called])
         return Turn(action, called, guard)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
 
     @property
     def estimator(self) -> Callable[[Array], Array] | None:

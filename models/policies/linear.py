@@ -12,6 +12,7 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import machine_state_entries
 
 
@@ -29,9 +30,17 @@ class LinearPolicy(Policy):
     intercepts: Array
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        weights: Array,
+        intercepts: Array,
+        *,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
+        super().__init__(
+            gait, observation_names, robot=robot, weights=weights, intercepts=intercepts
+        )
 
     def __call__(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
@@ -39,7 +48,7 @@ class LinearPolicy(Policy):
     def _explain(self, observation: Array, joint: int) -> Contributions:
         intercepts = np.full(observation.shape[:-1], self.intercepts[joint])
         parts = self.weights[joint] * observation
-        return _contributions(self.observation_names, intercepts, parts, joint)
+        return _contributions(self, intercepts, parts, joint)
 
 
 class StatewiseLinearPolicy(Policy):
@@ -60,9 +69,17 @@ class StatewiseLinearPolicy(Policy):
     intercepts: Array
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        weights: Array,
+        intercepts: Array,
+        *,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
+        super().__init__(
+            gait, observation_names, robot=robot, weights=weights, intercepts=intercepts
+        )
         self._one_hot = machine_state_entries(observation_names)
 
     def __call__(self, observation: Array) -> Array:
@@ -78,11 +95,10 @@ class StatewiseLinearPolicy(Policy):
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         parts = self.weights[state, joint] * observation
         intercepts = self.intercepts[state, joint]
-        return _contributions(self.observation_names, intercepts, parts, joint)
+        return _contributions(self, intercepts, parts, joint)
 
 
-def _contributions(
-    names: tuple[str, ...], intercepts: Array, parts: Array, joint: int
-) -> Contributions:
+def _contributions(policy: Policy, intercepts: Array, parts: Array, joint: int) -> Contributions:
     values = np.concatenate([intercepts[..., None], parts], axis=-1)
-    return contributions_of_action((INTERCEPT, *names), values, joint)
+    terms = INTERCEPT, *policy.observation_names
+    return contributions_of_action(policy.robot, terms, values, joint)

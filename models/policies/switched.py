@@ -62,7 +62,9 @@ class SwitchedPolicy(Policy):
                 estimator; a walker is missing or left over.
         """
         layout = ObservationLayout(switch.n_states)
-        super().__init__(switch.gait.name, layout.names)
+        super().__init__(
+            switch.gait.name, layout.names, robot=walkers[0].robot if walkers else None
+        )
         if len(walkers) != len(switch.gaits):
             raise InputError(
                 f"switched policy: {len(walkers)} policies cannot act in {len(switch.gaits)} "
@@ -72,7 +74,7 @@ class SwitchedPolicy(Policy):
         self.policies = [_acting(walker) for walker in walkers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states).names
-            policy.check(gait=gait.name, observation_names=names)
+            policy.check(robot=self.robot, gait=gait.name, observation_names=names)
         self.experts = [walker.expert for walker in walkers]
         self.limits_targets = all(walker.limits_targets for walker in walkers)
         self._digests = [expert.digest() for expert in self.experts]

@@ -22,14 +22,15 @@ from glassgait.models.formulas.formula_language import write_formula
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import machine_state_entries
 
 
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
-    A formula tells a joint's target in rad, from quantities in the robot's units. Its file is text:
+    A formula gives a joint's target in rad, from quantities in the robot's units. Its file is text:
     see `formula_file`.
 
     Attributes:
@@ -51,8 +52,9 @@ class FormulaPolicy(Policy):
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
         limits_targets: bool = False,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names)
+        super().__init__(gait, observation_names, robot=robot)
         self.limits_targets = limits_targets
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
@@ -62,7 +64,7 @@ class FormulaPolicy(Policy):
             # A sign that has moved may stand one deeper.
             self._refuse_unfit(self.expressions, shape)
             self.mirror = None if mirror is None else self._refuse_other_states(mirror)
-        self._units = RobotUnits.of(self.observation_names)
+        self._units = RobotUnits.of(self.robot, self.observation_names)
 
     @property
     @abstractmethod
@@ -94,7 +96,14 @@ class FormulaPolicy(Policy):
             place: reduce(lambda entries, index: entries[index], place, self.expressions)
             for place in np.ndindex(*shape)
         }
-        return FormulaFile(self.gait, self.vocabulary, formulas, self.mirror, self.limits_targets)
+        return FormulaFile(
+            self.gait,
+            self.vocabulary,
+            formulas,
+            self.mirror,
+            self.limits_targets,
+            self.robot.name,
+        )
 
     def to_text(self) -> str:
         """Writes the policy as text, from which `from_file` builds the same policy.
@@ -105,8 +114,8 @@ class FormulaPolicy(Policy):
         return write_formulas(self.to_file())
 
     @staticmethod
-    def from_file(file: FormulaFile) -> "FormulaPolicy":
-        """Builds the policy that a file holds."""
+    def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
+        """Builds the policy that a file holds, of the robot that it names."""
         rows = file.formulas.values()
         kind: type[FormulaPolicy] = SymbolicPolicy
         expressions: Any = tuple(rows)
@@ -125,6 +134,7 @@ class FormulaPolicy(Policy):
             definitions=definitions,
             mirror=file.mirror,
             limits_targets=file.limits_targets,
+            robot=robot,
         )
 
     def save(self, path: Path) -> None:
@@ -142,7 +152,7 @@ class FormulaPolicy(Policy):
             for definition in self.vocabulary.definitions
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
-        own = [self.kind, self.gait, self.observation_names, definitions, formulas]
+        own = [*self._named(), self.observation_names, definitions, formulas]
         whole = json.dumps([*own, "limited"] if self.limits_targets else own)
         return hashlib.sha256(whole.encode()).hexdigest()[:16]
 
@@ -176,7 +186,7 @@ class FormulaPolicy(Policy):
             joints, variables, expressions = zip(*slopes, strict=True)
             found = Tape(expressions, n)(self._units.quantities(observation))
             derivatives[..., list(joints), list(variables)] = found
-        return derivatives / (robot.ACTION_SCALE * self._units.scale)
+        return derivatives / (self.robot.action_scale * self._units.scale)
 
     def _refuse_other_states(self, mirror: Sequence[int]) -> tuple[int, ...]:
         """Returns the states in the mirror, and refuses what is not its own mirror image."""
@@ -210,7 +220,7 @@ class SymbolicPolicy(FormulaPolicy):
         self._tape = self._targets(self.expressions)
 
     def __call__(self, observation: Array) -> Array:
-        return actions_of(self._tape(self._units.quantities(observation)))
+        return actions_of(self.robot, self._tape(self._units.quantities(observation)))
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
@@ -243,14 +253,14 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         quantities = self._units.quantities(observation)
         if observation.ndim == 1:
             state = int(np.argmax(observation[self._one_hot]))
-            return actions_of(self._tapes[state](quantities))
+            return actions_of(self.robot, self._tapes[state](quantities))
         states = np.argmax(observation[..., self._one_hot], axis=-1)
         targets = np.empty((*states.shape, quadruped.N_JOINTS))
         for index, tape in enumerate(self._tapes):
             mine = states == index
             if mine.any():
                 targets[mine] = tape(quantities[mine])
-        return actions_of(targets)
+        return actions_of(self.robot, targets)
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:

@@ -59,14 +59,15 @@ def collect(
             worlds.randomization,
             episode_steps=plan.steps,
             limit_targets=policy.limits_targets,
+            robot=expert.robot,
         )
-        drawn, blind = worlds.stations(generator), True
+        drawn, blind = worlds.stations(expert.robot, generator), True
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
     episodes = np.array(plan.episodes)
     own_speeds = speeds[(episodes - 1) % len(speeds)]
     simulator = BatchSimulator(
         task,
-        make_physics(*stations),
+        make_physics(task.robot, *stations),
         n_robots=n,
         generator=generator,
         estimator=estimator_in_loop(policy, true_body_state=not blind),

@@ -7,7 +7,6 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def products(policy: Policy, joint: int) -> tuple[Product, ...]:
         TypeError: if no such policy is known.
     """
     n = len(policy.observation_names)
-    scale, stance = robot.ACTION_SCALE, robot.DEFAULT_STANCE[joint]
+    scale, stance = policy.robot.action_scale, policy.robot.default_stance[joint]
     match policy:
         case LinearPolicy():
             weights = [(weight,) for weight in (scale * policy.weights[joint]).tolist()]

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from glassgait.models.robots import description, robot
+from glassgait.models.robots import description
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 def test_file_is_what_the_table_gives():
-    assert robot.URDF_PATH.read_text() == description.urdf()
+    assert A1.urdf_path.read_text() == description.urdf()
 
 
 def test_total_mass():

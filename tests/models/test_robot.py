@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 def test_joints_are_ordered_by_leg():
@@ -13,37 +16,37 @@ def test_joints_are_ordered_by_leg():
 
 
 def test_stance_is_inside_the_limits():
-    assert np.all(robot.DEFAULT_STANCE > robot.LOWER_LIMITS)
-    assert np.all(robot.DEFAULT_STANCE < robot.UPPER_LIMITS)
+    assert np.all(A1.default_stance > A1.lower_limits)
+    assert np.all(A1.default_stance < A1.upper_limits)
 
 
 def test_constants_cannot_be_overwritten():
     with pytest.raises(ValueError, match="read-only"):
-        robot.DEFAULT_STANCE[0] = 1.0
+        A1.default_stance[0] = 1.0
 
 
 def test_zero_action_asks_for_the_stance():
-    np.testing.assert_array_equal(robot.joint_targets(np.zeros(12)), robot.DEFAULT_STANCE)
+    np.testing.assert_array_equal(A1.joint_targets(np.zeros(12)), A1.default_stance)
 
 
 def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
     action = generator.normal(size=(50, 12), scale=8.0)
-    asked = robot.joint_targets(action)
-    followed = robot.joint_targets(action, limited=True)
+    asked = A1.joint_targets(action)
+    followed = A1.joint_targets(action, limited=True)
     assert np.any(followed != asked)
-    within = (asked >= robot.LOWER_LIMITS) & (asked <= robot.UPPER_LIMITS)
+    within = (asked >= A1.lower_limits) & (asked <= A1.upper_limits)
     np.testing.assert_array_equal(followed[within], asked[within])
-    ends = np.where(asked < robot.LOWER_LIMITS, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+    ends = np.where(asked < A1.lower_limits, A1.lower_limits, A1.upper_limits)
     np.testing.assert_array_equal(followed[~within], ends[~within])
-    assert np.all(np.isnan(robot.joint_targets(np.full(12, np.nan), limited=True)))
+    assert np.all(np.isnan(A1.joint_targets(np.full(12, np.nan), limited=True)))
 
 
 def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
-    torque = robot.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
+    torque = A1.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
     np.testing.assert_allclose(torque, 1.0)
-    torque = robot.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
-    np.testing.assert_allclose(torque, robot.EFFORT_LIMIT)
+    torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
+    np.testing.assert_allclose(torque, A1.effort[0])
 
 
 def test_joints_are_found_by_name_and_by_index():

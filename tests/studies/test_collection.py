@@ -16,7 +16,7 @@ from glassgait.studies.distillation.students.linear import untrained_student
 
 def test_labels_are_the_experts_whoever_acts(expert):
     gait = load_gait("trot")
-    student = untrained_student("trot", expert.observation_names)
+    student = untrained_student(expert)
     samples = collect(
         gait,
         expert,
@@ -54,7 +54,7 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
         collect(
             load_gait("trot"),
             broken,
-            untrained_student("trot", expert.observation_names),
+            untrained_student(expert),
             plan=Round(number=1, period=1, episodes=range(1, 3), steps=3),
             speeds=np.array([0.0, 0.5]),
             worlds=Scenario(),

@@ -172,7 +172,7 @@ def samples_in(scenario, expert):
     return collect(
         TROT,
         expert,
-        untrained_student("trot", expert.observation_names),
+        untrained_student(expert),
         plan=Round(number=1, period=1, episodes=range(1, 3), steps=20),
         speeds=np.array([0.0, 0.5]),
         worlds=scenario,

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.termination import FAILURES, TerminationLimits
 from glassgait.systems.fall_monitor import FallMonitor
 
+A1 = load_robot()
+
 
 def test_ports(port_sizes, feedthrough):
-    system = FallMonitor()
+    system = FallMonitor(A1)
     found, outputs = port_sizes(system)
     assert found == {"state": 37, "action": 12, "previous_action": 12}
     assert outputs == {"failures": 6}
@@ -16,7 +19,7 @@ def test_ports(port_sizes, feedthrough):
 
 
 def test_flags_the_failures(standing, fix_inputs):
-    system = FallMonitor()
+    system = FallMonitor(A1)
     values = {"state": standing, "action": np.full(12, 3.0), "previous_action": np.zeros(12)}
     context = fix_inputs(system, **values)
     flags = dict(zip(FAILURES, system.get_failures_output_port().Eval(context), strict=True))
@@ -27,14 +30,14 @@ def test_flags_the_failures(standing, fix_inputs):
 def test_its_limits_decide(standing, fix_inputs):
     values = {"state": standing, "action": np.zeros(12), "previous_action": np.zeros(12)}
     for height, low in ((0.2, 0), (0.4, 1)):
-        system = FallMonitor(TerminationLimits(trunk_height=height))
+        system = FallMonitor(A1, TerminationLimits(trunk_height=height))
         flags = system.get_failures_output_port().Eval(fix_inputs(system, **values))
         assert flags.tolist() == [0, low, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("port", ["state", "action"])
 def test_a_value_that_is_not_finite_is_a_failure_of_its_own(port, standing, fix_inputs):
-    system = FallMonitor()
+    system = FallMonitor(A1)
     values = {"state": standing, "action": np.zeros(12), "previous_action": np.zeros(12)}
     values[port] = np.full_like(values[port], np.nan)
     flags = system.get_failures_output_port().Eval(fix_inputs(system, **values))
@@ -42,7 +45,7 @@ def test_a_value_that_is_not_finite_is_a_failure_of_its_own(port, standing, fix_
 
 
 def test_clones_watch_their_own_robot(standing, fix_inputs):
-    system = FallMonitor()
+    system = FallMonitor(A1)
     values = {"state": standing, "action": np.zeros(12), "previous_action": np.zeros(12)}
     context = fix_inputs(system, **values)
     fallen = standing.copy()
@@ -54,4 +57,4 @@ def test_clones_watch_their_own_robot(standing, fix_inputs):
 
 
 def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(FallMonitor())
+    assert_sizes_are_checked(FallMonitor(A1))

@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.foot_sensor import FootSensor
+
+A1 = load_robot()
 
 
 def sensed(system, context):
@@ -13,13 +16,13 @@ def sensed(system, context):
 
 
 def test_ports(port_sizes, feedthrough):
-    system = FootSensor()
+    system = FootSensor(A1)
     assert port_sizes(system) == ({"state": 37}, {"foot_contact": 4, "foot_height": 4})
     assert feedthrough(system) == {("state", "foot_contact"), ("state", "foot_height")}
 
 
 def test_senses_contact_and_height(standing, fix_inputs):
-    system = FootSensor()
+    system = FootSensor(A1)
     standing[6] += 0.05
     contact, height = sensed(system, fix_inputs(system, state=standing))
     np.testing.assert_array_equal(contact, 0)
@@ -27,7 +30,7 @@ def test_senses_contact_and_height(standing, fix_inputs):
 
 
 def test_contact_outlasts_the_touch_by_one_control_step(standing, fix_inputs, latch):
-    system = FootSensor()
+    system = FootSensor(A1)
     lifted = standing.copy()
     standing[6] -= 0.012
     lifted[6] += 0.05
@@ -40,7 +43,7 @@ def test_contact_outlasts_the_touch_by_one_control_step(standing, fix_inputs, la
 
 
 def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
-    system = FootSensor()
+    system = FootSensor(A1)
     standing[6] -= 0.012
     context = fix_inputs(system, state=standing)
     clone = context.Clone()
@@ -54,4 +57,4 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
 
 
 def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(FootSensor())
+    assert_sizes_are_checked(FootSensor(A1))

@@ -17,7 +17,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.common.rollouts.config import RolloutConfig
@@ -55,9 +56,10 @@ def make_batch(
     Raises:
         InputError: if the scenario's commands are of sliders or beyond the gait's range.
     """
+    task = TaskConfig.of_scenario(gait, scenario, policy)
     return BatchSimulator(
-        TaskConfig.of_scenario(gait, scenario, policy),
-        make_physics(scenario.station),
+        task,
+        make_physics(task.robot, scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=estimator_in_loop(policy, true_body_state=scenario.true_body_state),
@@ -102,6 +104,7 @@ def log_batch(
         log["velocity"].append(_forward_and_yaw(simulator.state.plant))
         log["power"].append(
             _power(
+                simulator.task.robot,
                 simulator.state.plant,
                 simulator.state.action,
                 limited=simulator.task.limit_targets,
@@ -133,7 +136,7 @@ def _roll_out_diagrams(
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     n = _n_robots(scenario, config)
-    states = NOMINAL.initial_states(n, np.random.default_rng(config.seed))
+    states = NOMINAL.initial_states(policy.robot, n, np.random.default_rng(config.seed))
     logs = []
     for index, state in enumerate(states):
         simulator = make_simulator(
@@ -159,7 +162,7 @@ def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bo
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=_power(rollout["state"][1:], rollout["actions"][:-1], limited=limited),
+        power=_power(policy.robot, rollout["state"][1:], rollout["actions"][:-1], limited=limited),
         action=rollout["actions"][:-1],
         expert_acts=_expert_acts(rollout, policy),
         reward=rollout["reward"][1:, 0],
@@ -193,7 +196,7 @@ def _forward_and_yaw(plant: Array) -> Array:
     return np.stack([linear[..., 0], angular[..., 2]], axis=-1)
 
 
-def _power(plant: Array, action: Array, *, limited: bool) -> Array:
+def _power(robot: Robot, plant: Array, action: Array, *, limited: bool) -> Array:
     velocity = plant[..., quadruped.JOINT_VELOCITY]
     targets = robot.joint_targets(action, limited=limited)
     position = plant[..., quadruped.JOINT_POSITION]

@@ -16,7 +16,8 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.link.watchdog import Phase, Watchdog, initial_watch, step_watch
 from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -88,7 +89,7 @@ def walk_until_silent(
     task = TaskConfig.of_scenario(gait, replace(scenario, command=DrawnCommands()), policy)
     simulator = BatchSimulator(
         task,
-        make_physics(scenario.station),
+        make_physics(task.robot, scenario.station),
         n_robots=len(speed),
         generator=generator,
         estimator=estimator_in_loop(policy),
@@ -105,7 +106,7 @@ def walk_until_silent(
         guard = turn.guard
         now = moment == step
         states[now] = simulator.state.plant[now]
-        targets[now] = robot.joint_targets(turn.action[now], limited=task.limit_targets)
+        targets[now] = task.robot.joint_targets(turn.action[now], limited=task.limit_targets)
         walked[now] = ~fallen[now]
         fallen |= simulator.step(np.where(fallen[:, None], 0.0, turn.action)).terminated
         # Every 10 s another one would be drawn.
@@ -113,10 +114,13 @@ def walk_until_silent(
     return Left(speed, states, targets, walked)
 
 
-def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float) -> Lowered:
-    """Leaves robots to their watchdogs.
+def lower(
+    robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float
+) -> Lowered:
+    """Lets watchdogs lower robots that their controllers left.
 
     Args:
+        robot: What robots they are.
         left: The robots.
         station: Their physics.
         watchdog: How long they wait for their controller.
@@ -125,10 +129,10 @@ def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: fl
     Raises:
         InputError: if the plant is continuous.
     """
-    physics, states = make_physics(station), left.states
+    physics, states = make_physics(robot, station), left.states
     physics.set_friction(np.array([station.friction]))
     watches = [
-        initial_watch()._replace(phase=Phase.FOLLOWING, answered=0.0, newest=own, targets=own)
+        initial_watch(robot)._replace(phase=Phase.FOLLOWING, answered=0.0, newest=own, targets=own)
         for own in left.targets
     ]
     leans, descents = [kinematics.lean(states[:, quadruped.QUATERNION])], []
@@ -137,7 +141,7 @@ def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: fl
         for part in range(PARTS):
             now = (step + part / PARTS) * CONTROL_PERIOD
             watches = [
-                step_watch(watch, None, now, watchdog, lean=lean)
+                step_watch(robot, watch, None, now, watchdog, lean=lean)
                 for watch, lean in zip(watches, leans[-1].tolist(), strict=True)
             ]
             followed.append(np.array([watch.targets for watch in watches]))

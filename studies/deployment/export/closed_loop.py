@@ -65,7 +65,7 @@ def walk_both(
     alone = AlternatingPolicy(expert, policy, period=0)
     for engine, name in WORLDS.items():
         task = TaskConfig.of_scenario(gait, load_scenario(name), alone, episode_steps=n_steps)
-        physics = make_physics(load_scenario(name).station)
+        physics = make_physics(task.robot, load_scenario(name).station)
         scores = []
         for make in (by_policy(policy), exported):
             simulator = BatchSimulator(
@@ -77,7 +77,7 @@ def walk_both(
             )
             simulator.start_at(simulator.state.plant, command)
             log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
-            scores.append(score_rollouts(log))
+            scores.append(score_rollouts(log, task.robot.mass))
         rows.append(compared(engine, title, *scores))
     return pd.DataFrame(rows)
 

@@ -7,6 +7,7 @@ from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.deployment.export.agreement import (
     SEQUENCE_STEPS,
@@ -44,9 +45,11 @@ def drawn_requests(
     return np.repeat(requested, every, axis=0)[:n_steps]
 
 
-def random_switching_sequences(switch: GaitSwitch, n_steps: int, seed: int) -> list[list[Moment]]:
+def random_switching_sequences(
+    robot: Robot, switch: GaitSwitch, n_steps: int, seed: int
+) -> list[list[Moment]]:
     """Draws sensors and requests at random; every other stance ends a state of one of the gaits."""
-    sequences = random_sequences(switch.gait, n_steps, seed)
+    sequences = random_sequences(robot, switch.gait, n_steps, seed)
     requested = drawn_requests(switch, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
     return [
         [moment._replace(requested=int(gait)) for moment, gait in zip(sequence, own, strict=False)]
@@ -69,7 +72,7 @@ def recorded_switching_sequences(
     simulator = SwitchingSimulator(
         switched.switch,
         Scenario(),
-        make_physics(Scenario().station),
+        make_physics(switched.robot, Scenario().station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=switched.estimator,

@@ -101,7 +101,7 @@ def _changing(
     simulator = SwitchingSimulator(
         switched.switch,
         scenario,
-        make_physics(scenario.station),
+        make_physics(switched.robot, scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=switched.estimator,
@@ -116,7 +116,8 @@ def _changing(
         simulator.requested = requested[step]
         return action, alone
 
-    scores = score_rollouts(log_batch(simulator, n_steps, act_as_asked))
+    log = log_batch(simulator, n_steps, act_as_asked)
+    scores = score_rollouts(log, switched.robot.mass)
     states = np.array(visited)
     upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
     running = switched.switch.gait_of(states)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -72,6 +73,7 @@ class TrainingSet:
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
         mirror: State that each state of the machine is in the mirror; None where it favours a side.
+        robot: The robot.
     """
 
     gait: str
@@ -80,6 +82,7 @@ class TrainingSet:
     actions: Array
     starts: NDArray[np.bool_]
     mirror: tuple[int, ...] | None = None
+    robot: Robot = field(default_factory=load_robot)
 
     def subset(self, index: NDArray[np.int64]) -> "TrainingSet":
         """Returns the samples at an index (k,), which may name one more than once."""

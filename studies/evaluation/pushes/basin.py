@@ -76,7 +76,7 @@ class _Walk:
         self.generator = np.random.default_rng(seed)
         self.entered = gait.states.index(gait.initial)
         self._task = TaskConfig.of_scenario(gait, scenario, policy)
-        self._physics: Physics = make_physics(scenario.station)
+        self._physics: Physics = make_physics(self._task.robot, scenario.station)
 
     def simulator(self, n_robots: int, state: TaskState | None = None) -> BatchSimulator:
         simulator = BatchSimulator(

@@ -15,7 +15,7 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.alternating import AlternatingPolicy
 from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import sense_feet
@@ -86,7 +86,7 @@ class StrideMap:
         self.policy = policy
         scenario = replace(Scenario(), sensor_noise=0.0, command=FixedCommand(0.0, 0.0, 8))
         self._task = TaskConfig.of_scenario(gait, scenario, policy)
-        self._physics = make_physics(scenario.station)
+        self._physics = make_physics(policy.robot, scenario.station)
         self._entered = gait.states.index(gait.initial)
 
     @property
@@ -103,7 +103,7 @@ class StrideMap:
         """
         n = len(self.command.dwell)
         simulator = self._simulator(n)
-        standing = np.tile(kinematics.standing_state(robot.DEFAULT_STANCE), (n, 1))
+        standing = np.tile(kinematics.standing_state(self.policy.robot), (n, 1))
         simulator.start_at(standing, self.command)
         return self._until_entered(simulator, FIRST_STEPS).images
 
@@ -148,7 +148,7 @@ class StrideMap:
             iterations=np.zeros(n, dtype=np.int64),
             age=np.full(n, LONG_AGO),
         )
-        feet = sense_feet(plant, np.zeros((n, quadruped.N_LEGS), dtype=bool))
+        feet = sense_feet(self.policy.robot, plant, np.zeros((n, quadruped.N_LEGS), dtype=bool))
         state = replace(
             simulator.state,
             machine=entered,

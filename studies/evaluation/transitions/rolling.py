@@ -78,7 +78,7 @@ def roll_transition(job: TransitionJob) -> pd.DataFrame:
     simulator = SwitchingSimulator(
         switch,
         replace(job.world, command=FixedCommand(speed=job.speed, dwell=int(low))),
-        make_physics(job.world.station),
+        make_physics(policy.robot, job.world.station),
         n_robots=n,
         generator=generator,
         estimator=estimator_in_loop(policy, true_body_state=job.world.true_body_state),

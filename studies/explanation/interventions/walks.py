@@ -86,7 +86,7 @@ def walk(
     log = roll_out(gait, watched, Scenario(), config.at_distilled_speeds(gait))
     observed = np.array(watched.observed)
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
-    return seen_by(policy, observed, ~fell[: len(observed)], score_rollouts(log))
+    return seen_by(policy, observed, ~fell[: len(observed)], score_rollouts(log, policy.robot.mass))
 
 
 def seen_by(

@@ -69,7 +69,7 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
     return collect(
         load_gait(expert.gait),
         expert,
-        untrained_student(expert.gait, expert.observation_names),
+        untrained_student(expert),
         plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
         speeds=np.array(config.speeds),
         worlds=Scenario(),
