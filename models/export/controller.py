@@ -145,8 +145,7 @@ def common_values(
         "legs": list(quadruped.LEGS),
         "stance": robot.default_stance.tolist(),
         "limits_targets": limits_targets,
-        "lowest": robot.lower_limits.tolist(),
-        "highest": robot.upper_limits.tolist(),
+        **_ranges(robot),
         "mark": INITIALISED,
         "action_scale": robot.action_scale,
         "stiffness": robot.stiffness,
@@ -183,6 +182,14 @@ def _constants_of_robot(robot: Robot, gait: Gait) -> list[tuple[str, float, str]
         ("MIN_DWELL", float(gait.dwell[0]), "least command, control steps"),
         ("MAX_DWELL", float(gait.dwell[1]), "greatest command, control steps"),
     ]
+
+
+def _ranges(robot: Robot) -> dict[str, Any]:
+    """Returns the joints' ranges, three where all legs have the same."""
+    low, high = robot.lower_limits, robot.upper_limits
+    shared = all(np.array_equal(own, np.tile(own[:3], quadruped.N_LEGS)) for own in (low, high))
+    count, index = (3, "joint % 3") if shared else (quadruped.N_JOINTS, "joint")
+    return {"lowest": low[:count].tolist(), "highest": high[:count].tolist(), "limit": index}
 
 
 def _efforts(robot: Robot) -> list[tuple[str, float, str]]:

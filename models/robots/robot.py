@@ -347,7 +347,10 @@ class _Description:
         """
         robot, masses = self.robot, self.root.iterfind("link/inertial/mass")
         self._refuse_unless(self.root.get("name"), "robot name", "name", robot.name)
-        whole = math.fsum(float(mass.get("value", "nan")) for mass in masses)
+        try:
+            whole = math.fsum(float(mass.get("value", "nan")) for mass in masses)
+        except ValueError:
+            whole = math.nan
         if not abs(whole - robot.mass) < MASS_TOLERANCE:
             self._refuse_unless(f"{whole:g} kg", "the sum of the masses", "mass", robot.mass)
         joints = {str(joint.get("name")): joint for joint in self.root.iterfind("joint")}

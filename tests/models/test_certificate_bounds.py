@@ -51,7 +51,7 @@ def greatest(text: str) -> tuple[float, float]:
     ("gait", "kind"),
     [("trot", "page"), ("pace", "page"), ("trot", "statewise_linear"), ("trot", "ebm")],
 )
-@pytest.mark.parametrize("box", [operating_box, whole_box])
+@pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     machine, policy = load_gait(gait), load_student(gait, kind)
     whole, targets = box(machine), targets_of(policy)
@@ -69,7 +69,7 @@ def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
 
 
 def test_no_observation_breaks_a_bound_of_trees():
-    policy, box = load_student("trot", "gbm"), operating_box(load_gait("trot")).in_state(1)
+    policy, box = load_student("trot", "gbm"), operating_box(load_gait("trot"), A1).in_state(1)
     observations = box.random(500, np.random.default_rng(7))
     reached = A1.joint_targets(policy(observations))
     for joint, sign in product((0, 7), (1, -1)):

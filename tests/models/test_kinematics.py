@@ -61,8 +61,8 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
 def test_batches_agree_with_single_robots(random_states):
     states = random_states(6)
     for function in (kinematics.foot_heights, kinematics.body_clearance):
-        batch = function(states.reshape(2, 3, -1))
-        single = np.array([function(state) for state in states])
+        batch = function(A1, states.reshape(2, 3, -1))
+        single = np.array([function(A1, state) for state in states])
         np.testing.assert_allclose(batch.reshape(6, -1), single, atol=1e-14)
 
 

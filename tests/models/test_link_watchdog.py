@@ -10,7 +10,6 @@ from glassgait.models.link.watchdog import (
     BRACED,
     BRACING,
     CROUCH,
-    FARTHEST,
     FOLDED,
     FOLDING,
     Answer,
@@ -27,6 +26,7 @@ from glassgait.models.task import CONTROL_PERIOD
 A1 = load_robot()
 
 
+FARTHEST = A1.effort[0] / A1.stiffness
 SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8, lean=30.0)
 STEP = 0.01
 
@@ -35,7 +35,7 @@ def targets(time):
     return A1.default_stance + 0.01 * time
 
 
-class Robot:
+class Watched:
     """Steps a watch every 10 ms; answers are those of a time, or none."""
 
     def __init__(self):
@@ -55,21 +55,21 @@ class Robot:
 
 
 def test_stands_until_a_controller_answers():
-    one = Robot()
+    one = Watched()
     assert set(one.run(5.0, answered=False)) == {Phase.STANDING}
     np.testing.assert_array_equal(one.watch.targets, A1.default_stance)
     assert not one.watch.followed
 
 
 def test_follows_answers_that_come_in_time():
-    one = Robot()
+    one = Watched()
     assert set(one.run(1.0)) == {Phase.FOLLOWING}
     np.testing.assert_allclose(one.watch.targets, targets(0.98))
     assert one.watch.followed
 
 
 def test_holds_the_last_targets_and_takes_newer_ones_at_once():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     # The latest answer is to the sensors of 0.98 s.
     assert one.run(0.08, answered=False) == [Phase.FOLLOWING] + 7 * [Phase.HOLDING]
@@ -79,14 +79,14 @@ def test_holds_the_last_targets_and_takes_newer_ones_at_once():
 
 
 def test_late_targets_are_better_than_older_ones():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     assert Phase.HOLDING in one.run(0.5, late=0.04)
     np.testing.assert_allclose(one.watch.targets, targets(1.44), atol=1e-9)
 
 
 def test_is_lowered_to_a_crouch_once_targets_are_too_old():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     phases = one.run(0.2, answered=False)
     # The latest answer, to the sensors of 0.98 s, is 0.11 s old then.
@@ -100,7 +100,7 @@ def test_is_lowered_to_a_crouch_once_targets_are_too_old():
 
 
 def test_rises_when_answers_have_come_in_time_for_long_enough_and_then_follows():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     begun = one.now
@@ -112,7 +112,7 @@ def test_rises_when_answers_have_come_in_time_for_long_enough_and_then_follows()
 
 
 def test_stays_lowered_while_answers_come_now_and_then():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(2.0, answered=False)
     for _ in range(10):
@@ -121,7 +121,7 @@ def test_stays_lowered_while_answers_come_now_and_then():
 
 
 def test_a_robot_that_rises_without_a_controller_stands():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.run(0.6)
@@ -130,7 +130,7 @@ def test_a_robot_that_rises_without_a_controller_stands():
 
 
 def test_a_robot_that_leans_too_far_stays_down_until_it_is_level():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.lean = 31.0
@@ -147,7 +147,7 @@ def test_a_robot_that_leans_too_far_stays_down_until_it_is_level():
 
 
 def test_a_robot_that_tips_over_while_it_rises_or_waits_is_lowered():
-    one = Robot()
+    one = Watched()
     one.run(1.0, answered=False)
     one.lean = 90.0
     assert set(one.run(1.0)) == {Phase.LOWERED}
@@ -156,7 +156,7 @@ def test_a_robot_that_tips_over_while_it_rises_or_waits_is_lowered():
 
 @pytest.mark.parametrize("lean", [np.nan, np.inf])
 def test_a_robot_whose_lean_is_not_known_does_not_rise(lean):
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.lean = lean
@@ -195,7 +195,7 @@ def test_all_legs_are_alike_once_they_are_folded(begin):
     ids=["old", "of the future", "not finite", "of no time", "far beyond", "too far of one joint"],
 )
 def test_an_answer_that_is_none_changes_nothing(answer):
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     watch = step_watch(A1, one.watch, answer, 1.0, SETTINGS)
     np.testing.assert_array_equal(watch.targets, one.watch.targets)
@@ -203,7 +203,7 @@ def test_an_answer_that_is_none_changes_nothing(answer):
 
 
 def test_targets_a_little_beyond_a_joints_range_are_followed_to_its_end():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     asked = np.where(np.arange(12) % 2, A1.upper_limits + FARTHEST, A1.lower_limits - 0.1)
     watch = step_watch(A1, one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)

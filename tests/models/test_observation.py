@@ -70,8 +70,8 @@ def test_noise_is_in_radians_before_the_scales():
         "rm_iterations": np.array(0.0),
         "commanded_dwell": np.array(8.0),
     }
-    quiet = proprioception(**still)
-    noisy = proprioception(**still, joint_noise=noise)
+    quiet = proprioception(A1, **still)
+    noisy = proprioception(A1, **still, joint_noise=noise)
     np.testing.assert_allclose((noisy - quiet)[2:14], 0.01)
     np.testing.assert_allclose((noisy - quiet)[14:26], 0.075)
 
@@ -132,7 +132,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
         "base velocity": kinematics.base_velocity(state)[0],
         "foot height": kinematics.foot_heights(A1, state),
     }
-    scales = np.array([entry.scale for entry in layout.entries])
+    scales = np.array([entry.scale(A1) for entry in layout.entries])
     for group, expected in quantities.items():
         columns = list(indices_of(group, layout.names))
         np.testing.assert_allclose((observation / scales)[columns], expected, atol=1e-12)
@@ -215,5 +215,5 @@ def test_names_of_no_entry_are_refused(name):
 
 
 def test_observations_without_the_machine_have_no_state_to_find():
-    with pytest.raises(InputError, match="no observation tells the machine's state"):
+    with pytest.raises(InputError, match="no observation is of the machine's state"):
         machine_state_entries(("Command X", "RM Iters"))

@@ -79,7 +79,7 @@ def test_draws_whole_counts_and_one_state():
 def test_a_file_keeps_a_box(tmp_path):
     measured = rounded_outward(operating_box(TROT, A1).widened(0.0123))
     measured.save(tmp_path / "box.yaml", TROT, "by a test")
-    again = load_box(tmp_path / "box.yaml", TROT)
+    again = load_box(tmp_path / "box.yaml", TROT, A1)
     assert np.array_equal(again.lower, measured.lower)
     assert np.array_equal(again.upper, measured.upper)
     assert measured.lines()[2].startswith("q.FL_hip: ")
@@ -132,7 +132,7 @@ def test_refuses_a_file_that_is_no_box(tmp_path, text, told):
     path = tmp_path / "box.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=told) as refused:
-        load_box(path, TROT)
+        load_box(path, TROT, A1)
     assert str(path) in str(refused.value)
 
 

@@ -98,9 +98,9 @@ def test_a_step_of_an_observation_is_a_step_of_the_quantity_in_its_unit():
 
 
 def test_unknown_observations_have_no_units():
-    for make in (RobotUnits.of, lambda names: Vocabulary(names).symbols, known_definitions):
+    for make in (RobotUnits.of, lambda _, names: Vocabulary(names).symbols, known_definitions):
         with pytest.raises(InputError, match="no observation is called 'Clock'"):
-            make((*NAMES, "Clock"))
+            make(A1, (*NAMES, "Clock"))
 
 
 def test_targets_and_actions_are_each_others_inverse(generator):

@@ -7,7 +7,6 @@ import pytest
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.robots import kinematics, quadruped
-from glassgait.models.robots.description import CALF, FOOT, HIP, THIGH, TRUNK
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import observation
 from glassgait.models.task.gait import gait_names, load_gait
@@ -88,12 +87,12 @@ def test_robots_start_on_their_lowest_foot(told):
 
 
 def test_robot_and_networks_are_those_that_the_page_names(told):
-    legs = (HIP, THIGH, CALF, FOOT)
-    whole = TRUNK.mass + 4 * sum(part.mass for part in legs)
+    legs = [A1.inertias[part] for part in ("hip", "thigh", "calf", "foot")]
+    whole = A1.inertias["trunk"].mass + 4 * sum(part.mass for part in legs)
     assert whole == pytest.approx(A1.mass)
     parts = zip(("hip", "thigh", "calf", "foot"), legs, strict=True)
     masses = ", ".join(f"{name} {part.mass:g}" for name, part in parts)
-    assert row(told, "masses") == f"{A1.mass} kg: trunk {TRUNK.mass}, {masses}"
+    assert row(told, "masses") == f"{A1.mass} kg: trunk {A1.inertias['trunk'].mass}, {masses}"
     assert row(told, "motors' limits") == f"{A1.effort[0]} N·m"
     ppo = PpoConfig()
     assert ppo.actor_layers == ppo.critic_layers == (256, 128, 64)

@@ -14,7 +14,7 @@ A1 = load_robot()
 
 @pytest.fixture
 def system(compiled_page) -> CompiledController:
-    return CompiledController(compiled_page)
+    return CompiledController(A1, compiled_page)
 
 
 def outputs(system, context):
@@ -74,7 +74,7 @@ def test_refuses_wrong_sizes(system, assert_sizes_are_checked):
 
 @pytest.fixture
 def changing(compiled_pages) -> CompiledController:
-    return CompiledController(compiled_pages)
+    return CompiledController(A1, compiled_pages)
 
 
 def test_of_several_gaits_one_is_requested_by_a_port(changing, port_sizes, feedthrough):

@@ -4,19 +4,22 @@ import numpy as np
 import pytest
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.systems.sensors_sender import SensorsSender
 
+A1 = load_robot()
+
 
 def test_ports_and_feedthrough(port_sizes, feedthrough):
-    system = SensorsSender(session=3)
+    system = SensorsSender(A1, session=3)
     inputs = {"state": 37, "followed": 1, "uniform_noise": 24}
     assert port_sizes(system)[0] == inputs
     assert feedthrough(system) == {(name, "message") for name in inputs}
 
 
 def test_sends_joints_and_contacts_of_an_instant(fix_inputs, random_states):
-    system = SensorsSender(session=3)
+    system = SensorsSender(A1, session=3)
     (state,) = random_states(1)
     state[quadruped.POSITION] = [0.0, 0.0, 0.3]
     context = fix_inputs(system, state=state, followed=1)
@@ -33,7 +36,7 @@ def test_sends_joints_and_contacts_of_an_instant(fix_inputs, random_states):
 
 
 def test_tells_feet_on_the_ground_from_feet_in_the_air(fix_inputs, standing):
-    system = SensorsSender(session=3)
+    system = SensorsSender(A1, session=3)
     for lift, touches in ((-0.012, True), (0.05, False)):
         state = standing.copy()
         state[6] += lift
@@ -42,7 +45,7 @@ def test_tells_feet_on_the_ground_from_feet_in_the_air(fix_inputs, standing):
 
 
 def test_adds_the_sensors_noise(fix_inputs, standing):
-    system = SensorsSender(session=3, noise_factor=0.5)
+    system = SensorsSender(A1, session=3, noise_factor=0.5)
     context = fix_inputs(system, state=standing, followed=0, uniform_noise=np.ones(24))
     message = system.get_message_output_port().Eval(context)
     measured = np.concatenate([message.joint_position, message.joint_velocity])
@@ -51,6 +54,6 @@ def test_adds_the_sensors_noise(fix_inputs, standing):
 
 
 def test_refuses_what_it_cannot_send(assert_sizes_are_checked):
-    assert_sizes_are_checked(SensorsSender(session=3))
+    assert_sizes_are_checked(SensorsSender(A1, session=3))
     with pytest.raises(ValueError, match="noise_factor is -1"):
-        SensorsSender(session=3, noise_factor=-1.0)
+        SensorsSender(A1, session=3, noise_factor=-1.0)

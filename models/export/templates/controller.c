@@ -64,6 +64,11 @@ static const {{ real }} STANCE[12] = {
 };
 
 {% if limits_targets %}
+{% if lowest | length == 3 %}
+/* The ranges of every leg's hip, thigh and calf, rad: targets stay within. */
+static const {{ real }} LOWEST[3] = { {{- lowest | map('number') | join(', ') -}} };
+static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') -}} };
+{% else %}
 /* The ranges of the joints, rad: targets stay within. */
 {% for name, limits in [('LOWEST', lowest), ('HIGHEST', highest)] %}
 static const {{ real }} {{ name }}[12] = {
@@ -72,6 +77,7 @@ static const {{ real }} {{ name }}[12] = {
 {% endfor %}
 };
 {% endfor %}
+{% endif %}
 
 {% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
@@ -228,7 +234,7 @@ static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets
 {% if limits_targets %}
     for (int joint = 0; joint < 12; joint++) {
         const {{ real }} asked = STANCE[joint] + ACTION_SCALE * action[joint];
-        const {{ real }} lowest = LOWEST[joint], highest = HIGHEST[joint];
+        const {{ real }} lowest = LOWEST[{{ limit }}], highest = HIGHEST[{{ limit }}];
 
         targets->joint_position[joint] =
             asked < lowest ? lowest : asked > highest ? highest : asked;
