@@ -25,7 +25,7 @@ def MakeCompiledLocomotion(  # noqa: N802
     Args:
         gait: The gait, or those that the controller changes between.
         scenario: The world; without noise in its sensors.
-        controller: What acts.
+        controller: The controller.
 
     Raises:
         InputError: if the scenario's sensors have noise, or the gait is not made for the command.

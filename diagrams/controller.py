@@ -2,20 +2,29 @@
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
+from pydrake.systems.primitives import Multiplexer, PortSwitch
 
-from glassgait.diagrams.acting import AddActingPolicies
 from glassgait.models.counterfactuals.intervention import Intervention
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
+from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    AssuredController,
+    Controller,
+    alone,
+    estimator_in_loop,
+)
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_hold import ActionHold
+from glassgait.systems.alternation import AlternationSchedule
+from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward_machine import RewardMachineSystem
 from glassgait.systems.state_estimator import StateEstimator
@@ -45,14 +54,14 @@ class Sensed:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerPorts:
     """Parts of a controller that others are connected to.
 
     Attributes:
         hold: The action hold.
         observation: What is observed (47 + n_states).
-        acting: `actions` (12), and what else tells who acts; nothing where no policy is given: the
-            hold's input is then still to be connected.
+        acting: What `AddPolicies` returns; empty where no policy is given: the hold's input is then
+            still to be connected.
     """
 
     hold: ActionHold
@@ -67,11 +76,11 @@ def AddController(  # noqa: N802
     sensed: Sensed,
     *,
     machine: RewardMachineSystem,
-    policy: ActingPolicy | Policy | None,
+    policy: Controller | Policy | None,
     true_body_state: bool = False,
     sensor_noise: float = 1.0,
     intervention: Intervention | None = None,
-) -> Controller:
+) -> ControllerPorts:
     """Adds observation, estimator, policies and action hold, and connects the reward machine.
 
     Args:
@@ -80,7 +89,7 @@ def AddController(  # noqa: N802
         gait: The gait that the policy was made for.
         sensed: Where the inputs come from.
         machine: The gait's reward machine.
-        policy: Who acts. Its estimator gives the body state that is observed and the foot heights
+        policy: The controller. Its estimator gives the observed body state and the foot heights
             that the reward machine reads.
         true_body_state: Whether to observe the true ones instead.
         sensor_noise: Factor on the noise of the joints' sensors.
@@ -92,11 +101,10 @@ def AddController(  # noqa: N802
         ValueError: if there is neither an estimator nor true heights of the feet.
     """
     if isinstance(policy, Policy):
-        policy = AlternatingPolicy(policy)
+        policy = alone(policy)
     layout = ObservationLayout(gait.n_states)
-    for one in (policy.acting_expert, policy.acting_student) if policy else ():
-        if one is not None:
-            one.check(gait=gait.name, observation_names=layout.names)
+    for one in policy.policies.values() if policy else ():
+        one.check(gait=gait.name, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
@@ -127,9 +135,60 @@ def AddController(  # noqa: N802
     acting: dict[str, OutputPort] = {}
     if policy is not None:
         given = _given_observation(builder, observation.get_output_port(), intervention)
-        acting = AddActingPolicies(builder, policy, given)
+        acting = AddPolicies(builder, policy, given)
         builder.Connect(acting["actions"], hold.get_action_input_port())
-    return Controller(hold, observation.get_output_port(), acting)
+    return ControllerPorts(hold, observation.get_output_port(), acting)
+
+
+def AddPolicies(  # noqa: N802
+    builder: DiagramBuilder, controller: Controller, observation: OutputPort
+) -> dict[str, OutputPort]:
+    """Adds a controller's policies, a switch between them, and what selects its input.
+
+    Args:
+        builder: Where they are added.
+        controller: An alternation or an assured controller.
+        observation: What the policies observe.
+
+    Returns:
+        `actions` (12); under assurance also `expert_acts` (1) and `overrun` (1).
+
+    Raises:
+        InputError: if it is another controller, which no system here acts as.
+    """
+    switch = builder.AddNamedSystem("alternation", PortSwitch(quadruped.N_JOINTS))
+    ports: dict[str, InputPortIndex] = {}
+    for name, one in controller.policies.items():
+        system = builder.AddNamedSystem(name, PolicySystem(one))
+        builder.Connect(observation, system.get_observation_input_port())
+        port = switch.DeclareInputPort(name)
+        builder.Connect(system.get_action_output_port(), port)
+        ports[name] = port.get_index()
+    # A policy that never acts has no port, and is never chosen.
+    only = next(iter(ports.values()))
+    expert, student = ports.get("expert", only), ports.get("student", only)
+    outputs = {"actions": switch.get_output_port()}
+    match controller:
+        case AssuredController():
+            monitor = AssuranceMonitor(controller.region, controller.hysteresis, expert, student)
+            builder.AddNamedSystem("assurance_monitor", monitor)
+            builder.Connect(observation, monitor.get_observation_input_port())
+            selector = monitor.get_port_selector_output_port()
+            outputs["expert_acts"] = monitor.get_expert_acts_output_port()
+            outputs["overrun"] = monitor.get_overrun_output_port()
+        case AlternatingController():
+            schedule = AlternationSchedule(
+                controller.period, expert_port=expert, student_port=student
+            )
+            builder.AddNamedSystem("alternation_schedule", schedule)
+            selector = schedule.get_port_selector_output_port()
+        case _:
+            raise InputError(
+                f"a diagram has no system for a controller of type {type(controller).__name__}; "
+                "choose a discrete scenario, which the batch simulator plays"
+            )
+    builder.Connect(selector, switch.get_port_selector_input_port())
+    return outputs
 
 
 def _add_proprioception(

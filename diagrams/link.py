@@ -28,7 +28,7 @@ from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, un
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -58,7 +58,7 @@ class ControllerEnd:
         self,
         robot: Robot,
         gait: Gait,
-        policy: ActingPolicy,
+        policy: Controller,
         lcm: DrakeLcmInterface,
         channels: Channels,
     ) -> None:
@@ -66,7 +66,7 @@ class ControllerEnd:
         Args:
             robot: The robot.
             gait: The gait whose reward machine runs.
-            policy: Who acts.
+            policy: The controller.
             lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
             channels: Names of the channels.
 

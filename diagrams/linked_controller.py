@@ -7,7 +7,7 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from glassgait.diagrams.controller import AddController, Sensed
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.settings import Channels
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_receiver import CommandReceiver
@@ -20,7 +20,7 @@ TARGETS_PUBLISHER = "targets_publisher"
 
 
 def MakeLinkedController(  # noqa: N802
-    robot: Robot, gait: Gait, policy: ActingPolicy, lcm: DrakeLcmInterface, channels: Channels
+    robot: Robot, gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
 ) -> Diagram:
     """Builds the controller of `MakeLocomotion` between messages in place of a plant.
 
@@ -43,7 +43,7 @@ def MakeLinkedController(  # noqa: N802
     Args:
         robot: The robot.
         gait: The gait whose reward machine runs.
-        policy: Who acts; sensors tell no body state, so it needs an estimator.
+        policy: The controller; sensors measure no body state, so it needs an estimator.
         lcm: Where messages go.
         channels: Names of the channels.
 

@@ -12,7 +12,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.intervention import Intervention
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
@@ -33,7 +33,7 @@ def MakeLocomotion(  # noqa: N802
     gait: Gait | GaitSwitch,
     scenario: Scenario | None = None,
     *,
-    policy: ActingPolicy | Policy | None = None,
+    policy: Controller | Policy | None = None,
     meshcat: Meshcat | None = None,
     intervention: Intervention | None = None,
 ) -> Diagram:
@@ -84,7 +84,7 @@ def MakeLocomotion(  # noqa: N802
     Args:
         gait: The gait whose reward machine runs, or several that change on request.
         scenario: The world, and how the loop is closed; the training world by default.
-        policy: Who acts. Its estimator gives the body state that is observed and the foot heights
+        policy: The controller. Its estimator gives the observed body state and the foot heights
             that the reward machine reads; they are the true ones where the scenario says so, and
             where no policy is given.
         meshcat: Shows robot, contacts and machine state there.

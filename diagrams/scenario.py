@@ -15,7 +15,7 @@ from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedComma
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Settings
@@ -142,7 +142,7 @@ class Scenario(Settings):
         if told:
             raise InputError(f"{self.refused_as()}: {told}")
 
-    def robot_of(self, policy: ActingPolicy | Policy | None = None) -> Robot:
+    def robot_of(self, policy: Controller | Policy | None = None) -> Robot:
         """Returns the robot that a policy moves here; without one, that of the scenario.
 
         Raises:
@@ -158,7 +158,7 @@ class Scenario(Settings):
             )
         return own
 
-    def limits_targets(self, policy: ActingPolicy | Policy | None) -> bool:
+    def limits_targets(self, policy: Controller | Policy | None) -> bool:
         """Returns whether joints follow targets within their ranges alone where a policy acts."""
         if self.limit_targets is not None:
             return self.limit_targets

@@ -46,7 +46,7 @@ class SwitchingSimulator(BatchSimulator):
             generator: Source of all randomness.
             estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7); as
                 `BatchSimulator` takes it.
-            policy: Who acts, as `TaskConfig.of_scenario` takes it.
+            policy: The controller, as `TaskConfig.of_scenario` takes it.
 
         Raises:
             InputError: if commands come from sliders, or a gait is not made for them.

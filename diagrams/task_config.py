@@ -8,7 +8,7 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Settings
@@ -55,7 +55,7 @@ class TaskConfig(Settings):
         cls,
         gait: Gait,
         scenario: Scenario,
-        policy: ActingPolicy | Policy | None = None,
+        policy: Controller | Policy | None = None,
         *,
         episode_steps: int = EPISODE_STEPS,
     ) -> "TaskConfig":
@@ -64,8 +64,8 @@ class TaskConfig(Settings):
         Args:
             gait: The gait.
             scenario: The scenario.
-            policy: Who acts, where the scenario leaves it to the policy whether targets are kept
-                within the joints' ranges.
+            policy: The controller, where the scenario leaves it to the policy whether targets are
+                kept within the joints' ranges.
             episode_steps: Control steps of an episode.
 
         Raises:

@@ -13,7 +13,13 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.assurance import Guard, Hysteresis, Region, initial_guard, step_guard
+from glassgait.models.task.assurance import (
+    Hysteresis,
+    MonitorState,
+    Region,
+    initial_monitor,
+    step_monitor,
+)
 
 
 class AssuranceMonitor(LeafSystem):
@@ -36,8 +42,8 @@ class AssuranceMonitor(LeafSystem):
     Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's, and
     expert_acts (1, {0, 1}), after this instant's observation. overrun (1), widths of the range that
     the observation is farthest outside of; doubt is such a range, where the region has it.
-    State: who acts and control steps inside, after the previous control step, latched every 20 ms
-    (unrestricted update). Feedthrough: observation to all outputs.
+    State: the monitor's state after the previous control step, latched every 20 ms (unrestricted
+    update). Feedthrough: observation to all outputs.
     """
 
     def __init__(
@@ -59,7 +65,7 @@ class AssuranceMonitor(LeafSystem):
         self._hysteresis = hysteresis
         self._expert_port = expert_port
         self._student_port = student_port
-        self._guard = self.DeclareDiscreteState(np.array(initial_guard(()), dtype=float))
+        self._memory = self.DeclareDiscreteState(np.array(initial_monitor(()), dtype=float))
         self._observation_port = self.DeclareVectorInputPort("observation", len(region.names))
         observed = {self.all_input_ports_ticket()}
         self._port_selector_port = self.DeclareAbstractOutputPort(
@@ -97,10 +103,10 @@ class AssuranceMonitor(LeafSystem):
         """Gives how far outside of the region the observation is."""
         return self._overrun_port
 
-    def _step(self, context: Context) -> Guard:
-        expert_acts, calm_steps = context.get_discrete_state(self._guard).value()
-        stored = Guard(np.array(expert_acts > 0.5), np.array(calm_steps, dtype=np.int64))
-        return step_guard(stored, self._overrun_port.Eval(context)[0], self._hysteresis)
+    def _step(self, context: Context) -> MonitorState:
+        expert_acts, calm_steps = context.get_discrete_state(self._memory).value()
+        stored = MonitorState(np.array(expert_acts > 0.5), np.array(calm_steps, dtype=np.int64))
+        return step_monitor(stored, self._overrun_port.Eval(context)[0], self._hysteresis)
 
     def _calc_overrun(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector([self._region.overrun(self._observation_port.Eval(context))])
@@ -114,4 +120,4 @@ class AssuranceMonitor(LeafSystem):
 
     def _latch(self, context: Context, state: State) -> None:
         after = np.array(self._step(context), dtype=float)
-        state.get_mutable_discrete_state(self._guard).SetFromVector(after)
+        state.get_mutable_discrete_state(self._memory).SetFromVector(after)

@@ -1,8 +1,10 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
+import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.switching_controller import write_switching_controller
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
@@ -41,6 +43,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
 """Files that take longest: side by side with others they come first, lest one be waited for."""
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Runs folders in two processes, and files that are named in the one that reads this."""
+    if config.args and all(Path(name.partition("::")[0]).is_file() for name in config.args):
+        return 0
+    # Each on a thread of its own but for Drake's batches, or they would share two cores.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("DRAKE_NUM_THREADS", "2")
+    return min(2, os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -135,8 +147,8 @@ def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]
 def written_page() -> ControllerSource:
     """The C of the trot's page of formulas."""
     gait, expert = load_gait("trot"), load_expert("trot")
-    policy = load_student("trot", "page")
-    names = {"name": "trot_page", "policy_name": "page", "version": "0"}
+    policy = load_student("trot", "sparse_formula")
+    names = {"name": "trot_sparse_formula", "policy_name": "sparse_formula", "version": "0"}
     return write_controller(gait, policy, expert, **names)
 
 
@@ -155,8 +167,7 @@ def switched_pages() -> SwitchedPolicy:
     """The pages of formulas of three gaits as one policy."""
     switch = GaitSwitch([load_gait(name) for name in ("walk", "trot", "bound")])
     walkers = [
-        AlternatingPolicy(load_expert(gait), load_student(gait.name, "page"), period=0)
-        for gait in switch.gaits
+        alone(load_student(gait.name, "sparse_formula"), load_expert(gait)) for gait in switch.gaits
     ]
     return SwitchedPolicy(switch, walkers)
 
@@ -164,7 +175,7 @@ def switched_pages() -> SwitchedPolicy:
 @pytest.fixture(scope="session")
 def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
     """Their C, in one file."""
-    names = {"name": "pages", "policy_name": "page", "version": "0"}
+    names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
     return write_switching_controller(switched_pages, **names)
 
 

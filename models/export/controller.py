@@ -74,7 +74,7 @@ def write_controller(
 
     Args:
         gait: The gait, whose reward machine runs.
-        policy: Who acts: a student, or the expert itself.
+        policy: The policy that acts: a student, or the expert.
         expert: Whose estimator observes what no sensor tells.
         name: What the names of its files, functions and types begin with.
         policy_name: What its comments call the policy.

@@ -35,7 +35,7 @@ class PythonController:
         """
         Args:
             gait: The gait, whose reward machine runs.
-            policy: Who acts.
+            policy: The controller.
             expert: Whose estimator observes what no sensor tells.
         """
         self._machine = RewardMachine(gait)
@@ -94,7 +94,7 @@ class PythonSwitchingController(PythonController):
     def __init__(self, switched: SwitchedPolicy) -> None:
         """
         Args:
-            switched: The gaits, and who acts and observes in each.
+            switched: The gaits, and the policies that act and observe in each.
         """
         super().__init__(switched.switch.gait, switched, switched)
         self._switch = switched.switch

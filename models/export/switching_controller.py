@@ -72,7 +72,7 @@ def write_switching_controller(
     """Writes a controller of several gaits, from sensors and the requested gait alone.
 
     Args:
-        switched: The gaits, and who acts and observes in each.
+        switched: The gaits, and the policies that act and observe in each.
         name: What the names of its files, functions and types begin with.
         policy_name: What its comments call the policies.
         version: Version of this project.

@@ -7,7 +7,7 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
@@ -191,8 +191,8 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     if recorded is not None and recorded[1] != expert.digest():
         raise InputError(
             f"{path}: observes by the estimator of the expert {recorded[1]} (key 'inputs.expert' "
-            f"of {recorded[0]}), and this expert is {expert.digest()}; give --expert the one it "
-            "was distilled with, or distil a student from this one"
+            f"of {recorded[0]}), and this expert is {expert.digest()}; name the run "
+            "that it was distilled in with --source, or distil a student from this one"
         )
     return student.with_estimator_of(expert)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, Estimator
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -37,8 +37,8 @@ class SwitchedPolicy(Policy):
 
     Attributes:
         switch: The gaits.
-        policies: Who acts in each.
-        experts: Whose estimators observe in each.
+        policies: The policy that acts in each.
+        experts: The experts whose estimators observe in each.
         greatest_change: Greatest squared change of the action in a control step.
         estimator: Maps proprioception (..., 40 + n_states) to the body state (..., 7).
     """
@@ -48,43 +48,42 @@ class SwitchedPolicy(Policy):
     def __init__(
         self,
         switch: GaitSwitch,
-        walkers: Sequence[AlternatingPolicy],
+        controllers: Sequence[AlternatingController],
         greatest_change: float = GREATEST_CHANGE,
     ) -> None:
         """
         Args:
             switch: The gaits.
-            walkers: Who walks alone in each of them, an expert or a student, in their order.
+            controllers: The controller of each, in their order: one policy alone.
             greatest_change: Greatest squared change of the action in a control step.
 
         Raises:
-            InputError: if a walker was made for another gait, does not walk alone, or has no
-                estimator; a walker is missing or left over.
+            InputError: if a controller is of another gait or of two policies, or has no estimator;
+                or one is missing or left over.
         """
         layout = ObservationLayout(switch.n_states)
-        super().__init__(
-            switch.gait.name, layout.names, robot=walkers[0].robot if walkers else None
-        )
-        if len(walkers) != len(switch.gaits):
+        robot = controllers[0].robot if controllers else None
+        super().__init__(switch.gait.name, layout.names, robot=robot)
+        if len(controllers) != len(switch.gaits):
             raise InputError(
-                f"switched policy: {len(walkers)} policies cannot act in {len(switch.gaits)} "
+                f"switched policy: {len(controllers)} policies cannot act in {len(switch.gaits)} "
                 "gaits; give one for each"
             )
         self.switch = switch
-        self.policies = [_acting(walker) for walker in walkers]
+        self.policies = [_acting(controller) for controller in controllers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states).names
             policy.check(robot=self.robot, gait=gait.name, observation_names=names)
-        self.experts = [walker.expert for walker in walkers]
-        self.limits_targets = all(walker.limits_targets for walker in walkers)
+        self.experts = [controller.expert for controller in controllers]
+        self.limits_targets = all(own.limits_targets for own in controllers)
         self._digests = [expert.digest() for expert in self.experts]
         self._digests += [policy.digest() for policy in self.policies]
-        self._estimates = [_estimator(walker) for walker in walkers]
+        self._estimates = [_estimator(controller) for controller in controllers]
         self.greatest_change = greatest_change
         self._previous_action = list(indices_of("previous action", layout.names))
         self._states = machine_state_entries(layout.names)
         self._gait_of = switch.gait_of(np.arange(switch.n_states))
-        self._columns = [_columns(layout, self._gait_of == i) for i in range(len(walkers))]
+        self._columns = [_columns(layout, self._gait_of == i) for i in range(len(controllers))]
 
     def __call__(self, observation: Array) -> Array:
         action = self._by_gait(observation, self.policies, self._columns, quadruped.N_JOINTS)
@@ -95,7 +94,7 @@ class SwitchedPolicy(Policy):
         return np.where(share < 1.0, previous + share * change, action)
 
     @property
-    def estimator(self) -> Callable[[Array], Array]:
+    def estimator(self) -> Estimator:
         """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
         return self._estimate
 
@@ -147,23 +146,21 @@ class SwitchedPolicy(Policy):
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
 
-def _acting(walker: AlternatingPolicy) -> Policy:
-    if walker.acting_expert is not None and walker.acting_student is not None:
+def _acting(controller: AlternatingController) -> Policy:
+    if len(controller.policies) > 1:
         raise InputError(
             "switched policy: expert and student by turns cannot act in a gait; give one of them"
         )
-    alone = walker.acting_expert or walker.acting_student
-    assert alone is not None
-    return alone
+    return controller.policy
 
 
-def _estimator(walker: AlternatingPolicy) -> Callable[[Array], Array]:
-    if walker.estimator is None:
+def _estimator(controller: AlternatingController) -> Estimator:
+    if controller.estimator is None:
         raise InputError(
-            f"switched policy: the {walker.expert.kind} expert of the {walker.expert.gait} has no "
-            "estimator; give one that has"
+            f"switched policy: the {controller.expert.kind} expert of the "
+            f"{controller.expert.gait} has no estimator; give one that has"
         )
-    return walker.estimator
+    return controller.estimator
 
 
 def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:

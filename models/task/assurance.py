@@ -136,8 +136,8 @@ class Hysteresis(Settings):
             )
 
 
-class Guard(NamedTuple):
-    """Who acts, and since when the robot is inside.
+class MonitorState(NamedTuple):
+    """State of the monitor that chooses between expert and student.
 
     Attributes:
         expert_acts: Whether the expert acts (...).
@@ -148,20 +148,20 @@ class Guard(NamedTuple):
     calm_steps: NDArray[np.int64]
 
 
-def initial_guard(shape: tuple[int, ...]) -> Guard:
-    """Returns guards (...) as they are before an episode's first observation."""
-    return Guard(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64))
+def initial_monitor(shape: tuple[int, ...]) -> MonitorState:
+    """Returns the state (...) before an episode's first observation."""
+    return MonitorState(np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64))
 
 
-def step_guard(guard: Guard, overrun: Array, hysteresis: Hysteresis) -> Guard:
-    """Decides who acts at a control step.
+def step_monitor(state: MonitorState, overrun: Array, hysteresis: Hysteresis) -> MonitorState:
+    """Decides which policy acts at a control step.
 
     Args:
-        guard: The guards after the step before (...).
+        state: The monitor's state after the step before (...).
         overrun: Overruns of this step's observations (...).
         hysteresis: The limits.
     """
-    calm_steps = np.where(overrun <= hysteresis.return_limit, guard.calm_steps + 1, 0)
-    kept = guard.expert_acts & (calm_steps < hysteresis.return_steps)
+    calm_steps = np.where(overrun <= hysteresis.return_limit, state.calm_steps + 1, 0)
+    kept = state.expert_acts & (calm_steps < hysteresis.return_steps)
     # Written so that an overrun that is not a number calls the expert.
-    return Guard(kept | ~(overrun <= hysteresis.limit), calm_steps)
+    return MonitorState(kept | ~(overrun <= hysteresis.limit), calm_steps)

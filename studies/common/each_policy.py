@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from glassgait.models.files import record_or_made
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.studies.common.console import progress_bar
 
 
 def measure_each(
-    walkers: Mapping[str, AlternatingPolicy],
-    measure: Callable[[AlternatingPolicy], Any],
+    walkers: Mapping[str, AlternatingController],
+    measure: Callable[[AlternatingController], Any],
     folder: Path,
     *,
     of: str,

@@ -9,12 +9,12 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
+from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.distillation.rounds import Round
@@ -49,7 +49,7 @@ def collect(
         InputError: if a sample is not finite.
     """
     n = len(plan.episodes)
-    policy = AlternatingPolicy(expert, student, plan.period)
+    policy = AlternatingController(expert, student, plan.period)
     if isinstance(worlds, Scenario):
         task = TaskConfig.of_scenario(gait, worlds, policy, episode_steps=plan.steps)
         stations, blind = [worlds.station], not worlds.true_body_state
@@ -82,7 +82,7 @@ def collect(
         observation = simulator.observe()
         label = expert(observation)
         _refuse_not_finite(expert, step, observation, label)
-        action = label if policy.expert_acts(step) else student(observation)
+        action = label if expert_acts(step, plan.period) else student(observation)
         observations.append(observation)
         labels.append(label)
         outcome = simulator.step(action)

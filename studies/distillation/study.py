@@ -23,6 +23,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import write_table
@@ -92,6 +93,9 @@ def distill(
         work = _Distillation(config, gait, expert, worlds, folder, run, report)
         rows: dict[str, dict] = {}
         for kind, row in work.rows():
+            if not rows:
+                # Students observe by its estimator, wherever the folder is moved.
+                expert.save(policy_path(folder, EXPERT))
             rows[kind] = row
             table = pd.DataFrame([rows[kind] for kind in config.students if kind in rows])
             finished(table)

@@ -25,7 +25,7 @@ def visit(
     Args:
         gait: The gait.
         expert: The expert; its estimator observes for the policy.
-        policy: Who acts: a student, or the expert itself.
+        policy: The policy that acts: a student, or the expert.
         n_robots: Number of robots.
         n_steps: Control steps of each.
         seed: Seed of initial states, commands and noise.

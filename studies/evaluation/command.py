@@ -11,7 +11,7 @@ from annotated_types import MinLen
 
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import shipped_experts, shipped_students
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.command import DEAD_BAND
@@ -174,9 +174,9 @@ class Evaluate(Settings):
             raise InputError(f"no gait ships with a policy {self.policy!r}; name one gait")
         return gaits
 
-    def _policy(self, gait: Gait) -> tuple[Gait, AlternatingPolicy]:
+    def _policy(self, gait: Gait) -> tuple[Gait, AlternatingController]:
         expert = find_expert(gait, self.expert)
         if self.policy == "expert":
-            return gait, AlternatingPolicy(expert)
+            return gait, alone(expert)
         student = find_student(self.policy, expert, self.distillation)
-        return gait, AlternatingPolicy(expert, student, period=0)
+        return gait, alone(student, expert)

@@ -4,14 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
 
 
 def scorecard_jobs(
-    policies: Sequence[tuple[Gait, AlternatingPolicy]],
+    policies: Sequence[tuple[Gait, AlternatingController]],
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> list[RolloutJob]:

@@ -78,7 +78,9 @@ class Planner(LeafSystem):
 def main() -> None:
     """Walks round two corners."""
     builder = DiagramBuilder()
-    loop = builder.AddSystem(MakeLocomotion(load_gait("trot"), policy=load_student("trot", "page")))
+    loop = builder.AddSystem(
+        MakeLocomotion(load_gait("trot"), policy=load_student("trot", "sparse_formula"))
+    )
     planner = builder.AddSystem(Planner())
     builder.Connect(loop.GetOutputPort("state"), planner.GetInputPort("state"))
     # The input that stays unconnected, the rhythm, is drawn as the scenario says.

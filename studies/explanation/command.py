@@ -13,7 +13,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -112,7 +112,7 @@ class Explain(Settings):
         say("rolling out")
         rollout = play(
             gait,
-            AlternatingPolicy(expert, student, period=0),
+            alone(student, expert),
             Scenario(command=self.command),
             open_meshcat(),
             replay,

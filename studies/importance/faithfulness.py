@@ -1,8 +1,8 @@
 """Is an explanation true? Take observations away in closed loop and see what is lost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal, NoReturn
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -10,10 +10,16 @@ from scipy import stats
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    Controller,
+    ControllerOutput,
+    Estimator,
+    alone,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
@@ -33,24 +39,57 @@ WHOLE = "nothing"
 
 
 @dataclass(frozen=True)
-class AblatedPolicy(AlternatingPolicy):
-    """A policy that acts without some of its observations.
+class AblatedController:
+    """A student that acts alone, without some of its observations.
+
+    No system of a diagram acts so: only the batch simulator plays it.
 
     Attributes:
+        expert: The expert, whose estimator observes.
+        student: The student.
         columns: The observations that are taken away.
         mode: What stands in their place.
         means: Their means (m,).
         seed: Seed of the shuffling.
     """
 
+    expert: Policy
+    student: Policy
     columns: tuple[int, ...] = ()
     mode: AblationMode = "mean"
     means: tuple[float, ...] = ()
     seed: int = 0
-    _last: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
 
-    def act(self, step: int, observation: Array) -> Array:
-        """Returns the actions (n, 12) at a control step; steps must come in order from 0."""
+    @property
+    def policies(self) -> dict[str, Policy]:
+        """The student, for it alone acts."""
+        return self._whole.policies
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        return self._whole.estimator
+
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone."""
+        return self._whole.limits_targets
+
+    @property
+    def _whole(self) -> AlternatingController:
+        return alone(self.student, self.expert)
+
+    def begin(self, n_robots: int) -> Array | None:
+        """Returns the observations of the step before: none."""
+        return None
+
+    def advance(self, step: int, observation: Array, memory: Array | None) -> ControllerOutput:
+        """Acts by the student on observations of which some are replaced."""
         ablated = observation.copy()
         columns = np.array(self.columns, dtype=np.int64)
         match self.mode:
@@ -61,25 +100,14 @@ class AblatedPolicy(AlternatingPolicy):
                 other = generator.permutation(len(observation))
                 ablated[:, columns] = observation[np.ix_(other, columns)]
             case "delayed":
-                before = observation if step == 0 else self._last["observation"]
+                before = observation if memory is None else memory
                 ablated[:, columns] = before[:, columns]
-                self._last["observation"] = observation
-        return super().act(step, ablated)
-
-    @property
-    def acting_expert(self) -> NoReturn:
-        """Refuses: only `act` takes observations away."""
-        raise InputError(
-            "ablation: a diagram's policies see every observation; choose a discrete scenario, "
-            "where they can be taken away"
-        )
-
-    acting_student = acting_expert
+        return self._whole.advance(step, ablated, None)._replace(memory=observation)
 
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {
-            **super().settings(),
+            **self._whole.settings(),
             "columns": [int(column) for column in self.columns],
             "mode": self.mode,
             "means": list(self.means),
@@ -110,15 +138,12 @@ def ablation_jobs(
     config = config.at_distilled_speeds(gait)
     groups = observation_groups(expert.observation_names)
     for kind, student in students.items():
-        policies: dict[tuple[str, str], AlternatingPolicy] = {
-            (WHOLE, "mean"): AlternatingPolicy(expert, student, 0)
-        }
+        policies: dict[tuple[str, str], Controller] = {(WHOLE, "mean"): alone(student, expert)}
         for group, columns in groups.items():
             for mode in MODE_TITLES:
-                policies[group, mode] = AblatedPolicy(
+                policies[group, mode] = AblatedController(
                     expert,
                     student,
-                    0,
                     columns=tuple(columns.tolist()),
                     mode=mode,
                     means=tuple(means[kind][columns].tolist()),

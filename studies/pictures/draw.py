@@ -20,7 +20,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait, load_gait
@@ -87,7 +87,9 @@ def loop_svg(gait: Gait) -> str:
     expert = load_expert(gait.name)
     student = untrained_student(expert)
     scenario = Scenario(command=COMMAND, sensor_noise=0.0)
-    diagram = MakeLocomotion(gait, scenario, policy=AlternatingPolicy(expert, student, period=4))
+    diagram = MakeLocomotion(
+        gait, scenario, policy=AlternatingController(expert, student, period=4)
+    )
     dot = _without_exports(diagram.GetGraphvizString(max_depth=1))
     arguments = ["dot", "-Tsvg", "-Gnodesep=0.12", "-Granksep=0.35", "-Nfontname=Helvetica"]
     drawn = subprocess.run(arguments, input=dot, text=True, check=True, capture_output=True)

@@ -99,12 +99,12 @@ def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
     n_robots = min(job.config.n_robots, scenario.max_robots or job.config.n_robots)
     simulator = make_batch(job.gait, job.policy, scenario, n_robots=n_robots, seed=job.config.seed)
     observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
-    guard = job.policy.begin(simulator.n_robots)
+    memory = job.policy.begin(simulator.n_robots)
     for step in range(job.config.n_steps):
         observations.append(simulator.observe())
-        turn = job.policy.advance(step, observations[-1], guard)
-        guard = turn.guard
-        action = np.where(failed[:, None], 0.0, turn.action)
+        output = job.policy.advance(step, observations[-1], memory)
+        memory = output.memory
+        action = np.where(failed[:, None], 0.0, output.action)
         failed |= simulator.step(action).failures.any(axis=-1)
     if failed.all():
         return None

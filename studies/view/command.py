@@ -13,7 +13,7 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, scena
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
@@ -120,16 +120,16 @@ class ShowRollout(Settings):
         gait, policy = self._several() if self.change_to else self._one()
         self._play(gait, policy)
 
-    def _several(self) -> tuple[GaitSwitch, AlternatingPolicy]:
+    def _several(self) -> tuple[GaitSwitch, AlternatingController]:
         """Loads the gaits that change, and who walks in each."""
         names = (self.gait, *self.change_to)
         own = Path(self.policy) if Path(self.policy).suffix else None
         refuse_files_of_several(names, self.expert, self.distillation, own)
         switch = GaitSwitch([load_gait(name) for name in names])
         walkers = [find_walker(self.policy, find_expert(gait)) for gait in switch.gaits]
-        return switch, AlternatingPolicy(SwitchedPolicy(switch, walkers))
+        return switch, alone(SwitchedPolicy(switch, walkers))
 
-    def _one(self) -> tuple[Gait, AlternatingPolicy]:
+    def _one(self) -> tuple[Gait, AlternatingController]:
         """Loads the only gait, and who walks."""
         gait = load_gait(self.gait)
         expert = find_expert(gait, self.expert)
@@ -141,9 +141,9 @@ class ShowRollout(Settings):
         )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        return gait, AlternatingPolicy(expert, student, period)
+        return gait, AlternatingController(expert, student, period)
 
-    def _play(self, gait: Gait | GaitSwitch, policy: AlternatingPolicy) -> None:
+    def _play(self, gait: Gait | GaitSwitch, policy: AlternatingController) -> None:
         shown = gait.gait if isinstance(gait, GaitSwitch) else gait
         scenario = load_scenario(self.scenario)
         if self.live:

@@ -15,7 +15,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import KEPT_STEPS, Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -30,7 +30,7 @@ FALLEN_SECONDS = 1.0
 
 def play_live(
     gait: Gait | GaitSwitch,
-    policy: AlternatingPolicy,
+    policy: AlternatingController,
     scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,
@@ -43,7 +43,7 @@ def play_live(
 
     Args:
         gait: The gait, or several, each with a button that changes to it.
-        policy: Who acts.
+        policy: The controller.
         scenario: The world.
         meshcat: Where the robot shows.
         replay: HTML file of the replay.

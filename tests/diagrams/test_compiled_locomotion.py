@@ -8,7 +8,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
 
@@ -17,7 +17,7 @@ N_STEPS = 60
 
 def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
     scenario = Scenario(sensor_noise=0.0)
-    policy = AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+    policy = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
     diagrams = [
         MakeLocomotion(trot, scenario, policy=policy),
         MakeCompiledLocomotion(trot, scenario, compiled_page),
@@ -41,7 +41,7 @@ def test_noise_that_it_has_no_port_for_is_refused(noise, compiled_page):
 def test_gaits_change_as_by_the_python_policy(switched_pages, compiled_pages):
     scenario, switch = Scenario(sensor_noise=0.0), switched_pages.switch
     diagrams = [
-        MakeLocomotion(switch, scenario, policy=AlternatingPolicy(switched_pages)),
+        MakeLocomotion(switch, scenario, policy=alone(switched_pages)),
         MakeCompiledLocomotion(switch, scenario, compiled_pages),
     ]
     rolled = []

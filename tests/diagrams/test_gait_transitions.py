@@ -13,7 +13,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots.robot import load_robot
@@ -35,9 +35,9 @@ def two(source, target, student=None):
     """A switch between two gaits, with the experts or a kind of students."""
     switch = GaitSwitch([load_gait(source), load_gait(target)])
     walkers = [
-        AlternatingPolicy(load_expert(gait))
+        alone(load_expert(gait))
         if student is None
-        else AlternatingPolicy(load_expert(gait), load_student(gait, student), period=0)
+        else alone(load_student(gait, student), load_expert(gait))
         for gait in (source, target)
     ]
     return switch, SwitchedPolicy(switch, walkers)
@@ -72,8 +72,8 @@ def recorded(diagram, state, requested):
     [
         ("walk", "trot", None, 0.0),
         ("trot", "bound", None, 0.02),
-        ("bound", "pace", "page", 0.0),
-        ("pace", "walk", "page", 0.0),
+        ("bound", "pace", "sparse_formula", 0.0),
+        ("pace", "walk", "sparse_formula", 0.0),
     ],
 )
 def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student, latency):

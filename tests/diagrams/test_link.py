@@ -19,7 +19,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
@@ -33,8 +33,8 @@ N_STEPS = 120
 
 
 @pytest.fixture(scope="module")
-def page() -> AlternatingPolicy:
-    return AlternatingPolicy(load_expert("trot"), load_student("trot", "page"), period=0)
+def page() -> AlternatingController:
+    return alone(load_student("trot", "sparse_formula"), load_expert("trot"))
 
 
 class Ends:

@@ -16,8 +16,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.controller import AlternatingController, AssuredController, alone
 from glassgait.models.policies.library import (
     EXPERT_DIRECTORY,
     STUDENT_DIRECTORY,
@@ -171,7 +170,7 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     trot, make_policy, limit_targets, limited
 ):
     # It kicks: every joint is at an end of its range again and again.
-    page = load_student("trot", "page")
+    page = load_student("trot", "sparse_formula")
     wild = LinearPolicy(
         "trot", page.observation_names, 4.0 * make_policy(trot).weights, np.ones(12)
     )
@@ -227,34 +226,34 @@ def test_they_agree_where_a_planner_commands(trot):
 
 
 def test_they_agree_while_expert_and_student_act_under_assurance(trot):
-    expert, student = load_expert("trot"), load_student("trot", "page")
+    expert, student = load_expert("trot"), load_student("trot", "sparse_formula")
     names = expert.observation_names
     upper = np.full((2, len(names)), 100.0)
     # So narrow that the robot, which sways, leaves it and comes back again and again.
     upper[:, names.index("Base Lin Vel Y")] = 0.1
     hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
-    policy = AssuredPolicy(expert, student, Region(names, -upper, upper), hysteresis)
+    policy = AssuredController(expert, student, Region(names, -upper, upper), hysteresis)
     scenario = replace(CALM, command=COMMAND)
     (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
     diagram = MakeLocomotion(trot, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     simulator = batch_of_one(trot, state, COMMAND_OF_ONE, scenario, policy.estimator)
-    guard = policy.begin(1)
+    memory = policy.begin(1)
     for step in range(N_STEPS + 1):
         observation = simulator.observe()
-        turn = policy.advance(step, observation, guard)
-        guard = turn.guard
-        assert turn.expert_acts[0] == rollout["expert_acts"][step, 0], f"step {step}"
+        output = policy.advance(step, observation, memory)
+        memory = output.memory
+        assert output.expert_acts[0] == rollout["expert_acts"][step, 0], f"step {step}"
         for found, port in [
             (simulator.state.plant, "state"),
             (observation, "observations"),
-            (turn.action, "actions"),
+            (output.action, "actions"),
             (policy.region.overrun(observation), "overrun"),
         ]:
             np.testing.assert_allclose(
                 found[0], np.squeeze(rollout[port][step]), rtol=0, atol=TOLERANCE, err_msg=port
             )
-        simulator.step(turn.action)
+        simulator.step(output.action)
     turns = np.flatnonzero(np.diff(rollout["expert_acts"][:, 0]))
     assert len(turns) > 10
 
@@ -305,7 +304,7 @@ def test_exported_ports(trot, make_policy):
 @pytest.mark.parametrize("period", [1, 3, 0])
 def test_alternation_lets_the_right_policy_act(trot, make_policy, period):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    diagram = MakeLocomotion(trot, TRUE, policy=AlternatingPolicy(expert, student, period))
+    diagram = MakeLocomotion(trot, TRUE, policy=AlternatingController(expert, student, period))
     rollout = record(make_simulator(diagram), 12, stop_on_failure=False)
     for step in range(13):
         acts = expert if period and step % period == 0 else student
@@ -353,7 +352,7 @@ def test_the_true_body_state_is_observed_where_the_scenario_says_so(trot):
 
 
 def test_a_policy_without_an_estimator_observes_the_true_body_state_only_if_asked(trot):
-    page = load_policy(STUDENT_DIRECTORY / "trot" / "page.formulas")
+    page = load_policy(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     with pytest.raises(InputError, match=r"policy of the trot has no estimator.*load_student"):
         MakeLocomotion(trot, CALM, policy=page)
     rollout = record(make_simulator(MakeLocomotion(trot, TRUE, policy=page)), 0)
@@ -361,15 +360,15 @@ def test_a_policy_without_an_estimator_observes_the_true_body_state_only_if_aske
 
 
 def test_a_shipped_student_alone_observes_by_its_experts_estimator(trot):
-    page = load_student("trot", "page")
+    page = load_student("trot", "sparse_formula")
     assert_agreement(trot, page, replace(CALM, command=COMMAND))
-    beside = AlternatingPolicy(load_expert("trot"), page, period=0)
-    alone, both = (
+    beside = alone(page, load_expert("trot"))
+    single, both = (
         record(make_simulator(MakeLocomotion(trot, CALM, policy=policy)), 20)
         for policy in (page, beside)
     )
-    for name in alone.values:
-        np.testing.assert_array_equal(alone[name], both[name])
+    for name in single.values:
+        np.testing.assert_array_equal(single[name], both[name])
 
 
 def test_a_simulator_made_by_hand_starts_on_its_feet(trot):

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import AssuredPolicy, estimator_in_loop
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    AssuredController,
+    alone,
+    estimator_in_loop,
+)
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.alternation import expert_acts, ratio_title
 from glassgait.models.task.assurance import Hysteresis, Region
@@ -28,12 +32,13 @@ def test_ratios_are_named_as_in_the_paper():
 @pytest.mark.parametrize("period", [1, 2, 4, 0])
 def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, period):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
-    policy = AlternatingPolicy(expert, student, period)
-    observation = np.ones((3, len(expert.observation_names)))
+    controller = AlternatingController(expert, student, period)
+    observation, memory = np.ones((3, len(expert.observation_names))), controller.begin(3)
     for step in range(9):
-        assert policy.expert_acts(step) == expert_acts(step, period)
+        output = controller.advance(step, observation, memory)
+        assert output.expert_acts.tolist() == 3 * [bool(expert_acts(step, period))]
         acting = expert if expert_acts(step, period) else student
-        np.testing.assert_array_equal(policy.act(step, observation), acting(observation))
+        np.testing.assert_array_equal(output.action, acting(observation))
 
 
 @pytest.mark.parametrize(
@@ -41,13 +46,13 @@ def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, perio
 )
 def test_an_alternation_without_its_student_is_refused(trot, make_policy, period, told):
     with pytest.raises(ValueError, match=told):
-        AlternatingPolicy(make_policy(trot), None, period)
+        AlternatingController(make_policy(trot), None, period)
 
 
 def test_the_experts_estimator_observes_for_both(trot, make_policy):
     expert = load_expert("trot")
-    assert AlternatingPolicy(expert, make_policy(trot), 0).estimator is expert.estimator
-    assert AlternatingPolicy(make_policy(trot)).estimator is None
+    assert alone(make_policy(trot), expert).estimator is expert.estimator
+    assert alone(make_policy(trot)).estimator is None
 
 
 @pytest.mark.parametrize(
@@ -67,40 +72,40 @@ def test_targets_are_limited_by_the_expert_or_by_a_student_that_acts_alone(
 ):
     expert, student = make_policy(trot, seed=1), make_policy(trot, seed=2)
     expert.limits_targets, student.limits_targets = expert_limits, student_limits
-    assert AlternatingPolicy(expert, student, period).limits_targets is limited
-    assert AlternatingPolicy(expert).limits_targets is expert_limits
+    assert AlternatingController(expert, student, period).limits_targets is limited
+    assert alone(expert).limits_targets is expert_limits
 
 
 def test_shipped_pages_that_lose_nothing_by_it_are_limited():
-    limits = {gait: load_student(gait, "page").limits_targets for gait in PAGES}
+    limits = {gait: load_student(gait, "sparse_formula").limits_targets for gait in PAGES}
     assert limits == {"trot": True, "pace": True, "bound": True, "walk": False}
     assert not any(load_expert(gait).limits_targets for gait in PAGES)
 
 
 def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, make_policy):
-    expert, page = load_expert("trot"), load_student("trot", "page")
-    for policy in (expert, page, AlternatingPolicy(expert), AlternatingPolicy(page)):
+    expert, page = load_expert("trot"), load_student("trot", "sparse_formula")
+    for policy in (expert, page, alone(expert), alone(page)):
         assert estimator_in_loop(policy) is policy.estimator is not None
         assert estimator_in_loop(policy, true_body_state=True) is None
     bare = make_policy(trot)
-    for policy in (bare, AlternatingPolicy(bare, bare, period=2)):
+    for policy in (bare, AlternatingController(bare, bare, period=2)):
         assert estimator_in_loop(policy, true_body_state=True) is None
         with pytest.raises(InputError, match=r"linear policy of the trot has no estimator.*true_b"):
             estimator_in_loop(policy)
 
 
 def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_expert):
-    page, other = load_student("trot", "page"), small_expert(trot)
-    assert AlternatingPolicy(load_expert("trot"), page, period=0).student is page
+    page, other = load_student("trot", "sparse_formula"), small_expert(trot)
+    assert alone(page, load_expert("trot")).student is page
     told = f"the expert {load_expert('trot').digest()}, not by that of {other.digest()}"
     with pytest.raises(InputError, match=told):
-        AlternatingPolicy(other, page, period=0)
+        alone(page, other)
     names = page.observation_names
     region = Region(names, np.zeros((2, len(names))), np.ones((2, len(names))))
     with pytest.raises(InputError, match=told):
-        AssuredPolicy(other, page, region, Hysteresis(0.1, 0.05, return_steps=3))
+        AssuredController(other, page, region, Hysteresis(0.1, 0.05, return_steps=3))
 
 
 def test_a_policy_does_not_observe_by_an_expert_of_another_gait():
     with pytest.raises(InputError, match="the expert is of the trot and the policy of the bound"):
-        load_student("bound", "page").with_estimator_of(load_expert("trot"))
+        load_student("bound", "sparse_formula").with_estimator_of(load_expert("trot"))

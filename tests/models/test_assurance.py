@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.controller import AlternatingController, AssuredController
 from glassgait.models.task.assurance import (
     Doubt,
-    Guard,
     Hysteresis,
+    MonitorState,
     Region,
-    initial_guard,
-    step_guard,
+    initial_monitor,
+    step_monitor,
 )
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
@@ -80,10 +79,10 @@ def test_doubt_that_cannot_be_is_refused(usual):
 
 
 def decisions(overruns, hysteresis):
-    guard, acts = initial_guard((1,)), ""
+    memory, acts = initial_monitor((1,)), ""
     for overrun in overruns:
-        guard = step_guard(guard, np.array([overrun]), hysteresis)
-        acts += "E" if guard.expert_acts[0] else "S"
+        memory = step_monitor(memory, np.array([overrun]), hysteresis)
+        acts += "E" if memory.expert_acts[0] else "S"
     return acts
 
 
@@ -103,10 +102,10 @@ def test_robots_are_guarded_each_for_itself():
     generator = np.random.default_rng(4)
     overruns = generator.exponential(0.1, size=(60, 5))
     hysteresis = Hysteresis(0.2, 0.1, return_steps=4)
-    guard, together = initial_guard((5,)), []
+    memory, together = initial_monitor((5,)), []
     for overrun in overruns:
-        guard = step_guard(guard, overrun, hysteresis)
-        together.append(guard.expert_acts)
+        memory = step_monitor(memory, overrun, hysteresis)
+        together.append(memory.expert_acts)
     for robot in range(5):
         alone = decisions(overruns[:, robot], hysteresis)
         assert alone == "".join("E" if acts else "S" for acts in np.array(together)[:, robot])
@@ -132,43 +131,45 @@ def test_regions_that_cannot_be_are_refused():
 @pytest.fixture
 def assured(trot, make_policy):
     hysteresis = Hysteresis(0.2, 0.1, return_steps=2)
-    return AssuredPolicy(make_policy(trot, 1), make_policy(trot, 2), region_of_two(), hysteresis)
+    return AssuredController(
+        make_policy(trot, 1), make_policy(trot, 2), region_of_two(), hysteresis
+    )
 
 
 def test_each_robot_is_moved_by_whom_its_own_observations_call(assured):
     first = np.array([observing(0.0), observing(5.0), observing(0.5)])
-    turn = assured.advance(0, first, assured.begin(3))
-    assert turn.expert_acts.tolist() == [False, True, False]
+    output = assured.advance(0, first, assured.begin(3))
+    assert output.expert_acts.tolist() == [False, True, False]
     expected = assured.student(first)
     expected[1] = assured.expert(first[1])
-    np.testing.assert_allclose(turn.action, expected, atol=1e-12)
+    np.testing.assert_allclose(output.action, expected, atol=1e-12)
     calm = np.array([observing(0.0)] * 3)
-    turn = assured.advance(1, calm, turn.guard)
-    assert turn.expert_acts.tolist() == [False, True, False]
-    assert not assured.advance(2, calm, turn.guard).expert_acts.any()
+    output = assured.advance(1, calm, output.memory)
+    assert output.expert_acts.tolist() == [False, True, False]
+    assert not assured.advance(2, calm, output.memory).expert_acts.any()
     # A robot that starts anew is told what `begin` tells; the others go on.
-    reset = Guard(*(np.where([False, True, False], 0, part) for part in turn.guard))
+    reset = MonitorState(*(np.where([False, True, False], 0, part) for part in output.memory))
     assert not assured.advance(2, calm, reset).expert_acts.any()
 
 
 def test_the_same_guards_give_the_same_turn(assured):
-    observation, guard = np.array([observing(5.0), observing(0.0)]), assured.begin(2)
-    first, again = (assured.advance(0, observation, guard) for _ in range(2))
+    observation, memory = np.array([observing(5.0), observing(0.0)]), assured.begin(2)
+    first, again = (assured.advance(0, observation, memory) for _ in range(2))
     np.testing.assert_array_equal(first.action, again.action)
-    assert not guard.expert_acts.any() and not guard.calm_steps.any()
+    assert not memory.expert_acts.any() and not memory.calm_steps.any()
 
 
 def test_settings_tell_regions_and_limits_apart(assured):
     region = region_of_two()
     other = Region(NAMES, region.lower - 1.0, region.upper)
     told = [
-        AssuredPolicy(assured.expert, assured.student, own, Hysteresis(limit, 0.1)).settings()
+        AssuredController(assured.expert, assured.student, own, Hysteresis(limit, 0.1)).settings()
         for own, limit in [(region, 0.2), (other, 0.2), (region, 0.3), (region, 0.2)]
     ]
     assert told[0] == told[3]
     assert told[0] != told[1] != told[2] != told[0]
     doubts = [
-        AssuredPolicy(assured.expert, assured.student, doubtful(usual), Hysteresis(0.2, 0.1))
+        AssuredController(assured.expert, assured.student, doubtful(usual), Hysteresis(0.2, 0.1))
         for usual in (((0.1, 0.0), (0.5, 0.0)), ((0.1, 0.0), (0.6, 0.0)))
     ]
     assert told[0] != doubts[0].settings() != doubts[1].settings()
@@ -184,12 +185,12 @@ def test_a_student_that_doubts_gives_way_where_nothing_is_out_of_range(assured):
 def test_a_region_of_another_gait_is_refused(assured, make_policy):
     walk = make_policy(load_gait("walk"))
     with pytest.raises(InputError, match="other observations than the student's"):
-        AssuredPolicy(walk, walk, assured.region, assured.hysteresis)
+        AssuredController(walk, walk, assured.region, assured.hysteresis)
 
 
 def test_a_schedule_tells_who_acts(trot, make_policy):
-    policy = AlternatingPolicy(make_policy(trot, 1), make_policy(trot, 2), period=2)
-    observation, guard = np.array([observing(0.0)] * 2), policy.begin(2)
-    turns = [policy.advance(step, observation, guard) for step in range(2)]
-    assert [turn.expert_acts.tolist() for turn in turns] == [[True, True], [False, False]]
-    np.testing.assert_array_equal(turns[1].action, policy.student(observation))
+    policy = AlternatingController(make_policy(trot, 1), make_policy(trot, 2), period=2)
+    observation, memory = np.array([observing(0.0)] * 2), policy.begin(2)
+    outputs = [policy.advance(step, observation, memory) for step in range(2)]
+    assert [output.expert_acts.tolist() for output in outputs] == [[True, True], [False, False]]
+    np.testing.assert_array_equal(outputs[1].action, policy.student(observation))

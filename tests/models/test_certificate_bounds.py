@@ -16,8 +16,8 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.certificates.question import Question, region_of
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -49,7 +49,12 @@ def greatest(text: str) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("gait", "kind"),
-    [("trot", "page"), ("pace", "page"), ("trot", "statewise_linear"), ("trot", "ebm")],
+    [
+        ("trot", "sparse_formula"),
+        ("pace", "sparse_formula"),
+        ("trot", "statewise_linear"),
+        ("trot", "ebm"),
+    ],
 )
 @pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
@@ -78,7 +83,7 @@ def test_no_observation_breaks_a_bound_of_trees():
         assert (sign * reached[:, joint]).max() <= found.reached <= found.bound
 
 
-@pytest.mark.parametrize("kind", ["page", "statewise_linear", "ebm"])
+@pytest.mark.parametrize("kind", ["sparse_formula", "statewise_linear", "ebm"])
 def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
     gait, policy = load_gait("trot"), load_student("trot", kind)
     box, units = operating_box(gait, A1), RobotUnits.of(A1, policy.observation_names)
@@ -90,7 +95,7 @@ def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
         value = A1.joint_targets(action)[joint]
         value -= found.witness[2 + joint] if of == "offset" else 0.0
         assert -value == pytest.approx(found.reached, abs=1e-8)
-        exact = kind != "page"
+        exact = kind != "sparse_formula"
         assert found.bound - found.reached <= (1e-9 if exact else 0.01 * WIDTHS[joint])
 
 

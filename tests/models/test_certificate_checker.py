@@ -24,11 +24,9 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
+POLICY = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
 A1 = load_robot()
-
-
-POLICY = STUDENT_DIRECTORY / "trot" / "page.formulas"
-PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
+PATH = next(path for path in shipped_certificates() if path.name == "trot_sparse_formula.json")
 CONTENT = json.loads(PATH.read_text())
 
 
@@ -60,7 +58,10 @@ def test_shipped_certificates_hold(path):
 
 
 def test_every_page_of_formulas_has_a_certificate():
-    pages = {f"{path.parent.name}_page" for path in STUDENT_DIRECTORY.glob("*/page.formulas")}
+    pages = {
+        f"{path.parent.name}_sparse_formula"
+        for path in STUDENT_DIRECTORY.glob("*/sparse_formula.formulas")
+    }
     assert pages <= {path.stem for path in shipped_certificates()}
 
 
@@ -162,7 +163,7 @@ def test_refuses_a_policy_of_which_one_digit_was_changed(tmp_path, seed):
     places = [found.start() for found in re.finditer(r"(?<=\.)\d|\d(?=\*)", text)]
     place = int(generator.choice(places))
     digit = str((int(text[place]) + int(generator.integers(1, 10))) % 10)
-    path = tmp_path / "page.formulas"
+    path = tmp_path / "sparse_formula.formulas"
     path.write_text(text[:place] + digit + text[place + 1 :])
     with pytest.raises(RefusedError, match="is not the one that was certified"):
         check(PATH, path)
@@ -181,7 +182,7 @@ def test_refuses_what_is_no_certificate(tmp_path, text, told):
 
 def test_never_runs_what_a_policy_file_holds(tmp_path):
     text = POLICY.read_text().replace("FL_hip = 0.0152", "FL_hip = exit(0) + 0.0152")
-    path = tmp_path / "page.formulas"
+    path = tmp_path / "sparse_formula.formulas"
     path.write_text(text)
     content = deepcopy(CONTENT)
     content["policy"]["sha256"] = digest(path)

@@ -32,7 +32,7 @@ GAIT = load_gait("trot")
 LAYOUT = ObservationLayout(GAIT.n_states)
 SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
 UNITS = RobotUnits.of(A1, LAYOUT.names)
-TEXT = (STUDENT_DIRECTORY / "trot" / "page.formulas").read_text()
+TEXT = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
 
 CLAIMS = (
     Claim("hips", "limits", joints=("FL_hip",), least=-1.4, most=1.4),
@@ -59,7 +59,7 @@ TOLERANCE = 2e-9
 @cache
 def forged_from() -> str:
     """A certificate of some claims about the trot's page, of every kind."""
-    path = STUDENT_DIRECTORY / "trot" / "page.formulas"
+    path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
     prover = Prover(load_policy(path), GAIT)
     prover.range_of(1, 2, "physical")
     verdicts = [prover.decide(claim) for claim in CLAIMS]
@@ -191,7 +191,7 @@ WORDS = (
     *("proved", "refuted", "undecided", "q0", "q1", "FL_hip", "FR_hip", "RL_calf", "operating"),
     *("physical", "target", "offset", "slope", "effect", "limits", "torque", "never", "mirror"),
     *("independent", "change", "rises", "falls", "dq.own", "cmd.v", "s0", "h.FL", "t", "trot", ""),
-    *("/etc/passwd", "../trot", "statewise_symbolic", "symbolic", "page.formulas"),
+    *("/etc/passwd", "../trot", "statewise_symbolic", "symbolic", "sparse_formula.formulas"),
 )
 KEYS = (
     "stuck",
@@ -302,7 +302,7 @@ def forge_text(text: str, generator: np.random.Generator) -> str:
 def assert_no_forgery_counts(folder: Path, seed: int, count: int) -> int:
     """Returns how many of some forged certificates and policies are accepted."""
     generator, accepted = np.random.default_rng(seed), 0
-    sound, policy = json.loads(forged_from()), folder / "page.formulas"
+    sound, policy = json.loads(forged_from()), folder / "sparse_formula.formulas"
     for number in range(count):
         content, text = deepcopy(sound), TEXT
         if number % 2:
@@ -331,7 +331,7 @@ def test_what_forgeries_are_made_from_holds(tmp_path):
     content = json.loads(forged_from())
     outcomes = {claim["outcome"] for claim in content["claims"]}
     assert {"proved", "refuted"} <= outcomes
-    path = STUDENT_DIRECTORY / "trot" / "page.formulas"
+    path = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
     checked(content, path, tmp_path)
     Truth(content, path).assert_holds(content)
 
@@ -350,7 +350,7 @@ def test_none_of_two_thousand_forgeries_proves_what_observations_refute(tmp_path
 @pytest.mark.parametrize("term", ATTACKS)
 @pytest.mark.parametrize("joint", ["FL_hip", "RR_calf"])
 def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term, joint):
-    policy = tmp_path / "page.formulas"
+    policy = tmp_path / "sparse_formula.formulas"
     policy.write_text(attacked(term, joint))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
@@ -505,7 +505,7 @@ def test_refuses_what_was_once_taken_on_trust(tmp_path, change):
     content = json.loads(forged_from())
     change(content)
     with pytest.raises(RefusedError):
-        checked(content, STUDENT_DIRECTORY / "trot" / "page.formulas", tmp_path)
+        checked(content, STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas", tmp_path)
 
 
 def test_refuses_a_key_that_is_given_twice(tmp_path):
@@ -528,7 +528,7 @@ def test_refuses_what_is_no_regular_file(tmp_path, file):
 
 
 def test_states_of_the_machine_are_no_observations_of_a_claim():
-    prover = Prover(load_policy(STUDENT_DIRECTORY / "trot" / "page.formulas"), GAIT)
+    prover = Prover(load_policy(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"), GAIT)
     for values in (
         {"kind": "independent", "observations": ("s0", "s1")},
         {"kind": "effect", "observations": ("s1",), "most": 1.0},
@@ -559,7 +559,7 @@ def test_refuses_another_gait_of_the_name(tmp_path, text, told):
 
 
 def test_refuses_powers_of_powers(tmp_path):
-    policy = tmp_path / "page.formulas"
+    policy = tmp_path / "sparse_formula.formulas"
     policy.write_text(attacked("(" * 30 + "3" + ")**3" * 30))
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)
@@ -570,7 +570,7 @@ def test_refuses_powers_of_powers(tmp_path):
 def test_a_mirror_is_proved_where_its_image_has_values_alone(tmp_path):
     """The operating box need not be its own mirror image."""
     text = attacked("0*sqrt(v.y + 0.47)")
-    policy = tmp_path / "page.formulas"
+    policy = tmp_path / "sparse_formula.formulas"
     policy.write_text(text)
     content = json.loads(forged_from())
     content["policy"]["sha256"] = digest(policy)

@@ -25,9 +25,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 
 A1 = load_robot()
-
-
-PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
+PATH = next(path for path in shipped_certificates() if path.name == "trot_sparse_formula.json")
 TEXT = PATH.read_text()
 
 
@@ -48,7 +46,7 @@ def test_says_what_the_file_says():
 
 def test_is_of_the_policy_whose_file_has_its_digest_and_of_no_other():
     found, gait = read_certificate(PATH), load_gait("trot")
-    assert found.is_of(gait, digest(STUDENT_DIRECTORY / "trot" / "page.formulas"))
+    assert found.is_of(gait, digest(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"))
     assert not found.is_of(gait, digest(STUDENT_DIRECTORY / "trot" / "symbolic.formulas"))
     assert not found.is_of(load_gait("pace"), found.policy_digest)
 

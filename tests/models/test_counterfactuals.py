@@ -13,8 +13,8 @@ from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
 from glassgait.models.counterfactuals.search import answer, search_of
 from glassgait.models.counterfactuals.smooth import FormulaTarget
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -27,7 +27,7 @@ A1 = load_robot()
 
 
 NAMES = load_expert("trot").observation_names
-KINDS = ("page", "statewise_symbolic", "statewise_linear", "ebm", "gbm")
+KINDS = ("sparse_formula", "statewise_symbolic", "statewise_linear", "ebm", "gbm")
 CALF = quadruped.joint_index("FR_calf")
 
 
@@ -147,7 +147,7 @@ def test_no_random_observation_is_nearer(kind, observations):
     assert (distances[enough] * (1 + TOLERANCE) >= found.distance - 1e-9).all()
 
 
-@pytest.mark.parametrize("kind", ["page", "ebm", "gbm"])
+@pytest.mark.parametrize("kind", ["sparse_formula", "ebm", "gbm"])
 def test_the_same_question_has_the_same_answer(kind, observations):
     question = ask(load_student("trot", kind), observations)
     first, second = (answer(question).nearest for _ in range(2))
@@ -182,7 +182,7 @@ def test_networks_are_refused(observations):
         answer(ask(load_expert("trot"), observations))
 
 
-@pytest.mark.parametrize("kind", ["page", "statewise_symbolic"])
+@pytest.mark.parametrize("kind", ["sparse_formula", "statewise_symbolic"])
 def test_slopes_of_formulas_are_bounded(kind, observations, generator):
     question = ask(load_student("trot", kind), observations)
     target = FormulaTarget(question)
@@ -234,7 +234,7 @@ def test_bounds_of_formulas_hold(text, generator):
 
 
 def test_sets_of_observations_are_searched_together(observations):
-    question = ask(load_student("trot", "page"), observations)
+    question = ask(load_student("trot", "sparse_formula"), observations)
     target = FormulaTarget(question)
     search = SmoothSearch(question, target)
     singles = [search.nearest(np.eye(target.size, dtype=bool)[[k]]) for k in range(target.size)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.gait import load_gait
@@ -22,8 +22,8 @@ def switch():
 @pytest.fixture(scope="module")
 def walkers():
     """The walk's page of formulas, and the trot's expert."""
-    page = AlternatingPolicy(load_expert("walk"), load_student("walk", "page"), period=0)
-    return [page, AlternatingPolicy(load_expert("trot"))]
+    page = alone(load_student("walk", "sparse_formula"), load_expert("walk"))
+    return [page, alone(load_expert("trot"))]
 
 
 def observations(switch, generator):
@@ -76,7 +76,10 @@ def test_an_action_goes_toward_the_policys_as_far_as_a_step_may(switch, walkers,
 
 
 def test_digests_differ_by_policy_estimator_and_order(switch, walkers):
-    trot, walk = AlternatingPolicy(load_expert("trot")), AlternatingPolicy(load_expert("walk"))
+    trot, walk = (
+        alone(load_expert("trot")),
+        alone(load_expert("walk")),
+    )
     digests = {
         SwitchedPolicy(switch, walkers).digest(),
         SwitchedPolicy(switch, [walk, trot]).digest(),
@@ -91,10 +94,10 @@ def test_what_cannot_act_is_refused(switch, walkers, make_policy, tmp_path):
         SwitchedPolicy(switch, [walk])
     with pytest.raises(InputError, match="made for gait 'trot', not 'walk'"):
         SwitchedPolicy(switch, [trot, trot])
-    blind = AlternatingPolicy(make_policy(load_gait("trot")))
+    blind = alone(make_policy(load_gait("trot")))
     with pytest.raises(InputError, match="has no estimator"):
         SwitchedPolicy(switch, [walk, blind])
-    turns = AlternatingPolicy(walk.expert, walk.student, period=2)
+    turns = AlternatingController(walk.expert, walk.student, period=2)
     with pytest.raises(InputError, match="by turns"):
         SwitchedPolicy(switch, [turns, trot])
     with pytest.raises(InputError, match="has no file"):

@@ -13,7 +13,7 @@ from glassgait.models.export.switching_controller import (
     gait_identifiers,
     write_switching_controller,
 )
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
@@ -39,9 +39,7 @@ def switched(make_policy, small_expert):
 
     def make(names, *, make_student=make_policy, patience=2.0, greatest_change=50.0):
         gaits = [load_gait(name) if isinstance(name, str) else name for name in names]
-        walkers = [
-            AlternatingPolicy(small_expert(gait), make_student(gait), period=0) for gait in gaits
-        ]
+        walkers = [alone(make_student(gait), small_expert(gait)) for gait in gaits]
         return SwitchedPolicy(GaitSwitch(gaits, patience), walkers, greatest_change)
 
     return make
@@ -118,10 +116,8 @@ def test_kinds_of_policies_go_together(
     for policy, gait in zip(own, gaits, strict=False):
         policy.gait = gait.name
     experts = [small_expert(gait, mirrored=gait.name == "network") for gait in gaits]
-    walkers = [
-        AlternatingPolicy(expert, policy, 0) for expert, policy in zip(experts, own, strict=False)
-    ]
-    policy = SwitchedPolicy(GaitSwitch(gaits), [*walkers, AlternatingPolicy(experts[-1])])
+    walkers = [alone(policy, expert) for expert, policy in zip(experts, own, strict=False)]
+    policy = SwitchedPolicy(GaitSwitch(gaits), [*walkers, alone(experts[-1])])
     sequences = random_switching_sequences(A1, policy.switch, 600, 7)
     found = compare_controllers(*both(policy, tmp_path), sequences)
     assert found.machine == 0
@@ -202,7 +198,7 @@ def test_an_estimator_that_is_no_network_is_refused(trot, make_policy, small_exp
 
     policy = make_policy(trot)
     policy.__class__ = Estimating
-    switched = SwitchedPolicy(GaitSwitch([trot]), [AlternatingPolicy(policy)])
+    switched = SwitchedPolicy(GaitSwitch([trot]), [alone(policy)])
     with pytest.raises(InputError, match="no C for the estimator of a linear policy"):
         write_switching_controller(switched, **WRITTEN)
 

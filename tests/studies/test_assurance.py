@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import Pushes, Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import AssuredPolicy
+from glassgait.models.policies.controller import AssuredController, alone
 from glassgait.models.policies.library import load_student
 from glassgait.models.task.assurance import Doubt, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
@@ -49,12 +48,12 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
 
 
 def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
-    alone = AlternatingPolicy(expert, load_student("trot", "page"), period=0)
+    student = alone(load_student("trot", "sparse_formula"), expert)
     world = Scenario(pushes=Pushes(speed=4.0, interval=0.5))
-    visits = visit(trot, alone, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
+    visits = visit(trot, student, world, RolloutConfig(n_robots=4, n_steps=80, seed=3))
     fallen = len(visits.fallen)
     assert fallen > 1
-    averted = rescues(trot, AlternatingPolicy(expert), world, visits, seed=1)
+    averted = rescues(trot, alone(expert), world, visits, seed=1)
     assert averted["lead"].tolist() == list(LEADS)
     # Later pushes are left out: who is taken back to before the one that felled it stays up.
     assert averted["rescued"].iloc[0] < fallen
@@ -63,21 +62,21 @@ def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
 
 
 def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot, tmp_path):
-    student = load_student("trot", "page")
+    student = load_student("trot", "sparse_formula")
     upper = np.full((2, 49), 100.0)
     upper[:, SPEED] = 0.3
     region = Region(NAMES, -upper, upper)
-    pair = Pair(trot, expert, student, "page")
+    pair = Pair(trot, expert, student, "sparse_formula")
     calibration = Calibration(region, {0.05: Hysteresis(0.05, 0.02, 3)}, *[pd.DataFrame()] * 3)
     config = RolloutConfig(n_robots=2, n_steps=40, n_seeds=1)
     scores = roll_out_all(pair, calibration, {"training": Scenario()}, config, tmp_path, 1)
-    assured = AssuredPolicy(expert, student, region, calibration.hysteresis[0.05])
+    assured = AssuredController(expert, student, region, calibration.hysteresis[0.05])
     observation = visit(trot, assured, Scenario(), config).observation
     called = guarded(region.overrun(observation), calibration.hysteresis[0.05]).mean(axis=0)
     table = scores.set_index(["policy", "robot"])["expert_share"]
     np.testing.assert_allclose(table["assured_0.05"], called)
     assert 0.0 < called.mean() < 1.0
-    assert table["expert"].eq(1.0).all() and table["page"].eq(0.0).all()
+    assert table["expert"].eq(1.0).all() and table["sparse_formula"].eq(0.0).all()
     # The schedule has as many calls, or a few more.
     assert table["schedule_0.05"].mean() >= called.mean()
 
@@ -100,7 +99,7 @@ def scores_of(falls):
 
 @pytest.fixture
 def table():
-    falls = {"expert": (1, 1.0), "page": (4, 0.0), "assured_0.05": (2, 0.05)}
+    falls = {"expert": (1, 1.0), "sparse_formula": (4, 0.0), "assured_0.05": (2, 0.05)}
     return assurance_table(scores_of(falls | {"schedule_0.05": (3, 0.05)}), {"training": "home"})
 
 
@@ -156,7 +155,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
     metrics = json.loads((folder / "metrics.json").read_text())
     assert [row["policy"] for row in metrics["worlds"]] == [
         "expert",
-        "page",
+        "sparse_formula",
         "assured_0.02",
         "schedule_0.02",
     ]
@@ -180,7 +179,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--quantile", "0.5"], "quantile is 0.5; it must be less than 0.5"),
         (["--return-steps", "0"], "return_steps is 0; it must be 1 or more"),
         (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
-        (["--gait", "three_one"], "no student 'page' of the three_one ships"),
+        (["--gait", "three_one"], "no student 'sparse_formula' of the three_one ships"),
         (["--worlds", "moon"], "moon"),
         (["--bags"], "the page of the trot has none that could disagree; name --student ebm"),
     ],

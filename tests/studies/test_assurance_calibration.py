@@ -102,7 +102,7 @@ def test_regions_with_bags_ask_for_their_usual_disagreement_at_home(bagged, trot
         np.testing.assert_array_equal(both, np.maximum(outside, regions["states"].overrun(own)))
 
 
-@pytest.mark.parametrize("kind", ["page", "gbm", "statewise_linear"])
+@pytest.mark.parametrize("kind", ["sparse_formula", "gbm", "statewise_linear"])
 def test_who_has_no_bags_is_asked_for_none(kind, trot):
     visits = seen(np.ones((4, 2)), np.arange(4)[:, None] % 2 + np.zeros((1, 2)))
     student = load_student("trot", kind)

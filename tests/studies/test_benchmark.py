@@ -101,15 +101,15 @@ def test_study_and_naive_loop_are_summed(linear_models, tmp_path):
 
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
-    kept = {"page": load_student("trot", "page")}
+    kept = {"sparse_formula": load_student("trot", "sparse_formula")}
     monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: kept)
     table = controllers.controller_times("trot", count=1000).set_index("policy")
-    assert table.index.tolist() == ["expert", "page"]
+    assert table.index.tolist() == ["expert", "sparse_formula"]
     assert (table > 0).all(axis=None)
-    assert table["policy (µs)"]["page"] < table["policy (µs)"]["expert"]
+    assert table["policy (µs)"]["sparse_formula"] < table["policy (µs)"]["expert"]
     assert (table["step (µs)"] > table["estimator (µs)"]).all()
     assert (table["policy, 99.9 % (µs)"] > 0.5 * table["policy (µs)"]).all()
-    assert table["C file (kB)"]["page"] < table["C file (kB)"]["expert"]
+    assert table["C file (kB)"]["sparse_formula"] < table["C file (kB)"]["expert"]
 
 
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
@@ -179,7 +179,7 @@ def test_trees_by_tl2cgen_give_what_ours_give(trot, generator):
 
 
 def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
-    table = pd.DataFrame({"policy": ["page"], "step (µs)": [1.0]})
+    table = pd.DataFrame({"policy": ["sparse_formula"], "step (µs)": [1.0]})
     for name in ("controller_times", "peer_times"):
         monkeypatch.setattr(command, name, lambda gait: table)
     monkeypatch.setattr(command, "has_compiler", lambda: True)

@@ -23,9 +23,9 @@ A1 = load_robot()
 
 
 GAIT = load_gait("trot")
-PAGE = STUDENT_DIRECTORY / "trot" / "page.formulas"
+PAGE = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
 SYMBOLIC = STUDENT_DIRECTORY / "trot" / "symbolic.formulas"
-PATH = next(path for path in shipped_certificates() if path.name == "trot_page.json")
+PATH = next(path for path in shipped_certificates() if path.name == "trot_sparse_formula.json")
 CERTIFICATE = read_certificate(PATH)
 CALVES = 2
 """The claim that calf targets stay within the joints' limits, which is refuted."""
@@ -50,7 +50,7 @@ def explained(tmp_path_factory):
     """The page of the trot's page of formulas."""
     output = tmp_path_factory.mktemp("page")
     short = ["--seconds", "0.8", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
-    main(["explain", "--policy", "page", *short])
+    main(["explain", "--policy", "sparse_formula", *short])
     return output / "index.html"
 
 
@@ -118,9 +118,9 @@ def test_a_certificate_is_found_by_the_policys_digest_wherever_the_policy_lies(
 def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "runs" / "certification" / "trot"
-    for name in ("damaged", "page"):
+    for name in ("damaged", "sparse_formula"):
         (folder / name).mkdir(parents=True)
-    own = folder / "page" / "certificate.json"
+    own = folder / "sparse_formula" / "certificate.json"
     shutil.copy(PATH, own)
     (folder / "damaged" / "certificate.json").write_text("{}")
     found = find_certificate(PAGE, GAIT)
@@ -134,12 +134,12 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
     ("arguments", "told"),
     [
         (["--policy", "symbolic", "--certificate", str(PATH)], "is of another policy than"),
-        (["--policy", "page", "--certificate", str(PAGE)], "is no certificate; make one"),
-        (["--policy", "page", "--certificate", "none.json"], "no such file"),
+        (["--policy", "sparse_formula", "--certificate", str(PAGE)], "is no certificate; make one"),
+        (["--policy", "sparse_formula", "--certificate", "none.json"], "no such file"),
     ],
 )
 def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, told):
-    output = tmp_path / "page"
+    output = tmp_path / "sparse_formula"
     assert told in refused(["explain", *arguments, "--output", str(output)])
     assert not output.exists()
 
@@ -192,7 +192,7 @@ def test_the_timeline_marks_the_steps_outside_of_the_box(panel, observed, browse
     page.write_text(
         render_page(
             gait=GAIT,
-            policy_name="page",
+            policy_name="sparse_formula",
             policy=policy,
             rollout=rollout,
             explained=explain_rollout(policy, rollout),

@@ -134,10 +134,15 @@ def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, t
 
 def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
     gait = load_gait("trot")
-    expert, page = load_expert(gait), load_student("trot", "page")
+    expert, page = load_expert(gait), load_student("trot", "sparse_formula")
     config = RolloutConfig(n_robots=2, n_steps=15, n_seeds=1)
     found = measure_box(
-        gait, expert, {"page": page}, {"training": load_scenario("training")}, config, processes=1
+        gait,
+        expert,
+        {"sparse_formula": page},
+        {"training": load_scenario("training")},
+        config,
+        processes=1,
     )
     low, high = found.box.quantities
     names = list(expert.observation_names)

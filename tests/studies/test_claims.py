@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -303,7 +303,7 @@ def test_claims_that_fail_stay_in_the_table(tmp_path, generator):
 
 
 def test_the_page_that_ships_speaks_of_many_inputs():
-    policy = load_student("trot", "page")
+    policy = load_student("trot", "sparse_formula")
     assert isinstance(policy, FormulaPolicy)
     found = readable_terms(policy.to_file())
     assert len({term.input for term in found}) >= 8
@@ -312,7 +312,7 @@ def test_the_page_that_ships_speaks_of_many_inputs():
 
 def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
     output = tmp_path / "claims"
-    command = ["claims", "--policy", "page", *SMALL, "--output", str(output)]
+    command = ["claims", "--policy", "sparse_formula", *SMALL, "--output", str(output)]
     main(command)
     assert {path.name for path in output.iterdir() if path.name[0] != "."} == {
         "config.yaml", "metrics.json", "claims.csv", "claims.md", "claims.png", "claims.pdf", FOLDER
@@ -331,7 +331,7 @@ def test_bad_input_is_refused_before_anything_is_written(tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     assert "is not made of formulas" in refused(["claims", "--policy", "gbm"])
     assert "unknown policy" in refused(["claims", "--policy", "pages"])
-    told = refused(["claims", "--policy", "page", "--n-claims", "1000"])
+    told = refused(["claims", "--policy", "sparse_formula", "--n-claims", "1000"])
     assert "1000 claims are asked for" in told
     readings = tmp_path / "readings.formulas"
     readings.write_text(policy_of({"FL_hip": "0.5*q.FL_hip + cmd.v*v.x"}).to_text())
@@ -360,7 +360,7 @@ def test_formulas_of_every_shape_are_tested(gait, kind, tmp_path):
 
 @pytest.mark.slow
 def test_equal_seeds_give_equal_tables(tmp_path):
-    page = str(STUDENT_DIRECTORY / "trot" / "page.formulas")
+    page = str(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     tables = []
     for name in ("a", "b"):
         main(["claims", "--policy", page, *SMALL, "--output", str(tmp_path / name)])

@@ -113,6 +113,6 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     short = ["--step", "3", "--seconds", "0.1"]
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--distillation", str(students), "--output", str(tmp_path / "page")]
+    where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["counterfactual", *policy, *short, *arguments, *where])
-    assert not (tmp_path / "page").exists()
+    assert not (tmp_path / "sparse_formula").exists()

@@ -27,7 +27,7 @@ def test_bad_input_is_told_in_one_sentence(arguments, refused, tmp_path, monkeyp
 
 def test_losses_are_counted_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "TRIALS", command.TRIALS[5:6])
-    run = ["drive", "losses", "--policy", "page", "--n-robots", "1", "--n-steps", "60"]
+    run = ["drive", "losses", "--policy", "sparse_formula", "--n-robots", "1", "--n-steps", "60"]
     main([*run, "--output", str(tmp_path / "run")])
     (row,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert row["control steps"] == 60

@@ -9,7 +9,7 @@ import pytest
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.link.watchdog import Watchdog
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
@@ -31,7 +31,7 @@ A1 = load_robot()
 def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 60)
     gait = load_gait(name)
-    page = AlternatingPolicy(load_expert(gait), load_student(name, "page"), period=0)
+    page = alone(load_student(name, "sparse_formula"), load_expert(gait))
     left = walk_until_silent(gait, page, Scenario(), n_moments=8, seed=0)
     assert left.walked.all()
     # They were caught in the middle of their strides: some on two feet, and moving.
@@ -77,7 +77,7 @@ def test_a_standing_robot_is_lowered_to_the_crouch():
 
 def test_the_command_counts_and_writes_its_table(tmp_path, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 5)
-    run = ["drive", "silence", "--policy", "page", "--n-moments", "1", "--seconds", "0.2"]
+    run = ["drive", "silence", "--policy", "sparse_formula", "--n-moments", "1", "--seconds", "0.2"]
     main([*run, "--output", str(tmp_path / "run")])
     rows = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert [row["speed (m/s)"] for row in rows] == [0.25, 0.5, 0.75]

@@ -14,8 +14,8 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario, load_scenario, load_scenarios
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
@@ -50,7 +50,7 @@ from glassgait.studies.evaluation.tracking import (
     steady_jobs,
     tracking_table,
 )
-from glassgait.studies.importance.faithfulness import AblatedPolicy
+from glassgait.studies.importance.faithfulness import AblatedController
 
 A1 = load_robot()
 
@@ -110,7 +110,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
-    job = RolloutJob({}, load_gait("trot"), AlternatingPolicy(expert), Scenario(), RolloutConfig())
+    job = RolloutJob({}, load_gait("trot"), alone(expert), Scenario(), RolloutConfig())
     before = job.digest()
     monkeypatch.setattr(glassgait.studies.common.rollouts.jobs, "SCORES", ("speed_error",))
     assert job.digest() != before
@@ -130,7 +130,7 @@ def test_steady_commands_stay_within_the_gait():
 def test_each_policy_alone_is_told_steady_commands_in_the_first_discrete_world(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_seeds=3)
     worlds = {"continuous": CONTINUOUS, "loaded": load_scenario("payload_2kg")} | TRAINING
-    jobs = steady_jobs(scorecard_jobs([(gait, AlternatingPolicy(expert))], worlds, config), config)
+    jobs = steady_jobs(scorecard_jobs([(gait, alone(expert))], worlds, config), config)
     assert [(job.scenario, job.config.seeds) for job in jobs] == [
         (worlds["loaded"], range(1000, 1001))
     ]
@@ -144,7 +144,7 @@ def test_each_policy_alone_is_told_steady_commands_in_the_first_discrete_world(e
 
 def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
     config = RolloutConfig(n_robots=1, n_steps=120, n_seeds=1, speed_range=(-0.5, 0.5))
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
+    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
     rows = follow(*steady_jobs(jobs, config))
     table = write_tracking(rows, "trot", tmp_path)
     straight = table[table["commanded yaw rate (rad/s)"] == 0]
@@ -239,7 +239,7 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     weights[:, previous : previous + quadruped.N_JOINTS] = 3.0 * np.eye(quadruped.N_JOINTS)
     student = LinearPolicy("trot", expert.observation_names, weights, np.ones(quadruped.N_JOINTS))
     config = RolloutConfig(n_robots=3, n_steps=800)
-    values = roll_out(load_gait("trot"), AlternatingPolicy(expert, student, 0), Scenario(), config)
+    values = roll_out(load_gait("trot"), alone(student, expert), Scenario(), config)
     scores = score_rollouts(values, A1.mass)
     assert scores["fell"].all()
     assert values.reward.shape == (800, 3)
@@ -256,7 +256,7 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)
-    policy = AlternatingPolicy(expert, student, 0)
+    policy = alone(student, expert)
     job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config)
     scores = run_jobs([job], tmp_path, processes=1)
     assert scores["failure"].tolist() == ["not_finite"] * 3
@@ -286,7 +286,7 @@ def test_scenarios_are_named_in_the_tables(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=60, n_seeds=1)
     scenarios = load_scenarios(("training", "sap_2ms"))
     titles = {name: scenario.title for name, scenario in scenarios.items()}
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], scenarios, config)
+    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], scenarios, config)
     scores = run_jobs(jobs, tmp_path, processes=1)
     table, falls = scorecard_table(scores, titles), falls_table(scores, titles)
     assert table["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
@@ -299,7 +299,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
     def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
-        jobs = scorecard_jobs([(gait, AlternatingPolicy(expert))], TRAINING, config)
+        jobs = scorecard_jobs([(gait, alone(expert))], TRAINING, config)
         return run_jobs(jobs, folder, processes=1)
 
     rolled_out = []
@@ -321,7 +321,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
 def test_damaged_scores_are_told(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
+    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
     run_jobs(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
     path.write_text(path.read_text().replace("reward", "rewart", 1))
@@ -331,7 +331,7 @@ def test_damaged_scores_are_told(expert, tmp_path):
 
 def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
+    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
     run_jobs(jobs, tmp_path, processes=1)
     first, second = sorted(tmp_path.glob("*.json"))
     second.write_bytes(first.read_bytes())
@@ -341,7 +341,7 @@ def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), AlternatingPolicy(expert))], TRAINING, config)
+    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
     one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
     pd.testing.assert_frame_equal(one, two)
 
@@ -349,7 +349,7 @@ def test_processes_do_not_change_the_scores(expert, tmp_path):
 def test_scenarios_disturb(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100, n_seeds=1)
     logs = {
-        name: roll_out(gait, AlternatingPolicy(expert), load_scenario(name), config)
+        name: roll_out(gait, alone(expert), load_scenario(name), config)
         for name in ("training", "push_1.0", "friction_0.5", "payload_2kg", "true_body_state")
     }
     plain = logs.pop("training").velocity
@@ -363,7 +363,7 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     gait = load_gait("trot")
     anything = parse_formula("FL | ~FL")
     gait = replace(gait, transitions=tuple(Transition(q, q, anything) for q in ("q0", "q1")))
-    standing = AlternatingPolicy(expert, untrained_student(expert), 0)
+    standing = alone(untrained_student(expert), expert)
     log = roll_out(gait, standing, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20))
     served = log.served_dwell[:, 0]
     (first, second) = np.flatnonzero(served)
@@ -371,8 +371,8 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
 
 
 def test_a_continuous_scenario_refuses_ablations(expert):
-    policy = AblatedPolicy(expert, expert, 0, columns=(0,), means=(0.0,))
-    with pytest.raises(InputError, match="ablation: a diagram's policies see every observation"):
+    policy = AblatedController(expert, expert, columns=(0,), means=(0.0,))
+    with pytest.raises(InputError, match="AblatedController"):
         roll_out(load_gait("trot"), policy, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
 
 
@@ -390,7 +390,7 @@ def test_cost_of_transport_is_work_per_weight_and_distance():
 def test_diagram_rollouts_score_like_batch_rollouts(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
     cenic = load_scenario("cenic_1e-5")
-    scores = score_rollouts(roll_out(gait, AlternatingPolicy(expert), cenic, config))
+    scores = score_rollouts(roll_out(gait, alone(expert), cenic, config))
     assert len(scores) == 1
     assert not scores["fell"].any()
     assert scores["rhythm"].min() > 0.8

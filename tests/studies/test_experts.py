@@ -6,7 +6,7 @@ import pytest
 
 from glassgait.diagrams.scenario import load_scenario
 from glassgait.models.files import read_yaml
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -50,7 +50,7 @@ def test_experts_treat_left_and_right_alike(gait, generator):
 @pytest.mark.parametrize("gait", shipped_experts())
 def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)
-    policy = AlternatingPolicy(load_expert(gait))
+    policy = alone(load_expert(gait))
     scores = score_rollouts(roll_out(load_gait(gait), policy, load_scenario(scenario), config))
     assert not scores["fell"].any()
     # Over five seeds the half-bound keeps 0.90 of its rhythm, every other gait more than 0.95; of

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.formulas.formula_file import formula_lines
+from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -196,7 +196,7 @@ def test_a_page_lists_what_swings_in_the_order_of_the_file(few_page, page, embed
 
 
 def test_the_mirrored_lines_are_the_formulas_that_act():
-    policy = load_student("trot", "page")
+    policy = load_student("trot", "sparse_formula")
     assert isinstance(policy, FormulaPolicy)
     own = file_lines(policy, 2)
     file, read = policy.to_file(), set()
@@ -242,6 +242,6 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 )
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--distillation", str(students), "--output", str(tmp_path / "page")]
+    where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", *policy, *arguments, *where])
-    assert not (tmp_path / "page").exists()
+    assert not (tmp_path / "sparse_formula").exists()

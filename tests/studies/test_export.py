@@ -61,7 +61,7 @@ def written(gait, kind):
 
 @pytest.mark.slow
 def test_ten_thousand_steps_agree_to_the_last_digits(trot, compiled_page):
-    policy, expert = load_student("trot", "page"), load_expert("trot")
+    policy, expert = load_student("trot", "sparse_formula"), load_expert("trot")
     python = PythonController(trot, policy, expert)
     sequences = recorded_sequences(trot, policy, expert, 5000, 1)
     found = compare_controllers(
@@ -78,7 +78,7 @@ def test_ten_thousand_steps_agree_to_the_last_digits(trot, compiled_page):
     [
         ("trot", "expert"),
         ("trot", "statewise_linear"),
-        ("pace", "page"),
+        ("pace", "sparse_formula"),
         pytest.param("bound", "ebm", marks=pytest.mark.slow),
         pytest.param("trot", "gbm", marks=pytest.mark.slow),
     ],
@@ -95,7 +95,7 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
 
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
 def test_robots_walk_alike_by_python_and_by_c(trot, compiled_page):
-    policy, expert = load_student("trot", "page"), load_expert("trot")
+    policy, expert = load_student("trot", "sparse_formula"), load_expert("trot")
     table = walk_both(
         trot,
         policy,
@@ -113,7 +113,7 @@ def test_robots_walk_alike_by_python_and_by_c(trot, compiled_page):
 
 
 def test_another_library_is_refused(compiled_page, written_page, tmp_path):
-    with pytest.raises(InputError, match="is no controller 'trot_page'"):
+    with pytest.raises(InputError, match="is no controller 'trot_sparse_formula'"):
         LoadedController(tmp_path / "none.so", written_page)
 
 
@@ -134,7 +134,7 @@ def test_without_a_compiler_the_file_is_written_and_said_to_be_unchecked(
 ):
     monkeypatch.setattr(c_file, "has_compiler", lambda: False)
     main(["export", "--output", str(tmp_path / "run")])
-    assert (tmp_path / "run" / "trot_page.c").exists()
+    assert (tmp_path / "run" / "trot_sparse_formula.c").exists()
     assert "not compared with Python" in capsys.readouterr().out
 
 
@@ -158,7 +158,7 @@ def test_bad_arguments_are_told_and_nothing_is_written(
 
 
 def test_a_policy_of_another_gait_is_refused(tmp_path, refused):
-    path = STUDENT_DIRECTORY / "pace" / "page.formulas"
+    path = STUDENT_DIRECTORY / "pace" / "sparse_formula.formulas"
     told = refused(["export", "--policy", str(path), "--output", str(tmp_path / "run")])
     assert "made for gait 'pace', not 'trot'" in told
     assert list(tmp_path.iterdir()) == []
@@ -185,7 +185,7 @@ def test_a_place_that_cannot_be_written_to_is_refused(tmp_path, refused):
 
 
 def test_names_are_made_of_the_gaits_and_the_policys():
-    assert controller_name("trot", "page") == "trot_page"
+    assert controller_name("trot", "sparse_formula") == "trot_sparse_formula"
     assert controller_name("My gait-2", "übung") == "my_gait_2_bung"
     assert controller_name("2nd", "x" * 90).startswith("gait_2nd_xxx")
     assert len(controller_name("2nd", "x" * 90)) == 40

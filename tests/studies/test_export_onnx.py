@@ -50,7 +50,7 @@ def loaded(gait, kind, real="double"):
         ("trot", "expert"),
         ("trot", "statewise_linear"),
         ("trot", "symbolic"),
-        ("pace", "page"),
+        ("pace", "sparse_formula"),
         ("half_bound", "statewise_symbolic"),
         ("three_one", "ebm"),
         pytest.param("walk", "gbm", marks=pytest.mark.slow),
@@ -95,13 +95,13 @@ def test_the_command_writes_a_checked_file(tmp_path, capsys):
     assert metrics["bytes"] == path.stat().st_size
     assert "mine.onnx" in capsys.readouterr().out
     onnx.checker.check_model(str(path), full_check=True)
-    assert LoadedGraph(path.read_bytes()).metadata["policy"] == "page"
+    assert LoadedGraph(path.read_bytes()).metadata["policy"] == "sparse_formula"
     main([*arguments, "--resume"])
 
 
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="needs MuJoCo")
 def test_robots_walk_alike_by_python_and_by_the_graph(trot):
-    graph, policy, expert = loaded("trot", "page")
+    graph, policy, expert = loaded("trot", "sparse_formula")
     table = walk_both(
         trot, policy, expert, by_graph(graph), title="ONNX", n_robots=2, n_steps=40, seed=3
     )
@@ -118,7 +118,7 @@ def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refus
 
 
 def test_another_policy_is_told_apart(trot):
-    graph, policy, expert = loaded("trot", "page")
+    graph, policy, expert = loaded("trot", "sparse_formula")
     rows = {"random": random_observations(A1, trot, 50, 0)}
     assert len(check_graph(graph, policy, expert, rows)) == 1
     with pytest.raises(InputError, match="nothing was written"):
@@ -181,7 +181,7 @@ def test_bad_arguments_are_told_and_nothing_is_written(
 
 def test_policies_that_do_not_fit_are_refused(tmp_path, refused):
     run = ["--output", str(tmp_path / "run")]
-    path = STUDENT_DIRECTORY / "pace" / "page.formulas"
+    path = STUDENT_DIRECTORY / "pace" / "sparse_formula.formulas"
     assert "made for gait 'pace', not 'trot'" in refused([*EXPORT, "--policy", str(path), *run])
     policy, broken = load_student("trot", "statewise_linear"), tmp_path / "broken.safetensors"
     policy.save(broken)

@@ -19,7 +19,7 @@ from glassgait.models.export.binding import (
     Sensors,
 )
 from glassgait.models.export.controller import write_controller
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -144,7 +144,8 @@ def sound_and_bad(source, folder, request=""):
 
 
 @pytest.mark.parametrize(
-    ("gait", "kind"), [("trot", "page"), pytest.param("walk", "ebm", marks=pytest.mark.slow)]
+    ("gait", "kind"),
+    [("trot", "sparse_formula"), pytest.param("walk", "ebm", marks=pytest.mark.slow)],
 )
 def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
     sound, bad, lost, damaged = sound_and_bad(written(gait, kind), tmp_path)
@@ -166,7 +167,7 @@ def test_no_requested_gait_leads_to_undefined_behaviour(written_pages, tmp_path)
 @pytest.mark.parametrize(
     "kind",
     [
-        "page",
+        "sparse_formula",
         "statewise_linear",
         "expert",
         pytest.param("ebm", marks=pytest.mark.slow),
@@ -205,10 +206,11 @@ def test_the_header_serves_c_plus_plus(written_page, tmp_path):
     compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
     program = tmp_path / "program.cpp"
     program.write_text(
-        '#include "trot_page.h"\n#include "trot_page.h"\n'
-        "int main() { trot_page_controller c; trot_page_sensors s = {}; trot_page_targets t;\n"
-        "const trot_page_command m = {0.5, 0.0, TROT_PAGE_MIN_DWELL};\n"
-        "trot_page_init(&c); return trot_page_step(&c, &s, &m, &t); }\n"
+        '#include "trot_sparse_formula.h"\n#include "trot_sparse_formula.h"\n'
+        "int main() { trot_sparse_formula_controller c; trot_sparse_formula_sensors s = {};\n"
+        "trot_sparse_formula_targets t;\n"
+        "const trot_sparse_formula_command m = {0.5, 0.0, TROT_SPARSE_FORMULA_MIN_DWELL};\n"
+        "trot_sparse_formula_init(&c); return trot_sparse_formula_step(&c, &s, &m, &t); }\n"
     )
     command = ["c++", "-Wall", "-Wextra", "-Werror", "-pedantic", program, tmp_path / "own.o"]
     subprocess.run([*command, "-lm", "-o", tmp_path / "program"], check=True)
@@ -249,20 +251,20 @@ def test_bad_input_changes_nothing_and_is_told(value, where, moving, compiled_pa
 
 
 FORGETFUL = """
-#include "trot_page.h"
+#include "trot_sparse_formula.h"
 #include <stdio.h>
 #include <string.h>
 
 int main(void)
 {
-    trot_page_controller controller;
-    const trot_page_sensors sensors = {.foot_contact = {1, 1, 1, 1}};
-    const trot_page_command command = {.speed = 0.5, .dwell = 8.0};
-    trot_page_targets targets;
+    trot_sparse_formula_controller controller;
+    const trot_sparse_formula_sensors sensors = {.foot_contact = {1, 1, 1, 1}};
+    const trot_sparse_formula_command command = {.speed = 0.5, .dwell = 8.0};
+    trot_sparse_formula_targets targets;
 
     for (int byte = 0; byte < 256; byte++) {
         memset(&controller, byte, sizeof controller);
-        printf("%d ", trot_page_step(&controller, &sensors, &command, &targets));
+        printf("%d ", trot_sparse_formula_step(&controller, &sensors, &command, &targets));
         for (int joint = 0; joint < 12; joint++)
             printf("%g ", targets.joint_position[joint]);
     }

@@ -7,7 +7,7 @@ import pytest
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.importance.faithfulness import AblatedPolicy, losses, rank_correlations
+from glassgait.studies.importance.faithfulness import AblatedController, losses, rank_correlations
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -16,19 +16,19 @@ N = len(NAMES)
 def ablated(mode, **settings):
     expert = load_expert("trot")
     student = LinearPolicy("trot", NAMES, np.eye(12, N, k=2), np.zeros(12))
-    return AblatedPolicy(expert, student, 0, columns=(2, 4), mode=mode, **settings)
+    return AblatedController(expert, student, columns=(2, 4), mode=mode, **settings)
 
 
 def test_means_stand_in_for_what_is_taken_away(generator):
     observations = generator.normal(size=(3, N))
-    action = ablated("mean", means=(0.5, -0.5)).act(0, observations)
+    action = ablated("mean", means=(0.5, -0.5)).advance(0, observations, None).action
     np.testing.assert_array_equal(action[:, [0, 2]], [[0.5, -0.5]] * 3)
     np.testing.assert_array_equal(action[:, 1], observations[:, 3])
 
 
 def test_shuffled_observations_are_another_robots(generator):
     observations = generator.normal(size=(20, N))
-    action = ablated("shuffled").act(0, observations)
+    action = ablated("shuffled").advance(0, observations, None).action
     assert sorted(action[:, 0]) == sorted(observations[:, 2])
     assert not np.array_equal(action[:, 0], observations[:, 2])
     order = [int(np.flatnonzero(observations[:, 2] == value)[0]) for value in action[:, 0]]
@@ -37,13 +37,13 @@ def test_shuffled_observations_are_another_robots(generator):
 
 
 def test_delayed_observations_are_the_step_befores(generator):
-    policy = ablated("delayed")
+    controller = ablated("delayed")
     first, second = generator.normal(size=(2, 3, N))
-    np.testing.assert_array_equal(policy.act(0, first)[:, 0], first[:, 2])
-    action = policy.act(1, second)
+    before = controller.advance(0, first, controller.begin(3))
+    np.testing.assert_array_equal(before.action[:, 0], first[:, 2])
+    action = controller.advance(1, second, before.memory).action
     np.testing.assert_array_equal(action[:, [0, 2]], first[:, [2, 4]])
     np.testing.assert_array_equal(action[:, 1], second[:, 3])
-    np.testing.assert_array_equal(policy.act(0, first)[:, 0], first[:, 2])
 
 
 def test_losses_are_shares_of_the_whole_students_reward():

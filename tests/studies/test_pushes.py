@@ -8,7 +8,7 @@ import pytest
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.pushes.basin import (
@@ -31,7 +31,7 @@ def pushed(policy, seed=3):
 
 @pytest.fixture(scope="module")
 def by_expert(expert):
-    return pushed(AlternatingPolicy(expert))
+    return pushed(alone(expert))
 
 
 def test_a_light_push_is_survived_and_a_train_is_not(by_expert):
@@ -43,13 +43,13 @@ def test_a_light_push_is_survived_and_a_train_is_not(by_expert):
 
 
 def test_the_same_seed_gives_the_same_robots(expert, by_expert):
-    again = pushed(AlternatingPolicy(expert))
+    again = pushed(alone(expert))
     assert (again.survived == by_expert.survived).all()
     assert (again.failure == by_expert.failure).all()
 
 
 def test_a_policy_that_stands_does_not_walk(other_expert):
-    still = pushed(AlternatingPolicy(other_expert))
+    still = pushed(alone(other_expert))
     assert not still.survived.any()
     counts = failure_counts(still)
     assert counts.pop("no_rhythm") == 12 and not any(counts.values())
@@ -65,7 +65,7 @@ def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
 
     monkeypatch.setattr("glassgait.studies.evaluation.pushes.basin._walk_on", note)
     turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
-    push_everywhere(TROT, AlternatingPolicy(expert), turning, GRID, n_steps=60, seed=3)
+    push_everywhere(TROT, alone(expert), turning, GRID, n_steps=60, seed=3)
     (state,) = seen
     plant = state.plant.reshape(*GRID.shape, -1)
     added = plant[..., 22:25] - plant[1:2, :1, :, 22:25]
@@ -102,7 +102,9 @@ def test_tables_hold_shares_and_their_intervals():
     row = table[(table["direction (°)"] == 0) & (table["speed (m/s)"] == 2)].iloc[0]
     assert (row["robots"], row["survived"], row["share"]) == (4, 2, 0.5)
     assert 0 < row["95 % from"] < 0.5 < row["95 % to"] < 1
-    (summed,) = summary_table({"page": basin([[4, 2], [4, 0], [3, 1]])}).to_dict("records")
+    (summed,) = summary_table({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict(
+        "records"
+    )
     assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°"
     assert summed["how the others ended"] == "low trunk 3"
 
@@ -114,7 +116,7 @@ def test_the_line_stands_where_half_survive_first():
 
 def test_the_picture_has_a_panel_for_each_policy_and_a_cell_for_each_push():
     own = basin([[4, 2], [4, 0], [3, 1]])
-    figure = push_figure(dict.fromkeys(("expert", "gbm", "page"), own), "Trot")
+    figure = push_figure(dict.fromkeys(("expert", "gbm", "sparse_formula"), own), "Trot")
     *panels, bar = figure.axes
     assert [axes.get_title().splitlines()[0] for axes in panels] == [
         "Neural expert",
@@ -147,7 +149,15 @@ def run(tmp_path, monkeypatch):
         monkeypatch.setattr("glassgait.studies.evaluation.pushes.command.push_everywhere", quickly)
         folder = tmp_path / output
         small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
-        policies = ["--policy", "expert", "page", "--seconds", "1", "--output", str(folder)]
+        policies = [
+            "--policy",
+            "expert",
+            "sparse_formula",
+            "--seconds",
+            "1",
+            "--output",
+            str(folder),
+        ]
         main(["pushes", *small, *policies, *more])
         return folder, len(asked)
 

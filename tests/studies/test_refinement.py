@@ -9,7 +9,7 @@ import torch
 
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import load_robot
@@ -43,7 +43,7 @@ TINY = RefinementConfig(
 )
 SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps"]
 SMALL += ["--candidate-steps", "10", "--updates", "2"]
-PAGE = load_student("trot", "page")
+PAGE = load_student("trot", "sparse_formula")
 
 
 def seen(gait, policy, n_robots=6, n_steps=30):
@@ -55,12 +55,14 @@ def seen(gait, policy, n_robots=6, n_steps=30):
 
 def refinement(folder, config=TINY, **resume):
     trot = load_gait("trot")
-    return RefinementRun(config, trot, load_expert("trot"), PAGE, folder, name="page", **resume)
+    return RefinementRun(
+        config, trot, load_expert("trot"), PAGE, folder, name="sparse_formula", **resume
+    )
 
 
 @pytest.mark.parametrize(
     ("gait", "kind"),
-    [("trot", "page"), ("trot", "symbolic"), ("walk", "statewise_symbolic")],
+    [("trot", "sparse_formula"), ("trot", "symbolic"), ("walk", "statewise_symbolic")],
 )
 def test_the_network_acts_as_the_formulas(gait, kind):
     policy = load_student(gait, kind)
@@ -183,7 +185,7 @@ def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
     run.run(lambda run, row: texts.update({int(row["update"]): run.policy().to_text()}))
     assert list(asked) == ["update 2", "update 4", "as they were"]
     assert texts[2] != texts[4]
-    assert (tmp_path / "page.formulas").read_text() == texts[2]
+    assert (tmp_path / "sparse_formula.formulas").read_text() == texts[2]
     chosen = pd.read_csv(tmp_path / "candidates.csv").query("chosen")
     assert list(chosen["candidate"]) == ["update 2"]
 
@@ -206,7 +208,7 @@ def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
     again = refinement(tmp_path / "halted", config, resume=True)
     again.run(lambda run, row: None)
     assert again.policy().to_text() == whole.policy().to_text()
-    for made in ("page.formulas", "candidates.csv"):
+    for made in ("sparse_formula.formulas", "candidates.csv"):
         halted_bytes = (tmp_path / "halted" / made).read_bytes()
         assert halted_bytes == (tmp_path / "whole" / made).read_bytes()
     assert [row["terms"] for row in again.progress.curve][-1] == 80.0
@@ -215,14 +217,18 @@ def test_a_run_that_is_continued_ends_with_the_same_text(tmp_path):
 def test_the_command_writes_the_formulas_and_their_record(tmp_path):
     folder = tmp_path / "refined"
     main(["refine", *SMALL, "--critic-updates", "1", "--terms", "60", "--output", str(folder)])
-    policy = load_policy(folder / "page.formulas")
+    policy = load_policy(folder / "sparse_formula.formulas")
     assert isinstance(policy, FormulaPolicy)
     assert policy.n_terms() == 60
-    assert {path.suffix for path in folder.glob("page.*")} == {".formulas", ".yaml", ".csv"}
+    assert {path.suffix for path in folder.glob("sparse_formula.*")} == {
+        ".formulas",
+        ".yaml",
+        ".csv",
+    }
     assert list(pd.read_csv(folder / "candidates.csv")["candidate"]) == ["update 2"]
     more = ["--updates", "3", "--terms", "60", "--critic-updates", "1", "--resume"]
     main(["refine", *SMALL[:-2], *more, "--output", str(folder)])
-    assert len((folder / "page.csv").read_text().splitlines()) == 1 + 3
+    assert len((folder / "sparse_formula.csv").read_text().splitlines()) == 1 + 3
 
 
 @pytest.mark.parametrize(

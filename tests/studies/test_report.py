@@ -109,7 +109,7 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
     monkeypatch.chdir(tmp_path)
     certified = certified_policies(["half_bound", "trot"], tmp_path / "runs" / "report")
     assert [own.title for own in certified] == ["Trot: Page of formulas", "Trot: Symbolic"]
-    told = json.loads((SHIPPED / "trot_page.json").read_text())["claims"]
+    told = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
     table = verdicts_table(certified).set_index("policy").loc["Trot: Page of formulas"]
     for verdict, outcome in (("proved", "proved"), ("refuted", "refuted"), ("open", "undecided")):
         names = [claim["name"] for claim in told if claim["outcome"] == outcome]
@@ -119,7 +119,7 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
     for name in ("report.html", "report.md"):
         page = rendered(name, certified)
         assert "FR calf in q0: target of −5.67 rad" in page
-        assert "glassgait explain --gait trot --policy page" in page
+        assert "glassgait explain --gait trot --policy sparse_formula" in page
     assert "No policy of these gaits has one." in rendered("report.html", [])
 
 
@@ -132,12 +132,14 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
     folder = tmp_path / "runs" / "report"
     page, symbolic = certified_policies(["trot"], folder)
     assert page.page is symbolic.page is None
-    explained(pages / "page", digest(STUDENT_DIRECTORY / "trot" / "page.formulas"))
+    explained(
+        pages / "sparse_formula", digest(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
+    )
     page, symbolic = certified_policies(["trot"], folder)
-    assert page.page == "../explanation/trot/page/index.html"
+    assert page.page == "../explanation/trot/sparse_formula/index.html"
     assert symbolic.page is None
     for name in ("report.html", "report.md"):
-        assert "../explanation/trot/page/index.html#certificate" in rendered(name, [page])
+        assert "../explanation/trot/sparse_formula/index.html#certificate" in rendered(name, [page])
 
 
 def test_gaits_without_an_expert_are_told(refused):

@@ -9,7 +9,7 @@ import pytest
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.rollouts.config import RolloutConfig
@@ -33,7 +33,7 @@ TRAINING = TrainingConfig(
     ppo=PpoConfig(steps_per_update=4, actor_layers=(4,), critic_layers=(4,), epochs=1),
 )
 JOBS = scorecard_jobs(
-    [(GAIT, AlternatingPolicy(EXPERT))],
+    [(GAIT, alone(EXPERT))],
     {"training": Scenario()},
     RolloutConfig(n_robots=2, n_steps=5, n_seeds=1),
 )

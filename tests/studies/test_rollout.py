@@ -20,7 +20,7 @@ from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.gait import load_gait
@@ -198,7 +198,7 @@ def test_live_keeps_the_last_steps_of_all_runs(trot, tmp_path, monkeypatch):
     threading.Thread(target=interrupt, daemon=True).start()
     rollout = play_live(
         trot,
-        AlternatingPolicy(load_expert("trot"), flinging(), period=0),
+        alone(flinging(), load_expert("trot")),
         Scenario(command=SliderCommand(), sensor_noise=0.0),
         open_meshcat(),
         tmp_path / "replay.html",

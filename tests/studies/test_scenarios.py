@@ -13,7 +13,7 @@ from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
@@ -102,14 +102,14 @@ def test_bad_scenarios_are_told_before_anything_is_written(
 def test_a_scenarios_command_reaches_every_robot(scenario, expert):
     scenario = replace(scenario, command=COMMANDED)
     config = RolloutConfig(n_robots=2, n_steps=5)
-    command = roll_out(TROT, AlternatingPolicy(expert), scenario, config).command
+    command = roll_out(TROT, alone(expert), scenario, config).command
     np.testing.assert_array_equal(command, np.broadcast_to([0.3, 0.1], command.shape))
 
 
 def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
     scenario = Scenario(command=COMMANDED)
     config = RolloutConfig(n_robots=8, n_steps=2, speed_range=(0.5, 0.6))
-    speed = roll_out(TROT, AlternatingPolicy(expert), scenario, config).command[..., 0]
+    speed = roll_out(TROT, alone(expert), scenario, config).command[..., 0]
     assert np.all((speed >= 0.5) & (speed <= 0.6))
     assert config.commanding(scenario).command == DrawnCommands((0.5, 0.6))
 
@@ -117,14 +117,14 @@ def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
 def test_students_are_asked_for_what_the_scenario_names_or_for_their_speeds(expert):
     student = load_student("trot", "statewise_linear")
     scenarios = {"plain": Scenario(), "commanded": Scenario(command=COMMANDED)}
-    policies = [(TROT, AlternatingPolicy(expert, student, 0))]
+    policies = [(TROT, alone(student, expert))]
     jobs = scorecard_jobs(policies, scenarios, RolloutConfig(n_seeds=1))
     asked = {job.labels["scenario"]: job.config.speed_range for job in jobs}
     assert asked == {"plain": (0.0, 0.75), "commanded": None}
 
 
 def test_jobs_in_other_scenarios_are_other_jobs(expert):
-    job = RolloutJob({"gait": "trot"}, TROT, AlternatingPolicy(expert), Scenario(), RolloutConfig())
+    job = RolloutJob({"gait": "trot"}, TROT, alone(expert), Scenario(), RolloutConfig())
     limits = replace(job, scenario=Scenario(limits=TerminationLimits(trunk_height=0.15)))
     command = replace(job, scenario=Scenario(command=COMMANDED))
     assert len({job.digest(), limits.digest(), command.digest()}) == 3
@@ -196,7 +196,7 @@ def test_commands_of_sliders_are_for_one_robot(expert):
     for scenario in (Scenario(), CONTINUOUS):
         watched = replace(scenario, command=SliderCommand())
         with pytest.raises(InputError, match="command is of sliders"):
-            roll_out(TROT, AlternatingPolicy(expert), watched, RolloutConfig(n_robots=1))
+            roll_out(TROT, alone(expert), watched, RolloutConfig(n_robots=1))
 
 
 def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS
@@ -93,7 +93,7 @@ def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
 
 
 def test_what_selects_is_not_reported(expert, refused):
-    policy, config = AlternatingPolicy(expert), RolloutConfig()
+    policy, config = alone(expert), RolloutConfig()
     jobs = for_each_seed(RolloutJob({}, GAIT, policy, Scenario(), config))
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
     assert [[*job.config.seeds] for job in for_selection(jobs)] == [[SELECTION_SEEDS[0]]]

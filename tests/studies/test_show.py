@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from glassgait.models.certificates.certificate import SHIPPED
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.task.gait import GAIT_DIRECTORY
@@ -17,10 +17,10 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(["show", "trot"])
     told = capsys.readouterr().out
-    text = (STUDENT_DIRECTORY / "trot" / "page.formulas").read_text()
+    text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
     assert told.startswith(text)
     assert "# Page of formulas: 100 terms in 12 formulas" in told
-    claims = json.loads((SHIPPED / "trot_page.json").read_text())["claims"]
+    claims = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
     proved = sum(claim["outcome"] == "proved" for claim in claims)
     assert f"# Claims about it: {proved} proved, " in told
     assert read_formulas(told) == read_formulas(text)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
@@ -31,7 +31,7 @@ COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
 
 @pytest.fixture(scope="module")
 def strides(expert):
-    return StrideMap(TROT, AlternatingPolicy(expert), COMMAND)
+    return StrideMap(TROT, alone(expert), COMMAND)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_previous_action_is_remembered(strides, entered):
 
 
 def test_a_robot_that_stands_has_no_stride(other_expert):
-    still = StrideMap(TROT, AlternatingPolicy(other_expert), COMMAND)
+    still = StrideMap(TROT, alone(other_expert), COMMAND)
     assert np.isnan(still.first_points()).all()
     (record,) = analysis.analyse(still, n_strides=2, step_sizes=(1e-3, 1e-2), seed=0)
     assert record["period"] == -1 and not record["fixed"]
@@ -81,11 +81,11 @@ def test_a_robot_that_stands_has_no_stride(other_expert):
 
 def test_policies_of_steps_are_told_from_those_with_derivatives(expert, strides):
     def stepwise(kind):
-        walker = AlternatingPolicy(expert, load_student("trot", kind), period=0)
+        walker = alone(load_student("trot", kind), expert)
         return StrideMap(TROT, walker, COMMAND).is_stepwise
 
     assert stepwise("gbm") and stepwise("ebm")
-    assert not stepwise("page") and not strides.is_stepwise
+    assert not stepwise("sparse_formula") and not strides.is_stepwise
 
 
 def logistic(points, problems):
@@ -169,7 +169,7 @@ def run(tmp_path, monkeypatch, records):
         monkeypatch.setattr("glassgait.studies.evaluation.stability.command.analyse", again)
         folder = tmp_path / output
         commands = ["--yaw-rates", "0", "--speeds", "0.5", "--dwells", "8"]
-        policies = ["--policy", "expert", "page", "--output", str(folder)]
+        policies = ["--policy", "expert", "sparse_formula", "--output", str(folder)]
         main(["stability", *commands, *policies, *more])
         return folder, len(asked)
 
@@ -184,7 +184,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
     assert pd.read_csv(folder / "summary.csv")["fixed points"].tolist() == ["1 of 1", "0 of 1"]
     assert pd.read_csv(folder / "prediction.csv")["within 10 % up to (m/s)"].notna().all()
     assert (folder / "stability.png").stat().st_size > 10_000
-    assert set(json.loads((folder / "metrics.json").read_text())) == {"expert", "page"}
+    assert set(json.loads((folder / "metrics.json").read_text())) == {"expert", "sparse_formula"}
     with pytest.raises(SystemExit):
         run(output="again", last=1)
     again, n_asked = run("--resume", output="again")
@@ -212,9 +212,9 @@ def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
 
 def test_two_policies_of_one_name_are_refused(expert, tmp_path, refused):
     for folder in ("a", "b"):
-        load_student("trot", "page").save(tmp_path / folder / "mine.formulas")
+        load_student("trot", "sparse_formula").save(tmp_path / folder / "mine.formulas")
     files = [str(tmp_path / folder / "mine.formulas") for folder in ("a", "b")]
     assert "two policies are called 'mine'" in refused(["stability", "--policy", *files])
     assert list(find_walkers(files[:1], expert, None, shipped=True)) == ["mine"]
     assert list(find_walkers((), expert, None, shipped=False)) == ["expert"]
-    assert "page" in find_walkers((), expert, None, shipped=True)
+    assert "sparse_formula" in find_walkers((), expert, None, shipped=True)

@@ -10,7 +10,7 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
@@ -44,7 +44,7 @@ def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
     config = RolloutConfig(n_robots=6, n_steps=150, seed=7).at_distilled_speeds(load_gait(gait))
-    log = roll_out(load_gait(gait), AlternatingPolicy(expert, student, 0), Scenario(), config)
+    log = roll_out(load_gait(gait), alone(student, expert), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
 
@@ -84,9 +84,7 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*; give --expert"
-    ):
+    with pytest.raises(InputError, match=r"symbolic.formulas: .*'inputs.expert' of .*--source"):
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
@@ -97,15 +95,17 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
 def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
     expert, other_expert, tmp_path
 ):
-    load_student("trot", "page").save(tmp_path / "page.formulas")
+    load_student("trot", "sparse_formula").save(tmp_path / "sparse_formula.formulas")
     # Nothing tells whose it is: a person names its expert.
-    assert find_student("page", other_expert, tmp_path).observes_by == other_expert.digest()
+    assert (
+        find_student("sparse_formula", other_expert, tmp_path).observes_by == other_expert.digest()
+    )
     write_record = (tmp_path / "config.yaml").write_text
     write_record(f"inputs: {{expert: {expert.digest()}}}")
-    assert find_student("page", expert, tmp_path).estimator is expert.estimator
+    assert find_student("sparse_formula", expert, tmp_path).estimator is expert.estimator
     for load in (
-        lambda: find_student("page", other_expert, tmp_path),
-        lambda: find_student(str(tmp_path / "page.formulas"), other_expert),
+        lambda: find_student("sparse_formula", other_expert, tmp_path),
+        lambda: find_student(str(tmp_path / "sparse_formula.formulas"), other_expert),
         lambda: load_students(tmp_path, other_expert),
     ):
         with pytest.raises(
@@ -166,7 +166,7 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
 
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    page = ["rollout", "--gait", "bound", "--policy", "page", "--seconds", "2"]
+    page = ["rollout", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
     main(page)
     main([*page, "--scenario", "true_body_state"])
     found = re.findall(
@@ -197,7 +197,7 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
 
 def test_students_are_scored_at_slower_speeds_than_experts():
     expert, student, gait = load_expert("trot"), load_student("trot", "symbolic"), load_gait("trot")
-    policies = [(gait, AlternatingPolicy(expert)), (gait, AlternatingPolicy(expert, student, 0))]
+    policies = [(gait, alone(expert)), (gait, alone(student, expert))]
     jobs = scorecard_jobs(policies, {"training": Scenario()}, RolloutConfig(n_seeds=1))
     assert [job.config.speed_range for job in jobs] == [None, (0.0, 0.75)]
 

@@ -102,17 +102,19 @@ def test_robots_that_move_otherwise_are_seen_to(switched_pages, compiled_pages, 
 
 def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    asked = ["--gait", "trot", "--change-to", "walk", "--policy", "page"]
+    asked = ["--gait", "trot", "--change-to", "walk", "--policy", "sparse_formula"]
     arguments = ["export", *asked, "--n-steps", "120"]
     main(arguments)
-    folder = tmp_path / "runs" / "export" / "trot_walk" / "page"
+    folder = tmp_path / "runs" / "export" / "trot_walk" / "sparse_formula"
     metrics = json.loads((folder / "metrics.json").read_text())
     assert [row["steps"] for row in metrics["agreement"]] == [60, 60]
     assert all(row["target"] < 1e-12 and not row["machine"] for row in metrics["agreement"])
     assert metrics["agreement"][1]["gaits"] > 0
-    assert metrics["bytes"] == (folder / "trot_walk_page.c").stat().st_size
-    assert "TROT_WALK_PAGE_GAIT_WALK" in (folder / "trot_walk_page.h").read_text()
-    assert "trot_walk_page.c" in capsys.readouterr().out
+    assert metrics["bytes"] == (folder / "trot_walk_sparse_formula.c").stat().st_size
+    assert (
+        "TROT_WALK_SPARSE_FORMULA_GAIT_WALK" in (folder / "trot_walk_sparse_formula.h").read_text()
+    )
+    assert "trot_walk_sparse_formula.c" in capsys.readouterr().out
     main([*arguments, "--resume"])
 
 
@@ -123,10 +125,18 @@ def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, mo
         (["--change-to", "trot"], "gaits are trot, trot; name one or more, each once"),
         (["--change-to", "walk", "walk"], "change_to is ('walk', 'walk')"),
         (["--change-to", "gallop"], "unknown gait 'gallop'"),
-        (["--change-to", "three_one", "--policy", "page"], "no student 'page' of the three_one"),
+        (
+            ["--change-to", "three_one", "--policy", "sparse_formula"],
+            "no student 'sparse_formula' of the three_one",
+        ),
         (["--change-to", "walk", "--expert", "mine.safetensors"], "no files of your own"),
         (
-            ["--change-to", "walk", "--policy", str(STUDENT_DIRECTORY / "trot" / "page.formulas")],
+            [
+                "--change-to",
+                "walk",
+                "--policy",
+                str(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"),
+            ],
             "no files of your own",
         ),
         (["--change-to", "walk", "--name", "Mine"], "the controller's name is 'Mine'"),
@@ -144,9 +154,9 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
     """They stand in a program that is left out there."""
     text = PAGE.read_text().partition("## Several gaits")[2]
     (lines,) = re.findall(r"^```c\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
-    name = "walk_trot_pace_bound_page"
+    name = "walk_trot_pace_bound_sparse_formula"
     renamed = lines.replace(name, "pages").replace(name.upper(), "PAGES")
-    names = {"name": "pages", "policy_name": "page", "version": "0"}
+    names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
     source = write_source(write_switching_controller(switched_pages, **names), tmp_path)
     program = tmp_path / "program.c"
     program.write_text(

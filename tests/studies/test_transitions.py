@@ -8,7 +8,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -23,7 +23,7 @@ TITLES = {"training": "home"}
 
 
 def walkers(gaits=GAITS):
-    return {"expert": {gait.name: AlternatingPolicy(load_expert(gait)) for gait in gaits}}
+    return {"expert": {gait.name: alone(load_expert(gait)) for gait in gaits}}
 
 
 def jobs(via=None, **config):

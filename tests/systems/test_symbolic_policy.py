@@ -11,8 +11,8 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.formulas.text import parse_expression, variable_names
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import (
     load_expert,
     load_student,
@@ -125,8 +125,8 @@ def test_shipped_policies_act_the_same_on_random_observations(gait, kind):
 def test_shipped_policies_act_the_same_on_what_the_robot_observes(gait, kind):
     policy = student(gait, kind)
     scenario = Scenario(command=FixedCommand(), sensor_noise=0.0)
-    alone = AlternatingPolicy(load_expert(gait), policy, period=0)
-    diagram = MakeLocomotion(load_gait(gait), scenario, policy=alone)
+    controller = alone(policy, load_expert(gait))
+    diagram = MakeLocomotion(load_gait(gait), scenario, policy=controller)
     seen = record(make_simulator(diagram), 300, stop_on_failure=False)["observations"]
     states = seen[:, machine_state_entries(policy.observation_names)]
     assert len(np.unique(states, axis=0)) > 1

@@ -30,7 +30,7 @@ def metadata(
 
     Args:
         gait: The gait.
-        policy: Who acts.
+        policy: The controller.
         expert: Whose estimator observes what no sensor tells.
         policy_name: What the policy is called.
         version: Version of this project.

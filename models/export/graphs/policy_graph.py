@@ -52,7 +52,7 @@ def write_graph(
 
     Args:
         gait: The gait, which the graph's metadata describe.
-        policy: Who acts: a student, or the expert itself.
+        policy: The policy that acts: a student, or the expert.
         expert: Whose estimator observes what no sensor tells.
         policy_name: What its metadata call the policy.
         version: Version of this project.

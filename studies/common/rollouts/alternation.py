@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import ratio_title
@@ -30,11 +30,11 @@ def alternation_jobs(
     """
     scenario = scenario or Scenario()
     config = config.at_distilled_speeds(gait, scenario)
-    policies = {("expert", 1): AlternatingPolicy(expert)}
+    policies = {("expert", 1): alone(expert)}
     for kind, student in students.items():
         for period in periods:
             if period != 1:
-                policies[kind, period] = AlternatingPolicy(expert, student, period)
+                policies[kind, period] = AlternatingController(expert, student, period)
     return [
         job
         for (kind, period), policy in policies.items()

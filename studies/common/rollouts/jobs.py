@@ -12,7 +12,7 @@ from joblib import delayed
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import read_record, write_record
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar, say
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -46,14 +46,14 @@ class RolloutJob:
     Attributes:
         labels: Columns that tell the job's rows from the others'.
         gait: The gait.
-        policy: Who acts.
+        policy: The controller.
         scenario: The world.
         config: How; its first seed alone counts.
     """
 
     labels: dict[str, str]
     gait: Gait
-    policy: ActingPolicy
+    policy: Controller
     scenario: Scenario
     config: RolloutConfig
 

@@ -15,7 +15,7 @@ from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 
@@ -25,7 +25,7 @@ Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
 
 def play(
     gait: Gait,
-    policy: AlternatingPolicy,
+    policy: AlternatingController,
     scenario: Scenario,
     meshcat: Meshcat,
     replay: Path,
@@ -38,7 +38,7 @@ def play(
 
     Args:
         gait: The gait.
-        policy: Who acts.
+        policy: The controller.
         scenario: The world.
         meshcat: Where the replay is drawn.
         replay: HTML file of the replay.

@@ -15,10 +15,14 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import NO_SLIDERS, TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    Controller,
+    estimator_in_loop,
+)
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.common.rollouts.config import RolloutConfig
@@ -26,7 +30,7 @@ from glassgait.studies.common.rollouts.scores import RolloutLog
 
 
 def roll_out(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: Controller, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     """Rolls out the robots of the first seed, from near the default stance.
 
@@ -41,7 +45,7 @@ def roll_out(
 
 
 def _roll_out_batch(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: Controller, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     n = _n_robots(scenario, config)
     simulator = make_batch(gait, policy, scenario, n_robots=n, seed=config.seed)
@@ -49,7 +53,7 @@ def _roll_out_batch(
 
 
 def make_batch(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, *, n_robots: int, seed: int
+    gait: Gait, policy: Controller, scenario: Scenario, *, n_robots: int, seed: int
 ) -> BatchSimulator:
     """Makes a simulator of a scenario, closed on the sensors that the policy observes with.
 
@@ -66,15 +70,15 @@ def make_batch(
     )
 
 
-def log_policy(simulator: BatchSimulator, policy: ActingPolicy, n_steps: int) -> RolloutLog:
+def log_policy(simulator: BatchSimulator, policy: Controller, n_steps: int) -> RolloutLog:
     """Lets a policy move robots from where they are, and logs what they do."""
-    guard = policy.begin(simulator.n_robots)
+    memory = policy.begin(simulator.n_robots)
 
     def act(step: int) -> tuple[Array, NDArray[np.bool_]]:
-        nonlocal guard
-        turn = policy.advance(step, simulator.observe(), guard)
-        guard = turn.guard
-        return turn.action, turn.expert_acts
+        nonlocal memory
+        output = policy.advance(step, simulator.observe(), memory)
+        memory = output.memory
+        return output.action, output.expert_acts
 
     return log_batch(simulator, n_steps, act)
 
@@ -129,7 +133,7 @@ def _n_robots(scenario: Scenario, config: RolloutConfig) -> int:
 
 
 def _roll_out_diagrams(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig
+    gait: Gait, policy: Controller, scenario: Scenario, config: RolloutConfig
 ) -> RolloutLog:
     if isinstance(scenario.command, SliderCommand):
         raise InputError(f"{scenario.refused_as()}: {NO_SLIDERS}")
@@ -158,7 +162,7 @@ def _roll_out_diagrams(
     )
 
 
-def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bool) -> RolloutLog:
+def _to_log(rollout: Rollout, n_steps: int, policy: Controller, *, limited: bool) -> RolloutLog:
     log = RolloutLog(
         velocity=_forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
@@ -173,10 +177,11 @@ def _to_log(rollout: Rollout, n_steps: int, policy: ActingPolicy, *, limited: bo
     return _padded(log, n_steps)
 
 
-def _expert_acts(rollout: Rollout, policy: ActingPolicy) -> NDArray[np.bool_]:
+def _expert_acts(rollout: Rollout, policy: Controller) -> NDArray[np.bool_]:
     """Tells at which steps (T) the expert acted."""
-    if isinstance(policy, AlternatingPolicy):
-        return np.array([policy.expert_acts(step) for step in range(len(rollout.time) - 1)])
+    if isinstance(policy, AlternatingController):
+        acts = expert_acts(np.arange(len(rollout.time) - 1), policy.period)
+        return np.asarray(acts)
     return rollout["expert_acts"][:-1, 0] > 0.5
 
 

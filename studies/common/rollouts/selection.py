@@ -9,7 +9,7 @@ from joblib import delayed
 
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
@@ -63,7 +63,7 @@ def rank_alone(
     work = (
         delayed(roll_out)(
             gait,
-            AlternatingPolicy(expert, candidates[label], 0),
+            alone(candidates[label], expert),
             world,
             replace(config, seed=seed),
         )

@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller, alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
@@ -21,16 +20,14 @@ def world_jobs(
     config: RolloutConfig,
 ) -> list[RolloutJob]:
     """Lists the rollouts of the expert and of every student alone, as `jobs_in_worlds` does."""
-    policies = {"expert": AlternatingPolicy(expert)}
-    policies |= {
-        kind: AlternatingPolicy(expert, student, period=0) for kind, student in students.items()
-    }
+    policies = {"expert": alone(expert)}
+    policies |= {kind: alone(student, expert) for kind, student in students.items()}
     return jobs_in_worlds(gait, policies, scenarios, config)
 
 
 def jobs_in_worlds(
     gait: Gait,
-    policies: Mapping[str, ActingPolicy],
+    policies: Mapping[str, Controller],
     scenarios: Mapping[str, Scenario],
     config: RolloutConfig,
 ) -> list[RolloutJob]:

@@ -194,7 +194,7 @@ class DriveLosses(Settings):
             "gait": gait.digest(),
             "world": scenario.digest(),
             "expert": policy.expert.digest(),
-            "policy": (policy.student or policy.expert).digest(),
+            "policy": policy.policy.digest(),
         }
         run = {"study": "drive", "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):

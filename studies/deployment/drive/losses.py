@@ -13,7 +13,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.link.loss import BoolArray, Loss
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Phase, Watchdog
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -123,7 +123,7 @@ class Walkers:
     def __init__(
         self,
         gait: Gait,
-        policy: ActingPolicy,
+        policy: Controller,
         scenario: Scenario,
         trial: Trial,
         *,
@@ -133,7 +133,7 @@ class Walkers:
         """
         Args:
             gait: The gait.
-            policy: Who acts.
+            policy: The controller.
             scenario: The world.
             trial: What happens to the messages.
             watchdog: How long robots wait for their controller.

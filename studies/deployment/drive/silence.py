@@ -15,7 +15,7 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.link.watchdog import Phase, Watchdog, initial_watch, step_watch
-from glassgait.models.policies.assured import ActingPolicy, estimator_in_loop
+from glassgait.models.policies.controller import Controller, estimator_in_loop
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
@@ -62,7 +62,7 @@ class Lowered(NamedTuple):
 
 
 def walk_until_silent(
-    gait: Gait, policy: ActingPolicy, scenario: Scenario, *, n_moments: int, seed: int
+    gait: Gait, policy: Controller, scenario: Scenario, *, n_moments: int, seed: int
 ) -> Left:
     """Lets robots walk at three speeds, each until a moment of its own.
 
@@ -71,7 +71,7 @@ def walk_until_silent(
 
     Args:
         gait: The gait.
-        policy: Who acts.
+        policy: The controller.
         scenario: The world; its commands are left out.
         n_moments: Robots of each speed.
         seed: Seed of all that is drawn.
@@ -100,15 +100,15 @@ def walk_until_silent(
         np.empty((len(speed), quadruped.N_JOINTS)),
     )
     fallen, walked = np.zeros(len(speed), dtype=bool), np.zeros(len(speed), dtype=bool)
-    guard = policy.begin(len(speed))
+    memory = policy.begin(len(speed))
     for step in range(moment.max() + 1):
-        turn = policy.advance(step, simulator.observe(), guard)
-        guard = turn.guard
+        output = policy.advance(step, simulator.observe(), memory)
+        memory = output.memory
         now = moment == step
         states[now] = simulator.state.plant[now]
-        targets[now] = task.robot.joint_targets(turn.action[now], limited=task.limit_targets)
+        targets[now] = task.robot.joint_targets(output.action[now], limited=task.limit_targets)
         walked[now] = ~fallen[now]
-        fallen |= simulator.step(np.where(fallen[:, None], 0.0, turn.action)).terminated
+        fallen |= simulator.step(np.where(fallen[:, None], 0.0, output.action)).terminated
         # Every 10 s another one would be drawn.
         simulator.set_command(command)
     return Left(speed, states, targets, walked)

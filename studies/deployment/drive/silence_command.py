@@ -67,7 +67,7 @@ class DriveSilence(Settings):
             "gait": gait.digest(),
             "world": scenario.digest(),
             "expert": policy.expert.digest(),
-            "policy": (policy.student or policy.expert).digest(),
+            "policy": policy.policy.digest(),
         }
         run = {"study": "drive", "settings": self, "resume": False}
         with open_run(folder, **run, inputs=inputs):

@@ -122,7 +122,7 @@ def recorded_sequences(
 
     Args:
         gait: The gait.
-        policy: Who acts, in Python.
+        policy: The policy, in Python.
         expert: Whose estimator observes.
         n_steps: Control steps of all robots together.
         seed: Seed of initial states, commands and noise.

@@ -12,7 +12,7 @@ from glassgait.diagrams.scenario import load_scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, LoadedController
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command, sample_commands
@@ -48,7 +48,7 @@ def walk_both(
 
     Args:
         gait: The gait.
-        policy: Who acts, in Python.
+        policy: The policy, in Python.
         expert: Whose estimator observes.
         exported: Makes what acts instead, such as `by_controller` returns.
         title: What the table calls it.
@@ -62,9 +62,9 @@ def walk_both(
     """
     command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
     rows = []
-    alone = AlternatingPolicy(expert, policy, period=0)
+    controller = alone(policy, expert)
     for engine, name in WORLDS.items():
-        task = TaskConfig.of_scenario(gait, load_scenario(name), alone, episode_steps=n_steps)
+        task = TaskConfig.of_scenario(gait, load_scenario(name), controller, episode_steps=n_steps)
         physics = make_physics(task.robot, load_scenario(name).station)
         scores = []
         for make in (by_policy(policy), exported):

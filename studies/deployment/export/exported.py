@@ -20,7 +20,7 @@ class Acting:
 
     Attributes:
         gait: The gait, whose reward machine runs.
-        policy: Who acts: a student, or the expert itself.
+        policy: The policy that acts: a student, or the expert.
         expert: Whose estimator observes what no sensor tells.
         name: What the names of files begin with.
         policy_name: What the policy is called.

@@ -63,7 +63,7 @@ def recorded_switching_sequences(
     """Records what robots sense that change their gait again and again, in the training world.
 
     Args:
-        switched: The gaits, and who acts and observes in each, in Python.
+        switched: The gaits, and the policies that act and observe in each, in Python.
         n_steps: Control steps of all robots together.
         seed: Seed of initial states, commands, requests and noise.
     """

@@ -29,7 +29,7 @@ class SwitchingCFile(Exported):
     def __init__(self, switched: SwitchedPolicy, name: str, policy_name: str, real: Real) -> None:
         """
         Args:
-            switched: The gaits, and who acts and observes in each.
+            switched: The gaits, and the policies that act and observe in each.
             name: What the names of files begin with.
             policy_name: What the policies are called.
             real: The type to compute in.

@@ -58,7 +58,7 @@ def change_both(
     ones after 10 s.
 
     Args:
-        switched: The gaits, and who acts and observes in each, in Python.
+        switched: The gaits, and the policies that act and observe in each, in Python.
         compiled: The same in C.
         n_robots: Number of robots.
         n_steps: Control steps.

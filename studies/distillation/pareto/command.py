@@ -36,7 +36,7 @@ from glassgait.studies.distillation.students.dataset import (
     round_paths,
 )
 from glassgait.studies.distillation.students.library import distillation_folder, samples_folder
-from glassgait.studies.distillation.students.page import PAGE
+from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
@@ -82,7 +82,9 @@ class Pareto(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         expert = find_expert(gait, self.expert)
-        samples = self.samples or samples_folder(distillation_folder(gait.name), PAGE.name)
+        samples = self.samples or samples_folder(
+            distillation_folder(gait.name), SPARSE_FORMULA.name
+        )
         data = load_rounds(samples)
         folder = self.output or Path("runs/pareto") / gait.name
         inputs = {

@@ -7,11 +7,13 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
+from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
@@ -80,6 +82,8 @@ class Refine(Settings):
         ):
             begun = (folder / CHECKPOINT_NAME).exists()
             run = RefinementRun(self.config, gait, expert, policy, folder, name=name, resume=begun)
+            # The formulas observe by its estimator, wherever the folder is moved.
+            expert.save(policy_path(folder, EXPERT))
             show_learning(run)
         console.print(f"formulas written to {folder / name}{policy.suffix}")
 

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torch import nn
 
 from glassgait.models.arrays import Array
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -65,7 +65,7 @@ class RefinementRun(LearningRun):
         self._expert = expert
         self._policy = policy
         self._name = name
-        limited = AlternatingPolicy(expert, policy, period=0).limits_targets
+        limited = alone(policy, expert).limits_targets
         training = config.training(gait.name, limit_targets=limited)
         super().__init__(training, gait, folder, resume=resume)
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import (
     POLICY_SUFFIXES,
     STUDENT_DIRECTORY,
@@ -116,7 +116,9 @@ def find_student(name: str, expert: NeuralPolicy, folder: Path | None = None) ->
     return load_student_of(expert, path)
 
 
-def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> AlternatingPolicy:
+def find_walker(
+    name: str, expert: NeuralPolicy, folder: Path | None = None
+) -> AlternatingController:
     """Finds a policy that walks alone, with the estimator that it observes by.
 
     A neural policy observes by its own estimator, and any other by the expert's.
@@ -131,13 +133,13 @@ def find_walker(name: str, expert: NeuralPolicy, folder: Path | None = None) -> 
     """
     policy = expert if name == "expert" else find_student(name, expert, folder)
     if isinstance(policy, NeuralPolicy):
-        return AlternatingPolicy(policy)
-    return AlternatingPolicy(expert, policy, period=0)
+        return alone(policy)
+    return alone(policy, expert)
 
 
 def find_walkers(
     names: Sequence[str], expert: NeuralPolicy, folder: Path | None, *, shipped: bool
-) -> dict[str, AlternatingPolicy]:
+) -> dict[str, AlternatingController]:
     """Finds policies that walk alone, by the names that folders call them.
 
     Args:
@@ -154,9 +156,9 @@ def find_walkers(
         students = load_students(folder, expert) if folder else {}
         if folder is None and shipped:
             students = load_shipped_students(expert)
-        alone = {kind: AlternatingPolicy(expert, own, period=0) for kind, own in students.items()}
-        return {"expert": AlternatingPolicy(expert), **alone}
-    found: dict[str, AlternatingPolicy] = {}
+        controllers = {kind: alone(own, expert) for kind, own in students.items()}
+        return {"expert": alone(expert), **controllers}
+    found: dict[str, AlternatingController] = {}
     for name in names:
         stem = Path(name).stem if Path(name).suffix in POLICY_SUFFIXES else name
         if stem in found:
@@ -165,12 +167,10 @@ def find_walkers(
     return found
 
 
-def inputs_of_walkers(walkers: Mapping[str, AlternatingPolicy]) -> dict[str, str]:
+def inputs_of_walkers(walkers: Mapping[str, AlternatingController]) -> dict[str, str]:
     """Returns digests of policies that walk alone, as a run folder records them."""
     experts = {walker.expert.digest() for walker in walkers.values()}
-    acting = (
-        f"{name} {(walker.student or walker.expert).digest()}" for name, walker in walkers.items()
-    )
+    acting = (f"{name} {walker.policy.digest()}" for name, walker in walkers.items())
     return {"expert": " ".join(sorted(experts)), "policies": " ".join(acting)}
 
 
@@ -184,7 +184,8 @@ def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -
     if not isinstance(student, FormulaPolicy):
         raise InputError(
             f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
-            "student of the kind page, symbolic or statewise_symbolic, or a .formulas file"
+            "student of the kind sparse_formula, symbolic or statewise_symbolic, or a .formulas "
+            "file"
         )
     return student
 

@@ -5,7 +5,7 @@ from glassgait.studies.distillation.students.boosting import GBM, HISTOGRAM_GBM
 from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
 from glassgait.studies.distillation.students.open_loop import OPEN_LOOP
 from glassgait.studies.distillation.students.oscillator import OSCILLATOR
-from glassgait.studies.distillation.students.page import PAGE
+from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
 from glassgait.studies.distillation.students.student import Student
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 
@@ -21,7 +21,7 @@ STUDENTS: dict[str, Student] = {
         EBM,
         SYMBOLIC,
         STATEWISE_SYMBOLIC,
-        PAGE,
+        SPARSE_FORMULA,
     )
 }
 """The students by name, in the order of tables."""

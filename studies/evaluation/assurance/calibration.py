@@ -16,7 +16,7 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, shipped_folder
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_guard, step_guard
+from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_monitor, step_monitor
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.evaluation.assurance.visits import Visits
@@ -145,8 +145,8 @@ def choose_hysteresis(
 
 def guarded(overrun: Array, hysteresis: Hysteresis) -> NDArray[np.bool_]:
     """Tells when (T, n) the expert would be called, had its actions changed nothing."""
-    guard, called = initial_guard(overrun.shape[1:]), []
+    state, called = initial_monitor(overrun.shape[1:]), []
     for own in overrun:
-        guard = step_guard(guard, own, hysteresis)
-        called.append(guard.expert_acts)
+        state = step_monitor(state, own, hysteresis)
+        called.append(state.expert_acts)
     return np.array(called)

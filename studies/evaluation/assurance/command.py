@@ -78,7 +78,7 @@ class Assurance(Settings):
     title: ClassVar[str] = "assurance"
 
     gait: str = "trot"
-    student: StudentKind = "page"
+    student: StudentKind = "sparse_formula"
     scenario: Annotated[
         tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
     ] = WORLDS

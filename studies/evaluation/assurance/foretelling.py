@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.diagrams.task_state import TaskState
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
@@ -66,7 +66,7 @@ def foretelling_row(
 
 
 def rescues(
-    gait: Gait, policy: AlternatingPolicy, scenario: Scenario, visits: Visits, seed: int
+    gait: Gait, policy: AlternatingController, scenario: Scenario, visits: Visits, seed: int
 ) -> pd.DataFrame:
     """Takes every fall back by some steps and lets another policy go on, without more pushes.
 
@@ -90,11 +90,11 @@ def rescues(
         if len(robots):
             simulator = make_batch(gait, policy, calm, n_robots=len(robots), seed=seed)
             simulator.restore(_gathered(visits, robots, begun))
-            guard = policy.begin(len(robots))
+            memory = policy.begin(len(robots))
             for step in range(RESCUE_STEPS):
-                turn = policy.advance(step, simulator.observe(), guard)
-                guard = turn.guard
-                action = np.where(up[:, None], turn.action, 0.0)
+                output = policy.advance(step, simulator.observe(), memory)
+                memory = output.memory
+                action = np.where(up[:, None], output.action, 0.0)
                 up &= ~simulator.step(action).failures.any(axis=-1)
         rows.append({"lead": lead, "falls": len(robots), "rescued": int(up.sum())})
     return pd.DataFrame(rows)

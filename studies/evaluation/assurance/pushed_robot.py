@@ -13,7 +13,7 @@ from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.files import record_or_made
-from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
+from glassgait.models.policies.controller import AssuredController, Controller
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -55,7 +55,7 @@ def push_one(pair: Pair, calibration: Calibration, path: Path, *, of: str) -> di
 def _push_one(pair: Pair, calibration: Calibration) -> dict[str, Any]:
     alone = pair.alone[pair.name]
     hysteresis = calibration.hysteresis[max(calibration.hysteresis)]
-    assured = AssuredPolicy(pair.expert, pair.student, calibration.region, hysteresis)
+    assured = AssuredController(pair.expert, pair.student, calibration.region, hysteresis)
     tried = []
     for step, x, y in product(INSTANTS, (-PUSH, PUSH), (-PUSH, PUSH)):
         velocity = np.array([x, y, 0.0])
@@ -73,7 +73,7 @@ def _push_one(pair: Pair, calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _pushed(gait: Gait, policy: ActingPolicy, step: int, velocity: Array) -> Rollout:
+def _pushed(gait: Gait, policy: Controller, step: int, velocity: Array) -> Rollout:
     diagram = MakeLocomotion(gait, Scenario(command=FixedCommand(speed=SPEED)), policy=policy)
     simulator = make_simulator(diagram)
 

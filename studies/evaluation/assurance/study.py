@@ -12,8 +12,12 @@ import pandas as pd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import record_or_made
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import ActingPolicy, AssuredPolicy
+from glassgait.models.policies.controller import (
+    AlternatingController,
+    AssuredController,
+    Controller,
+    alone,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.assurance import Doubt, Hysteresis, Region
@@ -48,10 +52,10 @@ class Pair:
     name: str
 
     @property
-    def alone(self) -> dict[str, AlternatingPolicy]:
+    def alone(self) -> dict[str, AlternatingController]:
         """Both alone, by name."""
-        student = AlternatingPolicy(self.expert, self.student, period=0)
-        return {"expert": AlternatingPolicy(self.expert), self.name: student}
+        student = alone(self.student, self.expert)
+        return {"expert": alone(self.expert), self.name: student}
 
 
 @dataclass(frozen=True)
@@ -203,10 +207,10 @@ def scheduled_name(calls: float) -> str:
     return f"schedule_{calls:g}"
 
 
-def assured_policies(pair: Pair, calibration: Calibration) -> dict[str, ActingPolicy]:
+def assured_policies(pair: Pair, calibration: Calibration) -> dict[str, Controller]:
     """Returns the expert, the student alone, and the student under assurance, by name."""
     assured = {
-        assured_name(calls): AssuredPolicy(
+        assured_name(calls): AssuredController(
             pair.expert, pair.student, calibration.region, hysteresis
         )
         for calls, hysteresis in calibration.hysteresis.items()
@@ -232,10 +236,10 @@ def roll_out_all(
     scheduled: list[RolloutJob] = []
     for name, scenario in scenarios.items():
         own = scores[scores["scenario"] == name]
-        policies: dict[str, ActingPolicy] = {}
+        policies: dict[str, Controller] = {}
         for calls in calibration.hysteresis:
             called = _share_called(own[own["policy"] == assured_name(calls)])
-            schedule = AlternatingPolicy(pair.expert, pair.student, period_of(called))
+            schedule = AlternatingController(pair.expert, pair.student, period_of(called))
             policies[scheduled_name(calls)] = schedule
         scheduled += jobs_in_worlds(pair.gait, policies, {name: scenario}, config)
     return pd.concat([scores, run_jobs(scheduled, folder, processes=processes)], ignore_index=True)

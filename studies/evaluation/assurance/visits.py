@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.policies.assured import ActingPolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import make_batch
@@ -46,19 +46,19 @@ def joined(parts: Sequence[Visits]) -> Visits:
     return Visits(observation, [], np.concatenate([own.fell for own in parts]))
 
 
-def visit(gait: Gait, policy: ActingPolicy, scenario: Scenario, config: RolloutConfig) -> Visits:
+def visit(gait: Gait, policy: Controller, scenario: Scenario, config: RolloutConfig) -> Visits:
     """Lets the robots of the first seed walk, at the speeds of distillation."""
     scenario = config.at_distilled_speeds(gait, scenario).commanding(scenario)
     n = config.n_robots
     simulator = make_batch(gait, policy, scenario, n_robots=n, seed=config.seed)
-    guard, fell = policy.begin(n), np.full(n, config.n_steps)
+    memory, fell = policy.begin(n), np.full(n, config.n_steps)
     observations, states = [], []
     for step in range(config.n_steps):
         observations.append(simulator.observe())
         states.append(simulator.state)
-        turn = policy.advance(step, observations[-1], guard)
-        guard = turn.guard
+        output = policy.advance(step, observations[-1], memory)
+        memory = output.memory
         down = fell < step
-        shown = simulator.step(np.where(down[:, None], 0.0, turn.action)).failures.any(axis=-1)
+        shown = simulator.step(np.where(down[:, None], 0.0, output.action)).failures.any(axis=-1)
         fell = np.where(shown & (fell == config.n_steps), step, fell)
     return Visits(np.array(observations), states, fell)

@@ -72,7 +72,7 @@ class Compare(Settings):
     title: ClassVar[str] = "compare"
 
     a: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="A")] = "statewise_symbolic"
-    b: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="B")] = "page"
+    b: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="B")] = "sparse_formula"
     gait: str = "trot"
     scenario: Annotated[
         tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))

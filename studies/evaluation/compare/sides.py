@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.palette import COLORS
@@ -28,7 +28,7 @@ class Side:
     letter: str
     name: str
     policy: Policy
-    walker: AlternatingPolicy
+    walker: AlternatingController
 
     @property
     def stem(self) -> str:
@@ -59,4 +59,4 @@ def find_side(letter: str, name: str, expert: NeuralPolicy, folder: Path | None)
         InputError: if there is no such policy, or it does not fit the expert.
     """
     walker = find_walker(name, expert, folder)
-    return Side(letter, name, walker.student or walker.expert, walker)
+    return Side(letter, name, walker.policy, walker)

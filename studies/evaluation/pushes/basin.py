@@ -13,8 +13,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
@@ -71,7 +70,7 @@ class Pushed(NamedTuple):
 class _Walk:
     """One policy in one world."""
 
-    def __init__(self, gait: Gait, policy: AlternatingPolicy, scenario: Scenario, seed: int):
+    def __init__(self, gait: Gait, policy: AlternatingController, scenario: Scenario, seed: int):
         self.policy = policy
         self.generator = np.random.default_rng(seed)
         self.entered = gait.states.index(gait.initial)
@@ -93,7 +92,7 @@ class _Walk:
 
 def push_everywhere(
     gait: Gait,
-    policy: AlternatingPolicy,
+    policy: AlternatingController,
     scenario: Scenario,
     grid: PushGrid,
     *,
@@ -107,7 +106,7 @@ def push_everywhere(
 
     Args:
         gait: The gait.
-        policy: Who acts.
+        policy: The controller.
         scenario: The world, with the command that all follow.
         grid: The pushes.
         n_steps: Control steps from the push to the end.
@@ -141,7 +140,7 @@ def _walkers(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
     entries = np.full((n_phases, 2), -1)
     fell, there = np.zeros(n_phases, dtype=bool), np.zeros(n_phases, dtype=bool)
     for step in range(MOST_STEPS):
-        action = walk.policy.act(step, simulator.observe())
+        action = walk.policy.advance(step, simulator.observe(), None).action
         outcome = simulator.step(np.where(fell[:, None], 0.0, action))
         fell |= outcome.terminated
         state = simulator.state
@@ -176,7 +175,7 @@ def _walk_on(
             simulator, up = walk.simulator(len(rows), state), up[up]
         if len(rows) == 0:
             break
-        action = walk.policy.act(step, simulator.observe())
+        action = walk.policy.advance(step, simulator.observe(), None).action
         outcome = simulator.step(np.where(up[:, None], action, 0.0))
         first = outcome.terminated & up
         failure[rows[first]] = outcome.failures[first].argmax(axis=1)

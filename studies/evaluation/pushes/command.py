@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le, MinLen
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
@@ -134,7 +134,7 @@ class PushBasin(Settings):
         directions = 2.0 * np.pi * np.arange(self.n_directions) / self.n_directions
         return PushGrid(directions, np.array(self.speeds), self.n_phases)
 
-    def _push(self, gait: Gait, walker: AlternatingPolicy) -> dict[str, Any]:
+    def _push(self, gait: Gait, walker: AlternatingController) -> dict[str, Any]:
         pushed = push_everywhere(
             gait,
             walker,

@@ -10,7 +10,7 @@ import tyro
 from annotated_types import Gt, Le, MinLen
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait, load_gait
@@ -130,7 +130,7 @@ class Stability(Settings):
         values = np.array(grid, dtype=float)
         return Command(values[:, :2], values[:, 2])
 
-    def _analyse(self, gait: Gait, walker: AlternatingPolicy, commands: Command) -> list[Any]:
+    def _analyse(self, gait: Gait, walker: AlternatingController, commands: Command) -> list[Any]:
         return analyse(
             StrideMap(gait, walker, commands),
             n_strides=self.n_strides,

@@ -12,9 +12,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.alternating import AlternatingPolicy
-from glassgait.models.policies.assured import estimator_in_loop
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
 from glassgait.models.task.command import Command
@@ -75,11 +74,11 @@ class StrideMap:
     counted in `UNITS`. The learned estimator stays in the loop.
     """
 
-    def __init__(self, gait: Gait, policy: AlternatingPolicy, command: Command) -> None:
+    def __init__(self, gait: Gait, policy: AlternatingController, command: Command) -> None:
         """
         Args:
             gait: The gait.
-            policy: Who acts.
+            policy: The controller.
             command: Velocities (m, 2) and dwells (m,) of m problems.
         """
         self.command = command
@@ -92,7 +91,7 @@ class StrideMap:
     @property
     def is_stepwise(self) -> bool:
         """Whether the policy is constant but for jumps, and the map's derivatives tell nothing."""
-        acting = self.policy.acting_student or self.policy.acting_expert
+        acting = self.policy.policy
         return isinstance(acting, BoostedTreesPolicy | AdditivePolicy)
 
     def first_points(self) -> Array:
@@ -167,7 +166,7 @@ class StrideMap:
         images, n_steps = np.full((n, len(NAMES)), np.nan), np.zeros(n, dtype=np.int64)
         going = np.ones(n, dtype=bool)
         for step in range(1, not_before + MOST_STEPS + 1):
-            action = self.policy.act(step, simulator.observe())
+            action = self.policy.advance(step, simulator.observe(), None).action
             outcome = simulator.step(np.where(going[:, None], action, 0.0))
             going &= ~outcome.terminated
             state = simulator.state

@@ -11,7 +11,7 @@ from annotated_types import MinLen
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import DISTINCT, FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -106,6 +106,6 @@ class Transitions(Settings):
         return jobs_of_pairs(gaits, walkers, scenarios, self.transitions, via)
 
 
-def _walkers(policy: str, gaits: Sequence[Gait]) -> dict[str, AlternatingPolicy]:
+def _walkers(policy: str, gaits: Sequence[Gait]) -> dict[str, AlternatingController]:
     """Finds who walks in each gait: the expert, or the student of a kind."""
     return {gait.name: find_walker(policy, find_expert(gait)) for gait in gaits}

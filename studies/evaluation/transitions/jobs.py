@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.serialization import to_plain
 from glassgait.studies.evaluation.transitions.config import TransitionConfig
@@ -30,7 +30,7 @@ class TransitionJob:
     policy: str
     scenario: str
     path: tuple[Gait, ...]
-    walkers: tuple[AlternatingPolicy, ...]
+    walkers: tuple[AlternatingController, ...]
     world: Scenario
     speed: float
     config: TransitionConfig
@@ -54,7 +54,7 @@ class TransitionJob:
 
     def digest(self) -> str:
         """Tells jobs apart whose robots would not walk alike."""
-        walkers = [(walker.acting_student or walker.expert).digest() for walker in self.walkers]
+        walkers = [walker.policy.digest() for walker in self.walkers]
         experts = [walker.expert.digest() for walker in self.walkers]
         gaits = [gait.digest() for gait in self.path]
         # Each speed is rolled out by itself.
@@ -65,7 +65,7 @@ class TransitionJob:
 
 def jobs_of_pairs(
     gaits: Sequence[Gait],
-    walkers: Mapping[str, Mapping[str, AlternatingPolicy]],
+    walkers: Mapping[str, Mapping[str, AlternatingController]],
     scenarios: Mapping[str, Scenario],
     config: TransitionConfig,
     via: Gait | None,

@@ -11,7 +11,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
-from glassgait.models.policies.assured import estimator_in_loop
+from glassgait.models.policies.controller import estimator_in_loop
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command

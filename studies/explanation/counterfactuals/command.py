@@ -17,7 +17,7 @@ from glassgait.models.counterfactuals.question import Answer, Question, Room
 from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -113,7 +113,7 @@ class Counterfactual(Settings):
             raise InputError("--policy expert: a network is not searched; name a student")
         student, joint = find_student(name, expert, self.distillation), joint_index(self.joint)
         refuse_unsearched(student)
-        walker = AlternatingPolicy(expert, student, period=0)
+        walker = alone(student, expert)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
         folder = self.output or Path("runs/counterfactuals") / gait.name / stem
         inputs = {
@@ -166,7 +166,7 @@ class Counterfactual(Settings):
         console.print(f"page written to {folder / 'index.html'}")
 
     def _walk(
-        self, gait: Gait, walker: AlternatingPolicy, intervention: Intervention | None
+        self, gait: Gait, walker: AlternatingController, intervention: Intervention | None
     ) -> Rollout:
         scenario = Scenario(command=self.command)
         diagram = MakeLocomotion(gait, scenario, policy=walker, intervention=intervention)

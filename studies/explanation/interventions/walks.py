@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import AlternatingController, ControllerOutput
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
@@ -50,14 +50,14 @@ class Walk:
 
 
 @dataclass(frozen=True)
-class _Watched(AlternatingPolicy):
+class _Watched(AlternatingController):
     """A policy that keeps what it observed."""
 
     observed: list[Array] = field(default_factory=list, compare=False, repr=False)
 
-    def act(self, step: int, observation: Array) -> Array:
+    def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
         self.observed.append(observation)
-        return super().act(step, observation)
+        return super().advance(step, observation, memory)
 
 
 def walk(
@@ -76,7 +76,7 @@ def walk(
     Args:
         gait: The gait.
         expert: The expert; its estimator observes for the policy.
-        policy: Who acts.
+        policy: The controller.
         n_robots: Number of robots.
         n_steps: Control steps of each, 2 or more.
         seed: Seed of starts, commands and noise.

@@ -12,7 +12,7 @@ import pandas as pd
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -88,7 +88,7 @@ def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.Data
         if not all(kind in own for own in policies):
             continue
         walkers = [
-            AlternatingPolicy(expert) if kind == EXPERT else AlternatingPolicy(expert, own[kind], 0)
+            alone(expert) if kind == EXPERT else alone(own[kind], expert)
             for expert, own in zip(experts, policies, strict=True)
         ]
         written = write_switching_controller(

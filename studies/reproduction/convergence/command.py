@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
@@ -49,7 +49,7 @@ class Convergence(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        policy = AlternatingPolicy(find_expert(gait, self.expert))
+        policy = alone(find_expert(gait, self.expert))
         jobs = [
             job
             for variant in reversed(VARIANTS)

@@ -9,7 +9,7 @@ import pandas as pd
 import tyro
 
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
@@ -148,12 +148,9 @@ def standalone_jobs(
         students: The students by curriculum and kind.
         config: How robots are rolled out.
     """
-    policies = {("expert", "expert"): AlternatingPolicy(expert)}
+    policies = {("expert", "expert"): alone(expert)}
     for curriculum, own in students.items():
-        policies |= {
-            (curriculum, kind): AlternatingPolicy(expert, student, 0)
-            for kind, student in own.items()
-        }
+        policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}
     config = config.at_distilled_speeds(gait)
     jobs = []
     for (curriculum, student), policy in policies.items():

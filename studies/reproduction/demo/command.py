@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import (
     load_expert,
     load_policy,
@@ -160,7 +160,7 @@ class _Road:
 
     def show(self, student: Policy | None, replay: Replay) -> None:
         """Records a student, or the expert, alone."""
-        policy = AlternatingPolicy(self.expert, student, period=1 if student is None else 0)
+        policy = alone(student or self.expert, self.expert)
         rollout = play(
             self.gait,
             policy,

@@ -10,7 +10,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.alternating import AlternatingPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -115,6 +115,6 @@ def _draw_sequences(
 
 def _roll_out_alone(gait: Gait, expert: NeuralPolicy, student: Policy) -> Rollout:
     command = FixedCommand(speed=min(SPEED, gait.max_speed))
-    policy = AlternatingPolicy(expert, student, period=0)
+    policy = alone(student, expert)
     diagram = MakeLocomotion(gait, Scenario(command=command), policy=policy)
     return record(make_simulator(diagram), round(SEQUENCE_SECONDS / CONTROL_PERIOD))

@@ -12,7 +12,7 @@ from glassgait.studies.distillation.students.term_pursuit import condense
 
 
 @dataclass(frozen=True)
-class PageSettings(StudentSettings):
+class SparseFormulaSettings(StudentSettings):
     """Settings of a page of formulas.
 
     Attributes:
@@ -23,25 +23,25 @@ class PageSettings(StudentSettings):
         alone_episodes: Episodes of a round in which the page acts alone.
     """
 
-    title: ClassVar[str] = "distillation: page"
+    title: ClassVar[str] = "distillation: sparse_formula"
 
     terms: Annotated[Count, Ge(12)] = 100
     mirrored: bool = True
     alone_episodes: Count = 13  # type: ignore[assignment]
 
 
-def _fit_page(
-    samples: TrainingSet, settings: PageSettings, *, seed: int, n_jobs: int
+def _fit(
+    samples: TrainingSet, settings: SparseFormulaSettings, *, seed: int, n_jobs: int
 ) -> FormulaPolicy:
     return condense(samples, settings.terms, mirrored=settings.mirrored)
 
 
-PAGE = Student(
-    "page",
+SPARSE_FORMULA = Student(
+    "sparse_formula",
     "Page of formulas",
-    _fit_page,
+    _fit,
     color="#E69F00",
     marker="*",
-    settings=PageSettings(),
+    settings=SparseFormulaSettings(),
     brevity=1,
 )

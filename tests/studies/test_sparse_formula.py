@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.robots import quadruped
@@ -87,14 +87,21 @@ def test_mirrored_pages_act_alike_on_both_sides(gait, generator):
 def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     small = ["--episodes", "5", "--alone-rounds", "1", "--alone-steps", "20"]
-    small += ["--episode-steps", "20", "--page.alone-episodes", "2", "--page.terms", "60"]
-    main(["distill", "--students", "page", "--n-jobs", "1", *small])
-    path = tmp_path / "runs" / "distillation" / "trot" / "page.formulas"
+    small += [
+        "--episode-steps",
+        "20",
+        "--sparse-formula.alone-episodes",
+        "2",
+        "--sparse-formula.terms",
+        "60",
+    ]
+    main(["distill", "--students", "sparse_formula", "--n-jobs", "1", *small])
+    path = tmp_path / "runs" / "distillation" / "trot" / "sparse_formula.formulas"
     page = load_policy(path)
     page.check(gait="trot", observation_names=load_expert("trot").observation_names)
     assert page.n_terms() <= 60
     capsys.readouterr()
-    main(["show", "trot", "--policy", "page"])
+    main(["show", "trot", "--policy", "sparse_formula"])
     told = capsys.readouterr().out
     assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in told
 

@@ -1,0 +1,283 @@
+"""Controllers: one policy alone, or an expert and a student that take turns at acting."""
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.policies.policy import Policy, refuse_other_estimator
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task.alternation import expert_acts
+from glassgait.models.task.assurance import (
+    Hysteresis,
+    MonitorState,
+    Region,
+    initial_monitor,
+    step_monitor,
+)
+
+Estimator = Callable[[Array], Array]
+"""Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+
+
+class ControllerOutput(NamedTuple):
+    """What a controller returns at a control step, robots along the first axis.
+
+    Attributes:
+        action: Actions (n, 12).
+        expert_acts: Whether they are the expert's (n,).
+        memory: What the controller remembers until the next step.
+    """
+
+    action: Array
+    expert_acts: NDArray[np.bool_]
+    memory: Any
+
+
+class Controller(Protocol):
+    """Acts in a closed loop, at every control step of n robots.
+
+    A controller is a value: what it remembers is returned by `begin` and `advance`, and given to
+    the next `advance`.
+    """
+
+    @property
+    def expert(self) -> Policy:
+        """The expert; its estimator, if it has one, observes for the student as well."""
+        ...
+
+    @property
+    def student(self) -> Policy | None:
+        """The student, or None."""
+        ...
+
+    @property
+    def policies(self) -> Mapping[str, Policy]:
+        """Those of `expert` and `student` that ever act, by these names."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        ...
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        ...
+
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone."""
+        ...
+
+    def begin(self, n_robots: int) -> Any:
+        """Returns the memory at the start of an episode."""
+        ...
+
+    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
+        ...
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        ...
+
+
+@dataclass(frozen=True)
+class AlternatingController:
+    """An expert alone, a student alone, or both by turns (paper, Algorithm 1).
+
+    Attributes:
+        expert: The expert; its estimator, if it has one, observes for both.
+        student: The student, or None.
+        period: Control steps from one action of the expert to the next; 1 is the expert alone, 0
+            the student alone.
+    """
+
+    expert: Policy
+    student: Policy | None = None
+    period: int = 1
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            ValueError: if the period is negative, or asks for a student that is not given.
+            InputError: if the student observes by the estimator of another expert.
+        """
+        if self.student is not None:
+            refuse_other_estimator(self.expert, self.student)
+        if self.period < 0:
+            raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
+        if self.student is None and self.period != 1:
+            raise ValueError(f"alternation: period {self.period} needs a student; give one")
+
+    @property
+    def policies(self) -> dict[str, Policy]:
+        """Those of `expert` and `student` that ever act, by these names."""
+        acting = {} if self.period == 0 else {"expert": self.expert}
+        return (
+            acting
+            if self.student is None or self.period == 1
+            else acting | {"student": self.student}
+        )
+
+    @property
+    def policy(self) -> Policy:
+        """The policy that acts alone.
+
+        Raises:
+            ValueError: if two policies act.
+        """
+        (policy,) = self.policies.values()
+        return policy
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        return self.expert.estimator
+
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone.
+
+        They do if the expert learned so, and if a student acts alone that is to be run so.
+        """
+        student = self.student if self.period == 0 else None
+        return self.expert.limits_targets or (student is not None and student.limits_targets)
+
+    def begin(self, n_robots: int) -> None:
+        """Returns None: a schedule goes by time alone."""
+
+    def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
+        """Acts by the expert at every `period`-th step, and otherwise by the student."""
+        by_expert = self.student is None or bool(expert_acts(step, self.period))
+        policy = self.expert if self.student is None or by_expert else self.student
+        return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        return {"period": self.period}
+
+
+def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController:
+    """Returns the controller in which one policy acts alone.
+
+    Args:
+        policy: An expert or a student.
+        expert: The expert whose estimator observes for a student; by default the policy's own
+            estimator observes.
+    """
+    if expert is None or expert is policy:
+        return AlternatingController(policy)
+    return AlternatingController(expert, policy, period=0)
+
+
+@dataclass(frozen=True)
+class AssuredController:
+    """A student under runtime assurance: the expert acts for robots outside of a region.
+
+    Attributes:
+        expert: Acts outside of the region; its estimator, if it has one, observes for both.
+        student: Acts inside.
+        region: Where the student may act.
+        hysteresis: When the expert takes over, and when it hands back.
+    """
+
+    expert: Policy
+    student: Policy
+    region: Region
+    hysteresis: Hysteresis
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            InputError: if the region is of other observations than the student's, or the student
+                observes by the estimator of another expert.
+        """
+        refuse_other_estimator(self.expert, self.student)
+        if self.region.names != self.student.observation_names:
+            raise InputError(
+                "assurance: the region is of other observations than the student's; measure it "
+                f"with robots of the {self.student.gait}"
+            )
+
+    @property
+    def policies(self) -> dict[str, Policy]:
+        """Both policies, for both act."""
+        return {"expert": self.expert, "student": self.student}
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        return self.expert.estimator
+
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone: if the expert learned so."""
+        return self.expert.limits_targets
+
+    def begin(self, n_robots: int) -> MonitorState:
+        """Returns the monitors' states before an episode's first observation."""
+        return initial_monitor((n_robots,))
+
+    def advance(self, step: int, observation: Array, memory: MonitorState) -> ControllerOutput:
+        """Acts by the student where the monitor leaves a robot to it, otherwise by the expert."""
+        memory = step_monitor(memory, self.region.overrun(observation), self.hysteresis)
+        called = memory.expert_acts
+        action = np.array(self.student(observation))
+        if called.any():
+            action[called] = self.expert(observation[called])
+        return ControllerOutput(action, called, memory)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        corners = np.ascontiguousarray([self.region.lower, self.region.upper])
+        own = {
+            "hysteresis": asdict(self.hysteresis),
+            "region": hashlib.sha256(corners.tobytes()).hexdigest()[:16],
+        }
+        doubt = self.region.doubt
+        return own | {"usual_doubt": doubt.usual.tolist()} if doubt else own
+
+
+def estimator_in_loop(
+    controller: Controller | Policy, *, true_body_state: bool = False
+) -> Estimator | None:
+    """Returns what estimates the body state in a closed loop, the diagram's or the batch's.
+
+    Args:
+        controller: The controller, or the policy that acts alone.
+        true_body_state: Whether it is to observe the true body state, as a scenario says.
+
+    Returns:
+        The controller's estimator, or None for the true body state.
+
+    Raises:
+        InputError: if the controller has no estimator, and the true body state is not asked for.
+    """
+    if true_body_state:
+        return None
+    if controller.estimator is None:
+        policy = controller if isinstance(controller, Policy) else controller.expert
+        raise InputError(
+            f"this {policy.kind} policy of the {policy.gait} has no estimator of the body state; "
+            "take it from load_student, give it the expert's with "
+            "policy.with_estimator_of(expert), or set true_body_state: true in the scenario"
+        )
+    return controller.estimator

@@ -1,0 +1,315 @@
+"""Finding the policies of a gait: one rule for every command.
+
+What ships is taken, unless `--source` names the folder of a run of train, distill or refine. Of a
+gait that does not ship, the runs' default folders are taken: runs/training/<gait> and
+runs/distillation/<gait>.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from glassgait.models.errors import InputError, shown
+from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.library import (
+    POLICY_SUFFIXES,
+    STUDENT_DIRECTORY,
+    load_expert,
+    load_policy,
+    load_student_of,
+    policy_path,
+    recorded_expert,
+    shipped_experts,
+)
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import note
+
+EXPERT = "expert"
+"""Name of the expert."""
+
+ALL = "all"
+"""Name of the expert and all students together."""
+
+SHIPPED = "shipped"
+"""What records call the place of policies that ship."""
+
+TRAINING_FOLDER = Path("runs/training")
+DISTILLATION_FOLDER = Path("runs/distillation")
+
+ORDER = (
+    "open_loop",
+    "oscillator",
+    "linear",
+    "statewise_linear",
+    "gbm",
+    "histogram_gbm",
+    "ebm",
+    "symbolic",
+    "statewise_symbolic",
+    "page",
+)
+"""Order of the kinds of students in tables; kinds that it does not name come last."""
+
+
+@dataclass(frozen=True)
+class Policies:
+    """The policies of a gait that a command can use.
+
+    Attributes:
+        gait: The gait.
+        place: `shipped`, or the folder of a run.
+        expert: The expert, by whose estimator students observe.
+        expert_place: Where the expert is from: `shipped`, or a file.
+        files: Files of the students by kind, in the order of tables.
+    """
+
+    gait: Gait
+    place: str
+    expert: NeuralPolicy
+    expert_place: str
+    files: dict[str, Path]
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of the run; None of what ships."""
+        return None if self.place == SHIPPED else Path(self.place)
+
+    @cached_property
+    def students(self) -> dict[str, Policy]:
+        """Every student, by kind.
+
+        Raises:
+            InputError: if a file is damaged, or a student does not fit the expert.
+        """
+        return {kind: load_student_of(self.expert, path) for kind, path in self.files.items()}
+
+    def file(self, name: str) -> Path:
+        """Returns the file of a student.
+
+        Args:
+            name: A kind of student, or the path of a policy file.
+
+        Raises:
+            InputError: if there is no such student.
+        """
+        if Path(name).suffix in POLICY_SUFFIXES:
+            return Path(name)
+        if name not in self.files:
+            there = ", ".join((EXPERT, *self.files))
+            remedy = f"; make it with 'glassgait distill --gait {self.gait.name} --students {name}'"
+            raise InputError(
+                f"--policy {shown(name)}: there is no such policy of the {self.gait.name}; "
+                f"{self._where()} are {there}{remedy if name in ORDER else ''}; name one of them, "
+                f"the file of a policy ending in {' or '.join(POLICY_SUFFIXES)}, or another run "
+                "with --source"
+            )
+        return self.files[name]
+
+    def policy(self, name: str) -> Policy:
+        """Loads a policy.
+
+        Args:
+            name: `expert`, a kind of student, or the path of a policy file.
+
+        Raises:
+            InputError: if there is no such policy, or it does not fit gait and expert.
+        """
+        if name == EXPERT:
+            return self.expert
+        path = self.file(name)
+        return load_student_of(self._expert_of(path), path)
+
+    def formulas(self, name: str) -> FormulaPolicy:
+        """Loads a policy that is made of formulas.
+
+        Raises:
+            InputError: if there is no such policy, it is of another kind, or does not fit.
+        """
+        policy = self.policy(name)
+        if not isinstance(policy, FormulaPolicy):
+            raise InputError(
+                f"--policy {name}: is of the kind {policy.kind!r}, not made of formulas; name a "
+                f"student of formulas, or a {FormulaPolicy.suffix} file"
+            )
+        return policy
+
+    def controller(self, name: str) -> AlternatingController:
+        """Loads a policy that acts alone, with the estimator that it observes by.
+
+        A neural policy observes by its own estimator, and any other by its expert's.
+        """
+        policy = self.policy(name)
+        if isinstance(policy, NeuralPolicy):
+            return alone(policy)
+        expert = self.expert if name in self.files else self._expert_of(self.file(name))
+        return alone(policy, expert)
+
+    def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
+        """Loads policies that act alone, by the names that folders and tables call them.
+
+        Args:
+            names: As `controller` takes them; `all` stands for the expert and every student.
+
+        Raises:
+            InputError: if there is no such policy, it does not fit, or two are called the same.
+        """
+        found: dict[str, AlternatingController] = {}
+        for name in self.named(names):
+            stem = policy_stem(name)
+            if stem in found:
+                raise InputError(
+                    f"--policy: two policies are called {shown(stem)}; give one file another name"
+                )
+            found[stem] = self.controller(name)
+        return found
+
+    def named(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Returns names, in which `all` is replaced by the expert and every student there is."""
+        given = tuple(names)
+        return (EXPERT, *self.files) if ALL in given else given
+
+    def inputs(
+        self, controllers: Iterable[tuple[str, AlternatingController]] = ()
+    ) -> dict[str, str]:
+        """Returns digests of what a run takes from here, as its record holds them.
+
+        Args:
+            controllers: Names and policies that act; of the expert alone none.
+        """
+        pairs = list(controllers)
+        experts = {self.expert.digest(), *(own.expert.digest() for _, own in pairs)}
+        acting = (f"{name} {(own.student or own.expert).digest()}" for name, own in pairs)
+        return {
+            "gait": self.gait.digest(),
+            "source": self.place,
+            "expert": " ".join(sorted(experts)),
+            "policies": " ".join(acting),
+        }
+
+    def _expert_of(self, path: Path) -> NeuralPolicy:
+        """Loads the expert that a student observes by: the one its folder's record names."""
+        recorded = recorded_expert(path.parent)
+        if recorded is None or recorded[1] == self.expert.digest():
+            return self.expert
+        # Where the recorded expert is not found, loading the student says so.
+        found = _find_recorded(self.gait, path.parent)
+        return found[0] if found else self.expert
+
+    def _where(self) -> str:
+        return "shipped" if self.place == SHIPPED else f"in {self.place}"
+
+
+def policy_stem(name: str) -> str:
+    """Returns what tables and folders call a policy that is named by its kind or file."""
+    return Path(name).stem if is_file(name) else name
+
+
+def is_file(name: str) -> bool:
+    """Returns whether a policy is named by its file, rather than by its kind."""
+    return Path(name).suffix in POLICY_SUFFIXES
+
+
+def find_policies(gait: Gait, source: Path | None = None) -> Policies:
+    """Finds the policies of a gait, and prints where they are from.
+
+    Args:
+        gait: The gait.
+        source: Folder of a run of train, distill or refine; by default what ships is taken and, of
+            a gait that does not ship, what the default folders hold.
+
+    Raises:
+        InputError: if there is no expert of the gait, the folder holds no policies of it, or the
+            expert that its students were distilled with is not found.
+    """
+    name = gait.name
+    if source is not None:
+        found = _in_run(gait, source)
+    elif name in shipped_experts():
+        files = _students_in(STUDENT_DIRECTORY / name, name)
+        found = Policies(gait, SHIPPED, load_expert(gait), SHIPPED, files)
+    elif _students_in(DISTILLATION_FOLDER / name, name):
+        found = _in_run(gait, DISTILLATION_FOLDER / name)
+    else:
+        found = _in_run(gait, TRAINING_FOLDER / name)
+    if found.place == SHIPPED:
+        note(f"{name}: policies are those that ship")
+    elif found.expert_place == SHIPPED:
+        note(f"{name}: policies are those of {found.place}, and the expert that ships")
+    else:
+        note(f"{name}: policies are those of {found.place}, and the expert {found.expert_place}")
+    return found
+
+
+def find_policies_of(
+    gaits: Sequence[Gait], source: Path | None = None, names: Iterable[str] = ()
+) -> dict[str, Policies]:
+    """Finds the policies of several gaits, by the gaits' names.
+
+    Raises:
+        InputError: as `find_policies`, and if a folder or files, which are of one gait, are named
+            for several.
+    """
+    if len(gaits) > 1 and (source is not None or any(is_file(name) for name in names)):
+        raise InputError("--gait: several gaits take no files of your own; name one gait for them")
+    return {gait.name: find_policies(gait, source) for gait in gaits}
+
+
+def _in_run(gait: Gait, folder: Path) -> Policies:
+    files = _students_in(folder, gait.name)
+    own = policy_path(folder, gait.name)
+    if own.exists():
+        return Policies(gait, str(folder), load_expert(gait, own), str(own), files)
+    if not files:
+        raise InputError(
+            f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
+            f"--gait {gait.name}', students with 'glassgait distill --gait {gait.name}', or name "
+            "the folder of a run with --source"
+        )
+    recorded = recorded_expert(folder)
+    found = _find_recorded(gait, folder)
+    if found is None:
+        where, digest = recorded or (folder, "")
+        raise InputError(
+            f"{where}: the students' expert {digest} (key 'inputs.expert') is not found; put its "
+            f"file there, as {policy_path(folder, EXPERT)}"
+        )
+    return Policies(gait, str(folder), *found, files)
+
+
+def _students_in(folder: Path, gait: str) -> dict[str, Path]:
+    """Lists the files of students that a folder holds, by kind and in the order of tables."""
+    paths = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
+    stems = sorted(path.stem for path in paths if path.stem not in (gait, EXPERT))
+    ranked = sorted(stems, key=lambda kind: ORDER.index(kind) if kind in ORDER else len(ORDER))
+    return {kind: policy_path(folder, kind) for kind in ranked}
+
+
+def _find_recorded(gait: Gait, folder: Path) -> tuple[NeuralPolicy, str] | None:
+    """Finds the expert whose digest a folder's record holds, and where it is from.
+
+    A distillation keeps a copy of its expert. Of a folder without a record it is the gait's
+    default expert.
+    """
+    recorded = recorded_expert(folder)
+    for path in (policy_path(folder, EXPERT), None, TRAINING_FOLDER / gait.name):
+        if path is None:
+            expert = load_expert(gait) if gait.name in shipped_experts() else None
+        else:
+            expert = _expert_at(gait, path)
+        if expert is not None and (recorded is None or expert.digest() == recorded[1]):
+            return expert, SHIPPED if path is None else str(path)
+    return None
+
+
+def _expert_at(gait: Gait, place: Path) -> NeuralPolicy | None:
+    """Loads the expert of a file or of a run's folder; None where there is none of this gait."""
+    path = policy_path(place, gait.name) if place.is_dir() else place
+    if path.suffix not in POLICY_SUFFIXES or not path.is_file():
+        return None
+    policy = load_policy(path)
+    fits = isinstance(policy, NeuralPolicy) and policy.gait == gait.name
+    return load_expert(gait, path) if fits else None
