@@ -24,6 +24,9 @@ ABRUPT[1] = 10.0
 class StandIn:
     """A camera that needs no EGL."""
 
+    def __init__(self, robot):
+        self.robot = robot
+
     def take(self, state):
         return np.full((4, 6, 3), 128, dtype=np.uint8)
 

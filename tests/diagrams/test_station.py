@@ -145,8 +145,9 @@ def test_drakes_logger_is_left_alone_and_has_nothing_to_warn_of():
     program = """
 import logging
 from glassgait.diagrams.station import MakeStation
+from glassgait.models.robots.robot import load_robot
 assert not logging.getLogger("drake").filters
-MakeStation(A1).CreateDefaultContext()
+MakeStation(load_robot()).CreateDefaultContext()
 """
     told = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True

@@ -59,7 +59,7 @@ def test_the_same_seed_gives_the_same_worlds():
 
 
 def test_ranges_of_one_value_change_nothing():
-    station = StationConfig(friction=0.7)
+    station = StationConfig(friction=0.7, stiffness=20.0, damping=0.5)
     none = GroupRanges(
         payload=(0, 0),
         payload_offset=0,

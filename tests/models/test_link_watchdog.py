@@ -48,7 +48,7 @@ class Watched:
             instant = CONTROL_PERIOD * ((self.now - late + 1e-9) // CONTROL_PERIOD)
             if answered and instant >= 0.0:
                 self.answer = Answer(1, instant, targets(instant))
-            self.watch = step_watch(self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
+            self.watch = step_watch(A1, self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
             phases.append(Phase(self.watch.phase))
             self.now += STEP
         return phases
