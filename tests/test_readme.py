@@ -224,7 +224,7 @@ def test_files_that_are_shown_are_accepted(page, tmp_path):
                 resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 
 
-def test_the_gait_of_ones_own_hops():
+def test_the_gait_of_a_user_hops():
     (text,) = blocks("README.md", "yaml")
     assert parse_gait(text, name="hop").transitions[0].when.swing_feet == (True,) * 4
 
@@ -289,7 +289,7 @@ def test_the_front_page_names_every_command_once():
     assert sorted(commands_of("README.md", r"\[`(\w+)`\]")) == sorted(COMMANDS)
 
 
-def test_the_page_of_studies_tells_what_every_command_does():
+def test_the_page_of_studies_reports_what_every_command_does():
     assert sorted(commands_of("studies/README.md", r"^\| `glassgait (\w+)")) == sorted(COMMANDS)
 
 

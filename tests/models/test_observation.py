@@ -37,6 +37,7 @@ def test_every_entry_stands_under_its_name():
     joints = np.arange(12.0)
     values = proprioception(
         A1,
+        A1,
         command=np.array([0.5, -0.25]),
         joint_position=A1.default_stance + joints,
         joint_velocity=20.0 * joints,
@@ -79,6 +80,7 @@ def test_noise_is_in_radians_before_the_scales():
 def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one():
     values = proprioception(
         A1,
+        A1,
         command=np.zeros((4, 2)),
         joint_position=np.zeros((4, 12)),
         joint_velocity=np.zeros((4, 12)),
@@ -109,6 +111,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
     observation = np.concatenate(
         [
             proprioception(
+                A1,
                 A1,
                 command=command,
                 joint_position=state[quadruped.JOINT_POSITION],
@@ -175,7 +178,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
         ("Foot Height RL", "foot height", "RL", "h.RL", r"\hat h_{\mathrm{RL}}", "m"),
     ],
 )
-def test_entries_tell_what_a_number_is(name, group, leg, symbol, latex, scaled_unit):
+def test_entries_describe_each_number(name, group, leg, symbol, latex, scaled_unit):
     entry = entry_of(name)
     assert (entry.name, entry.group, entry.leg) == (name, group, leg)
     assert (entry.symbol, entry.latex, entry.scaled_unit(A1)) == (symbol, latex, scaled_unit)
@@ -196,7 +199,7 @@ def test_names_are_merged_over_legs_and_states(name, merged):
     assert entry_of(name).merged_name == merged
 
 
-def test_symbols_tell_entries_apart():
+def test_symbols_of_entries_are_distinct():
     entries = ObservationLayout(4).entries
     assert len({entry.symbol for entry in entries}) == len({entry.latex for entry in entries}) == 51
 
@@ -215,5 +218,5 @@ def test_names_of_no_entry_are_refused(name):
 
 
 def test_observations_without_the_machine_have_no_state_to_find():
-    with pytest.raises(InputError, match="no observation is of the machine's state"):
+    with pytest.raises(InputError, match="state"):
         machine_state_entries(("Command X", "RM Iters"))

@@ -9,12 +9,6 @@ from glassgait.systems.body_state_sensor import BodyStateSensor
 A1 = load_robot()
 
 
-def test_ports(port_sizes, feedthrough):
-    system = BodyStateSensor(A1)
-    assert port_sizes(system) == ({"state": 37}, {"body_state": 7})
-    assert feedthrough(system) == {("state", "body_state")}
-
-
 def test_gives_the_true_values(random_states, fix_inputs):
     system = BodyStateSensor(A1)
     (state,) = random_states(1)
@@ -32,7 +26,3 @@ def test_clones_see_their_own_robot(random_states, fix_inputs):
     port = system.get_body_state_output_port()
     np.testing.assert_array_equal(port.Eval(clone), body_state(A1, second))
     np.testing.assert_array_equal(port.Eval(context), body_state(A1, first))
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(BodyStateSensor(A1))

@@ -42,11 +42,6 @@ def inputs(standing):
     return {"state": standing, "rm_state": [0.0, 1.0], "foot_contact": [1.0, 0.0, 0.0, 1.0]}
 
 
-def test_ports(trot, meshcat, port_sizes):
-    found = port_sizes(GaitDisplay(A1, trot, meshcat))
-    assert found == ({"state": 37, "rm_state": 2, "foot_contact": 4}, {})
-
-
 def test_has_an_object_for_every_state_and_foot(trot, meshcat):
     GaitDisplay(A1, trot, meshcat)
     states = [f"gait/state/{i}" for i in range(trot.n_states)]
@@ -77,7 +72,7 @@ def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_input
     turned = kinematics.standing_state(A1)
     turned[quadruped.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
     show(system, fix_inputs(system, **{**inputs, "state": turned}))
-    x, y, _ = kinematics.foot_positions(A1, A1.default_stance)[quadruped.LEGS.index("RL")]
+    x, y, _ = kinematics.foot_positions(A1.default_stance)[quadruped.LEGS.index("RL")]
     place = meshcat.places["gait/contact/RL"]
     np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
     assert place[2] == pytest.approx(kinematics.foot_heights(A1, turned)[2] + A1.foot_radius)
@@ -95,10 +90,6 @@ def test_colours_start_again_for_machines_of_many_states(trot, meshcat):
     states = tuple(f"q{i}" for i in range(40))
     GaitDisplay(A1, replace(trot, states=states), meshcat)
     assert len(meshcat.objects) == 44
-
-
-def test_refuses_wrong_sizes(trot, meshcat, assert_sizes_are_checked):
-    assert_sizes_are_checked(GaitDisplay(A1, trot, meshcat))
 
 
 def test_publishes_every_32nd_of_a_second(trot, meshcat, inputs, fix_inputs):

@@ -11,12 +11,6 @@ from glassgait.systems.joint_targets import JointTargets
 A1 = load_robot()
 
 
-def test_ports(port_sizes, feedthrough):
-    system = JointTargets(A1, quadruped.JOINTS)
-    assert port_sizes(system) == ({"action": 12}, {"desired_state": 24})
-    assert feedthrough(system) == {("action", "desired_state")}
-
-
 def test_targets_follow_the_actuators_order(fix_inputs):
     reversed_joints = quadruped.JOINTS[::-1]
     system = JointTargets(A1, reversed_joints)
@@ -47,11 +41,6 @@ def test_kept_targets_convert_to_autodiff():
     assert not slopes[1].any()
 
 
-def test_refuses_other_joints():
-    with pytest.raises(ValueError, match="not the robot's joints"):
-        JointTargets(A1, ["knee"] * 12)
-
-
 def test_clones_aim_by_their_own_action(fix_inputs):
     system = JointTargets(A1, quadruped.JOINTS)
     context = fix_inputs(system, action=np.zeros(12))
@@ -61,10 +50,6 @@ def test_clones_aim_by_their_own_action(fix_inputs):
     np.testing.assert_array_equal(port.Eval(context)[:12], A1.default_stance)
 
 
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(JointTargets(A1, quadruped.JOINTS))
-
-
-def test_refuses_a_joint_too_few():
-    with pytest.raises(ValueError, match="not the robot's joints"):
+def test_refuses_other_joints():
+    with pytest.raises(ValueError, match="joints"):
         JointTargets(A1, quadruped.JOINTS[:-1])

@@ -117,7 +117,7 @@ class Student:
         collector: Name of the student that collects its samples; itself by default.
         fit_models: Fits the library's models behind it, one a joint, like `fit`; None where there
             are none.
-        compile: Makes the policy of such models: `compile(gait, observation_names, models)`.
+        compile: Makes the policy of such models: `compile(gait, names, models, robot)`.
         brevity: Place among the students whose actions are sums of terms, 1 for those that say the
             most in the fewest; None where they are no sums.
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
@@ -183,11 +183,11 @@ def fit_compiled(
 
     Args:
         fit: Fits one: `fit(observations, target, seed, settings)`.
-        compile_models: Makes the policy: `compile_models(gait, observation_names, models)`.
+        compile_models: Makes the policy: `compile_models(gait, names, models, robot)`.
         samples: What to fit to.
         settings: Its settings.
         seed: Seed of the first joint; the others count on.
         n_jobs: Joints that are fitted at once.
     """
     models = fit_joints(fit, samples, settings, seed=seed, n_jobs=n_jobs)
-    return compile_models(samples.gait, samples.observation_names, models)
+    return compile_models(samples.gait, samples.observation_names, models, samples.robot)
