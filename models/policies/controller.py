@@ -282,6 +282,10 @@ class WrappedController:
         return self.inner.policies
 
     @property
+    def robot(self) -> Robot:
+        return self.inner.robot
+
+    @property
     def estimator(self) -> Estimator | None:
         """Maps proprioception to the body state; None where the true one is observed."""
         return self.inner.estimator

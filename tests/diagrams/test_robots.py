@@ -24,9 +24,6 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import failures
 
-A1 = load_robot()
-
-
 HOUSE = Path(__file__).parents[2]
 STATIONS = [StationConfig(), StationConfig(time_step=0.002, engine="mujoco")]
 
@@ -37,9 +34,9 @@ def test_a_robot_dropped_in_its_stance_stands_steadily(name, station):
     if station.engine == "mujoco":
         pytest.importorskip("mujoco")
     robot = load_robot(name)
-    state = kinematics.standing_state(A1, robot)[None]
+    state = kinematics.standing_state(robot)[None]
     state[:, quadruped.POSITION.stop - 1] += 0.03
-    physics, targets = make_physics(A1, robot, station), robot.default_stance[None]
+    physics, targets = make_physics(robot, station), robot.default_stance[None]
     physics.set_friction(np.array([1.0]))
     heights = []
     for _ in range(200):
@@ -48,12 +45,12 @@ def test_a_robot_dropped_in_its_stance_stands_steadily(name, station):
         heights.append(state[0, quadruped.POSITION][2])
     assert moved.touching.all()
     # With a PD law of these gains the trunk's weight lowers it by some centimetres.
-    stands = kinematics.standing_state(A1, robot)[quadruped.POSITION][2]
+    stands = kinematics.standing_state(robot)[quadruped.POSITION][2]
     assert stands - 0.06 < heights[-1] < stands
     assert np.ptp(heights[-50:]) < 5e-3
     zero = np.zeros((1, quadruped.N_JOINTS))
     limits = Scenario().limits
-    shown = failures(A1, robot, state, action=zero, previous_action=zero, limits=limits)
+    shown = failures(robot, state, action=zero, previous_action=zero, limits=limits)
     assert not shown.any()
 
 
@@ -63,7 +60,7 @@ def test_diagram_and_batch_agree_on_a_scripted_motion(name):
     scenario = replace(
         Scenario(), robot=name, sensor_noise=0.0, command=FixedCommand(speed=0.4, dwell=8)
     )
-    start = kinematics.standing_state(A1, robot)
+    start = kinematics.standing_state(robot)
     diagram = MakeLocomotion(gait, scenario)
     simulator = make_simulator(diagram)
     context = simulator.get_mutable_context()
@@ -71,7 +68,7 @@ def test_diagram_and_batch_agree_on_a_scripted_motion(name):
     assert task.robot is robot
     batch = BatchSimulator(
         task,
-        make_physics(A1, robot, scenario.station),
+        make_physics(robot, scenario.station),
         n_robots=1,
         generator=np.random.default_rng(0),
         estimator=None,

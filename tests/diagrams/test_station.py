@@ -127,7 +127,7 @@ import logging
 from glassgait.diagrams.station import MakeStation
 from glassgait.models.robots.robot import load_robot
 assert not logging.getLogger("drake").filters
-MakeStation(A1, load_robot()).CreateDefaultContext()
+MakeStation(load_robot()).CreateDefaultContext()
 """
     told = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True

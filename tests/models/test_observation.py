@@ -37,7 +37,6 @@ def test_every_entry_stands_under_its_name():
     joints = np.arange(12.0)
     values = proprioception(
         A1,
-        A1,
         command=np.array([0.5, -0.25]),
         joint_position=A1.default_stance + joints,
         joint_velocity=20.0 * joints,
@@ -80,7 +79,6 @@ def test_noise_is_in_radians_before_the_scales():
 def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one():
     values = proprioception(
         A1,
-        A1,
         command=np.zeros((4, 2)),
         joint_position=np.zeros((4, 12)),
         joint_velocity=np.zeros((4, 12)),
@@ -111,7 +109,6 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
     observation = np.concatenate(
         [
             proprioception(
-                A1,
                 A1,
                 command=command,
                 joint_position=state[quadruped.JOINT_POSITION],

@@ -35,7 +35,6 @@ def robots(random_states, generator):
     action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
     own = proprioception(
         A1,
-        A1,
         command=command,
         joint_position=state[:, quadruped.JOINT_POSITION],
         joint_velocity=state[:, quadruped.JOINT_VELOCITY],
@@ -106,10 +105,10 @@ def test_unknown_observations_have_no_units():
 
 def test_targets_and_actions_are_each_others_inverse(generator):
     action = generator.normal(size=(3, 5, 12))
-    np.testing.assert_allclose(actions_of(A1.joint_targets(action)), action, atol=1e-14)
+    np.testing.assert_allclose(actions_of(A1, A1.joint_targets(action)), action, atol=1e-14)
     target = A1.joint_targets(action)
     np.testing.assert_allclose(A1.joint_targets(actions_of(A1, target)), target, atol=1e-14)
-    np.testing.assert_array_equal(actions_of(A1.default_stance), np.zeros(12))
+    np.testing.assert_array_equal(actions_of(A1, A1.default_stance), np.zeros(12))
 
 
 def test_a_target_too_large_for_an_action_makes_it_infinite():

@@ -111,7 +111,6 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
     def observe(state, command, action, number):
         own = proprioception(
             A1,
-            A1,
             command=command,
             joint_position=state[:, quadruped.JOINT_POSITION],
             joint_velocity=state[:, quadruped.JOINT_VELOCITY],

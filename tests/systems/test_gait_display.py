@@ -72,7 +72,7 @@ def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_input
     turned = kinematics.standing_state(A1)
     turned[quadruped.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
     show(system, fix_inputs(system, **{**inputs, "state": turned}))
-    x, y, _ = kinematics.foot_positions(A1.default_stance)[quadruped.LEGS.index("RL")]
+    x, y, _ = kinematics.foot_positions(A1, A1.default_stance)[quadruped.LEGS.index("RL")]
     place = meshcat.places["gait/contact/RL"]
     np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
     assert place[2] == pytest.approx(kinematics.foot_heights(A1, turned)[2] + A1.foot_radius)

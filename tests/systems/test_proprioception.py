@@ -30,7 +30,6 @@ def test_without_noise_it_is_the_models_function(standing, fix_inputs):
     context = fix_inputs(system, **inputs(standing))
     expected = proprioception(
         A1,
-        A1,
         command=np.array([0.5, -0.2]),
         joint_position=standing[quadruped.JOINT_POSITION],
         joint_velocity=standing[quadruped.JOINT_VELOCITY],

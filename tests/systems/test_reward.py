@@ -34,7 +34,6 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     fix_inputs(system, context, **inputs(moved, reward_multiplier=1000.0))
     expected = step_reward(
         A1,
-        A1,
         moved,
         previous_joint_velocity=np.arange(12.0),
         action=np.zeros(12),
