@@ -191,7 +191,7 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
     if (theirs := found.get("gait")) != gait.name:
         raise InputError(
             f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
-            "--measure to 'glassgait certify'"
+            "--measure to 'glassgait verify prove'"
         )
     robot_of(path, found.get("robot"), robot)
     names = ObservationLayout(gait.n_states).names
@@ -224,7 +224,7 @@ def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> Observa
     if not path.exists():
         raise InputError(
             f"{path}: there is no operating box of the {gait.name}; add --measure to "
-            "'glassgait certify', or give its file by --box"
+            "'glassgait verify prove', or give its file by --box"
         )
     return load_box(path, gait, robot)
 

@@ -1,4 +1,4 @@
-"""`glassgait evaluate`: rolls policies out and scores them."""
+"""`glassgait evaluate policies`: rolls policies out and scores them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -101,7 +101,11 @@ class Evaluate(Settings):
         folder = self.output or Path("runs/evaluation") / gaits / name
         with (
             open_run(
-                folder, study="evaluate", settings=self, inputs=inputs_of(jobs), resume=self.resume
+                folder,
+                study="evaluate policies",
+                settings=self,
+                inputs=inputs_of(jobs),
+                resume=self.resume,
             ),
             parallel_backend(self.workers.backend),
         ):

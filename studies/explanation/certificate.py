@@ -18,9 +18,8 @@ from glassgait.models.certificates.findings import (
 from glassgait.models.certificates.nearness import nearness, overruns
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Outcome, Verdict
-from glassgait.models.certificates.question import Targets
+from glassgait.models.certificates.question import Targets, targets_of
 from glassgait.models.certificates.reading import Certificate
-from glassgait.models.certificates.targets import targets_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -95,7 +94,7 @@ def certificate_panel(
     return CertificatePanel(
         file=certificate.path.name if ships else str(certificate.path),
         ships=ships,
-        checked_by=f"glassgait check{own}",
+        checked_by=f"glassgait verify check{own}",
         counts=certificate.counts(),
         rows=tuple(_row(verdict, certificate.steps) for verdict in certificate.verdicts),
         outside=" ".join(

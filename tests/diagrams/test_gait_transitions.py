@@ -79,7 +79,8 @@ def recorded(diagram, state, requested):
 def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student, latency):
     switch, policy = two(source, target, student)
     scenario = replace(CALM, latency=latency)
-    (state,) = replace(NOMINAL, observation_noise=0.0).initial_states(A1, 1, np.random.default_rng(5)
+    (state,) = replace(NOMINAL, observation_noise=0.0).initial_states(
+        A1, 1, np.random.default_rng(5)
     )
     rollout = recorded(MakeLocomotion(switch, scenario, policy=policy), state, 1)
     simulator = batch(switch, policy, scenario)

@@ -136,7 +136,7 @@ def run(tmp_path):
 
     def start(*more):
         worlds = ["--worlds", "training", "--n-workers", "1", "--output", str(folder)]
-        main(["assurance", *small, *worlds, *more])
+        main(["evaluate", "assurance", *small, *worlds, *more])
         return folder
 
     return start
@@ -188,5 +188,5 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["assurance", *arguments, "--output", str(folder)])
+    assert told in refused(["evaluate", "assurance", *arguments, "--output", str(folder)])
     assert not folder.exists()

@@ -18,7 +18,6 @@ from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.explanation.products import products
 from glassgait.studies.explanation.variables import variables_of
 
 
@@ -41,7 +40,7 @@ def students(tmp_path_factory):
 def page(students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
     where = ["--distillation", str(students), "--output", str(output)]
-    main(["explain", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
+    main(["explain", "page", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
     return output / "index.html"
 
 
@@ -72,7 +71,7 @@ def test_figures_of_the_step_lie_beside_the_page(page):
 
 
 @pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "statewise_symbolic"])
-def test_products_are_the_terms(kind, generator):
+def test_factors_are_those_of_the_terms(kind, generator):
     policy = load_student("trot", kind)
     names = policy.observation_names
     observations = 0.5 * generator.normal(size=(20, len(names)))
@@ -81,7 +80,7 @@ def test_products_are_the_terms(kind, generator):
     variables = variables_of(policy, observations).values
     for joint in (0, 5):
         values = policy.explain(observations, joint).values
-        own = products(policy, joint)
+        own = policy.factored_terms(joint)
         assert len(own) == values.shape[1]
         for product, value in zip(own, values.T, strict=True):
             factors = Tape(product.quantities, variables.shape[1])(variables)
@@ -122,7 +121,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
 
 def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    short = ["explain", "--seconds", "0.2", "--step", "5"]
+    short = ["explain", "page", "--seconds", "0.2", "--step", "5"]
     main([*short, "--policy", "linear", "--distillation", str(students)])
     page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
     before = page.read_bytes()
@@ -138,14 +137,14 @@ def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, r
 def test_a_page_of_something_else_is_kept(tmp_path, refused):
     page = tmp_path / "index.html"
     page.write_text("mine")
-    assert "did not write" in refused(["explain", "--output", str(tmp_path)])
+    assert "did not write" in refused(["explain", "page", "--output", str(tmp_path)])
     assert page.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [page]
 
 
 def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded):
     where = ["--distillation", str(students), "--output", str(tmp_path)]
-    main(["explain", "--policy", "linear", "--seconds", "0.2", *where])
+    main(["explain", "page", "--policy", "linear", "--seconds", "0.2", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
     assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
     assert (tmp_path / "linear_FL_hip_step_10.png").exists()
@@ -153,7 +152,7 @@ def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded)
 
 def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
     assert "additive model" not in page.read_text()
-    main(["explain", "--policy", "ebm", "--seconds", "0.2", "--output", str(tmp_path)])
+    main(["explain", "page", "--policy", "ebm", "--seconds", "0.2", "--output", str(tmp_path)])
     assert "additive model is a function" in (tmp_path / "index.html").read_text()
 
 
@@ -178,7 +177,7 @@ def test_a_constant_of_a_state_is_no_motion(few):
     )
     twice.values["rm_state"] = np.concatenate([rollout["rm_state"]] * 2)
     swings = explain_rollout(policy, twice)[0].importances()
-    moving = np.array([bool(term.quantities) for term in own.products])
+    moving = np.array([bool(term.quantities) for term in own.terms])
     assert (~moving).sum() == 2
     np.testing.assert_allclose(swings[~moving], 0.0, atol=1e-12)
     values = explain_rollout(policy, twice)[0].values
@@ -243,5 +242,5 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
-    assert message in refused(["explain", *policy, *arguments, *where])
+    assert message in refused(["explain", "page", *policy, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

@@ -158,7 +158,7 @@ def run(tmp_path, monkeypatch):
             "--output",
             str(folder),
         ]
-        main(["pushes", *small, *policies, *more])
+        main(["evaluate", "pushes", *small, *policies, *more])
         return folder, len(asked)
 
     return start
@@ -195,5 +195,5 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 )
 def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["pushes", *arguments, "--output", str(folder)])
+    assert told in refused(["evaluate", "pushes", *arguments, "--output", str(folder)])
     assert not folder.exists()

@@ -162,7 +162,17 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
     short = {"FIRST_STEPS": 60, "AFTER_STEPS": 120, "SCORED_STEPS": 40, "SPREAD_STEPS": 10}
     for name, value in short.items():
         monkeypatch.setattr(f"glassgait.studies.evaluation.transitions.rolling.{name}", value)
-    command = ["transitions", "--gait", "trot", "pace", "--speeds", "0.4", "--n-robots", "2"]
+    command = [
+        "evaluate",
+        "transitions",
+        "--gait",
+        "trot",
+        "pace",
+        "--speeds",
+        "0.4",
+        "--n-robots",
+        "2",
+    ]
     command += ["--n-workers", "1", "--output", str(tmp_path / "run")]
     main(command)
     written = {path.name for path in (tmp_path / "run").iterdir() if path.name[0] != "."}
@@ -204,5 +214,5 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
 )
 def test_what_cannot_be_rolled_out_is_refused(refused, tmp_path, monkeypatch, arguments, told):
     monkeypatch.chdir(tmp_path)
-    assert told in refused(["transitions", *arguments])
+    assert told in refused(["evaluate", "transitions", *arguments])
     assert not list(tmp_path.iterdir())

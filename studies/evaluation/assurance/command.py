@@ -1,4 +1,4 @@
-"""`glassgait assurance`: the student acts at home, the expert where the student is a stranger."""
+"""`glassgait evaluate assurance`: a student acts in distribution, the expert elsewhere."""
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -123,7 +123,12 @@ class Assurance(Settings):
             for scenario in scenarios.values()
         ]
         inputs = inputs_of(jobs)
-        run = {"study": "assurance", "settings": self, "resume": self.resume, "inputs": inputs}
+        run = {
+            "study": "evaluate assurance",
+            "settings": self,
+            "resume": self.resume,
+            "inputs": inputs,
+        }
         with open_run(folder, **run) as of, parallel_backend(self.workers.backend):
             calibration = self._calibrate(pair, folder, of)
             scores = roll_out_all(

@@ -1,4 +1,4 @@
-"""`glassgait compare`: two policies side by side."""
+"""`glassgait evaluate compare`: two policies side by side."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -103,7 +103,9 @@ class Compare(Settings):
         # By its side, for files that change places are other files.
         inputs = inputs_of(jobs) | {side.letter: side.policy.digest() for side in (a, b)}
         with (
-            open_run(folder, study="compare", settings=self, inputs=inputs, resume=self.resume),
+            open_run(
+                folder, study="evaluate compare", settings=self, inputs=inputs, resume=self.resume
+            ),
             parallel_backend(self.workers.backend),
         ):
             for line in changes.colored() if changes else ():

@@ -1,4 +1,4 @@
-"""`glassgait pushes`: which pushes each policy survives."""
+"""`glassgait evaluate pushes`: which pushes each policy survives."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -113,7 +113,12 @@ class PushBasin(Settings):
         )
         inputs = {"gait": gait.digest(), **inputs_of_walkers(walkers)}
         folder = self.output or Path("runs/pushes") / gait.name
-        run = {"study": "pushes", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {
+            "study": "evaluate pushes",
+            "settings": self,
+            "inputs": inputs,
+            "resume": self.resume,
+        }
         with open_run(folder, **run) as identity:
             records = measure_each(
                 walkers, lambda walker: self._push(gait, walker), folder, of=identity

@@ -1,4 +1,4 @@
-"""`glassgait robustness`: who falls in which world."""
+"""`glassgait evaluate worlds`: who falls in which world."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -101,7 +101,7 @@ class Robustness(Settings):
         students = self._students(gait, expert)
         jobs = world_jobs(gait, expert, students, scenarios, self.rollouts)
         folder = self.output or OUTPUT / gait.name
-        run = {"study": "robustness", "settings": self, "resume": self.resume}
+        run = {"study": "evaluate worlds", "settings": self, "resume": self.resume}
         with (
             open_run(folder, **run, inputs=inputs_of(jobs)),
             parallel_backend(self.workers.backend),

@@ -1,4 +1,4 @@
-"""`glassgait stability`: how each policy's gait answers small differences."""
+"""`glassgait evaluate stability`: how each policy's gait answers small differences."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -105,7 +105,12 @@ class Stability(Settings):
         )
         inputs = {"gait": gait.digest(), **inputs_of_walkers(walkers)}
         folder = self.output or Path("runs/stability") / gait.name
-        run = {"study": "stability", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {
+            "study": "evaluate stability",
+            "settings": self,
+            "inputs": inputs,
+            "resume": self.resume,
+        }
         with open_run(folder, **run) as identity:
             results = measure_each(
                 walkers, lambda walker: self._analyse(gait, walker, commands), folder, of=identity

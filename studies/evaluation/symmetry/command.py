@@ -1,4 +1,4 @@
-"""`glassgait symmetry`: whether policies treat left and right alike."""
+"""`glassgait evaluate symmetry`: whether policies treat left and right alike."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -92,7 +92,9 @@ class Symmetry(Settings):
             "expert": expert.digest(),
             "students": " ".join(students),
         }
-        with open_run(folder, study="symmetry", settings=self, inputs=inputs, resume=self.resume):
+        with open_run(
+            folder, study="evaluate symmetry", settings=self, inputs=inputs, resume=self.resume
+        ):
             say(f"{gait.name}: rolling the expert out")
             episodes = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
             samples = collect_alone(gait, expert, expert, **episodes)

@@ -1,4 +1,4 @@
-"""`glassgait transitions`: gaits that change while walking."""
+"""`glassgait evaluate transitions`: gaits that change while walking."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -75,7 +75,12 @@ class Transitions(Settings):
         scenarios = load_scenarios(self.scenario)
         jobs = self._jobs(gaits, scenarios)
         inputs = {"policies": " ".join(sorted({job.digest() for job in jobs}))}
-        run = {"study": "transitions", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {
+            "study": "evaluate transitions",
+            "settings": self,
+            "inputs": inputs,
+            "resume": self.resume,
+        }
         with open_run(self.output, **run), parallel_backend(self.workers.backend):
             folder, processes = self.output / "rollouts", self.workers.processes
             robots = finish_jobs(jobs, roll_transition, folder, processes=processes)
