@@ -37,7 +37,7 @@ A1 = load_robot()
 
 TREES = ("ebm", "gbm")
 READABLE = [
-    (gait, kind)
+    pytest.param(gait, kind, marks=() if gait in ("trot", "three_one") else pytest.mark.slow)
     for gait in gait_names()
     for kind in shipped_students(gait)
     if not kind.startswith(TREES)
