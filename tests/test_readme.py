@@ -40,6 +40,10 @@ NEEDS_A_DISTILLATION = ("distill", "--sweep")
 """Beginning of the command that reads the samples of one."""
 
 
+GROUPS = {(name.split()[0],) for name in COMMANDS if name.count(" ")} - {(name,) for name in COMMANDS}
+"""First words that take a second one, and are not a command by themselves."""
+
+
 def blocks(page, language):
     """Code blocks of a language, in the page's order."""
     return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
@@ -76,7 +80,7 @@ def commands():
     return [
         pytest.param(arguments, around, id=f"{page}: {' '.join(arguments)}")
         for (page, arguments), around in found.items()
-        if arguments and not arguments[0].startswith("--")
+        if arguments and not arguments[0].startswith("--") and arguments not in GROUPS
     ]
 
 
