@@ -216,7 +216,7 @@ def test_files_that_are_shown_are_accepted(page, tmp_path):
                 resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 
 
-def test_the_gait_of_ones_own_hops():
+def test_the_gait_of_a_user_hops():
     (text,) = blocks("README.md", "yaml")
     assert parse_gait(text, name="hop").transitions[0].when.swing_feet == (True,) * 4
 
@@ -287,7 +287,7 @@ def test_the_front_page_names_every_command_once():
     assert sorted(named) == sorted({name.split()[0] for name in COMMANDS})
 
 
-def test_the_page_of_studies_tells_what_every_command_does():
+def test_the_page_of_studies_reports_what_every_command_does():
     table = commands_of("studies/README.md", r"^\| `glassgait ([^`]+)`")
     assert sorted(map(_command, table)) == sorted(COMMANDS)
 

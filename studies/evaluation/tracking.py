@@ -9,9 +9,10 @@ import pandas as pd
 from glassgait.models.arrays import Array
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.episode import episode, give
+from glassgait.studies.common.observers import Log
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.jobs import RolloutJob
-from glassgait.studies.common.rollouts.roll_out import log_policy, make_batch
 from glassgait.studies.common.rollouts.scores import interval
 
 SPEEDS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
@@ -90,19 +91,26 @@ def follow(job: RolloutJob) -> pd.DataFrame:
     """
     gait, n, n_steps = job.gait, job.config.n_robots, job.config.n_steps
     commands = steady_commands(gait, job.config.speed_range)
-    told = Command(
+    command = Command(
         np.repeat(commands, n, axis=0),
         np.tile(np.rint(np.linspace(*gait.dwell, n)), len(commands)),
     )
-    simulator = make_batch(
-        gait, job.policy, job.scenario, n_robots=len(told.dwell), seed=job.config.seed
+    recorder = Log(limited=job.scenario.limits_targets(job.policy))
+    episode(
+        gait,
+        job.policy,
+        job.scenario,
+        n_robots=len(command.dwell),
+        n_steps=n_steps,
+        seed=job.config.seed,
+        observers=[recorder],
+        events=[give(0, command)],
     )
-    simulator.set_command(told)
-    log = log_policy(simulator, job.policy, n_steps)
+    log = recorder.rollout(n_steps)
     fell = np.asarray(log.failures.any(axis=(0, 2)))
     measured = log.velocity[-max(1, round(SETTLED_SHARE * n_steps)) :].mean(axis=0)
     measured[fell] = np.nan
-    rows = pd.DataFrame(told.velocity, columns=COMMANDED).assign(dwell=told.dwell)
+    rows = pd.DataFrame(command.velocity, columns=COMMANDED).assign(dwell=command.dwell)
     rows["fell"] = fell
     rows[MEASURED] = measured
     for position, (label, value) in enumerate(job.labels.items()):

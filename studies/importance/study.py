@@ -20,17 +20,16 @@ from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.scores import interval
 from glassgait.studies.common.tables import to_latex, write_table
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.distillation.visits import visit
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.methods import (
     METHOD_TITLES,
-    own_importance,
     permutation_importance,
 )
 from glassgait.studies.importance.observations import merge_importances, observation_groups
@@ -76,7 +75,7 @@ def visited_samples(
     Raises:
         InputError: if a sample is not finite.
     """
-    data = visit(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
+    data = collect_alone(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
     return _drawn(data, n_samples, seed)
 
 
@@ -116,9 +115,9 @@ def measure_importances(
         names = student.observation_names
         generator = np.random.default_rng([seed, 1])
         found = {"permutation": permutation_importance(student, samples[kind], generator, repeats)}
-        own = own_importance(student, samples[kind].observations)
-        if own is not None:
-            found[own[0]] = own[1][None]
+        if (own_importance := student.capabilities.importance) is not None:
+            method, own = own_importance(student, samples[kind].observations)
+            found[method] = own[None]
         for method, values in found.items():
             mean = values.mean(axis=0)
             stem = folder / f"{kind}_{method}"

@@ -18,7 +18,6 @@ from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.explanation.products import products
 from glassgait.studies.explanation.variables import variables_of
 
 
@@ -72,7 +71,7 @@ def test_figures_of_the_step_lie_beside_the_page(page):
 
 
 @pytest.mark.parametrize("kind", ["statewise_linear", "symbolic", "statewise_symbolic"])
-def test_products_are_the_terms(kind, generator):
+def test_factors_are_those_of_the_terms(kind, generator):
     policy = load_student("trot", kind)
     names = policy.observation_names
     observations = 0.5 * generator.normal(size=(20, len(names)))
@@ -81,7 +80,7 @@ def test_products_are_the_terms(kind, generator):
     variables = variables_of(policy, observations).values
     for joint in (0, 5):
         values = policy.explain(observations, joint).values
-        own = products(policy, joint)
+        own = policy.factored_terms(joint)
         assert len(own) == values.shape[1]
         for product, value in zip(own, values.T, strict=True):
             factors = Tape(product.quantities, variables.shape[1])(variables)
@@ -178,7 +177,7 @@ def test_a_constant_of_a_state_is_no_motion(few):
     )
     twice.values["rm_state"] = np.concatenate([rollout["rm_state"]] * 2)
     swings = explain_rollout(policy, twice)[0].importances()
-    moving = np.array([bool(term.quantities) for term in own.products])
+    moving = np.array([bool(term.quantities) for term in own.terms])
     assert (~moving).sum() == 2
     np.testing.assert_allclose(swings[~moving], 0.0, atol=1e-12)
     values = explain_rollout(policy, twice)[0].values

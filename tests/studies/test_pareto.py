@@ -118,13 +118,13 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     assert "written to" in capsys.readouterr().out
 
 
-def test_missing_samples_are_told(tmp_path, refused):
+def test_missing_samples_are_refused(tmp_path, refused):
     assert "holds no samples" in refused(
         ["distill", "--sweep", "terms", "--samples", str(tmp_path)]
     )
 
 
-def test_fewer_terms_than_formulas_are_told(samples, tmp_path, refused):
+def test_fewer_terms_than_formulas_are_refused(samples, tmp_path, refused):
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
     assert "terms is (5,)" in refused(["distill", "--sweep", "terms", *few])

@@ -26,12 +26,12 @@ ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
-    "evaluate": [*SMALL, "--policy", "statewise_linear", "--scenario", "training"],
-    "robustness": [*SMALL, "--worlds", "training", "--distillation", "runs/distillation/hop"],
-    "rollout": ["--policy", "statewise_linear", "--seconds", "0.4"],
-    "explain": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
+    "evaluate policies": [*SMALL, "--policy", "statewise_linear", "--scenario", "training"],
+    "evaluate worlds": [*SMALL, "--worlds", "training", "--distillation", "runs/distillation/hop"],
+    "view": ["--policy", "statewise_linear", "--seconds", "0.4"],
+    "explain page": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
     "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
-    "pareto": [
+    "distill --sweep terms": [
         *["--n-robots", "2", "--n-steps", "10", "--terms", "48"],
         *["--samples", "runs/distillation/hop/statewise_symbolic"],
     ],
@@ -39,7 +39,7 @@ ROAD = {
 
 
 @pytest.mark.slow
-def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
+def test_a_gait_of_a_user_goes_the_whole_road(tmp_path):
     (tmp_path / "gaits").mkdir()
     (tmp_path / "gaits" / "hop.yaml").write_text(HOP)
     expert = ["--expert", "runs/training/hop/hop.safetensors"]
@@ -50,7 +50,7 @@ def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
     for command, arguments in ROAD.items():
         gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]
         policy = [] if command in ("gait", "train") else expert
-        line = [command, *gait, *policy, *arguments, *more.get(command, [])]
+        line = [*command.split(), *gait, *policy, *arguments, *more.get(command, [])]
         run = subprocess.run(
             [sys.executable, "-m", "glassgait.studies.cli", *line],
             cwd=tmp_path,

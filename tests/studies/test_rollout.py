@@ -40,7 +40,7 @@ def live(tmp_path):
     started = []
 
     def start(*arguments):
-        command = [sys.executable, "-m", "glassgait.studies.cli", "rollout", "--live", *arguments]
+        command = [sys.executable, "-m", "glassgait.studies.cli", "view", "--live", *arguments]
         process = subprocess.Popen(
             [*command, "--output", str(tmp_path)],
             stdout=subprocess.PIPE,
@@ -335,6 +335,6 @@ def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
 
 def test_the_folder_of_a_run_is_refused(tmp_path, refused):
     (tmp_path / "config.yaml").write_text("study: train\nsettings: {}\n")
-    for command in ("rollout", "explain"):
-        assert "holds a run" in refused([command, "--output", str(tmp_path)])
+    for command in ("view", "explain page"):
+        assert "holds a run" in refused([*command.split(), "--output", str(tmp_path)])
     assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]

@@ -23,7 +23,7 @@ from glassgait.studies.common.sweep import (
     tell_refused,
 )
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.visits import visit
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.evaluation.symmetry.figures import symmetry_figure
 from glassgait.studies.evaluation.symmetry.study import measure_symmetry, policies_of, titled
 
@@ -97,7 +97,7 @@ class Symmetry(Settings):
         ):
             say(f"{gait.name}: rolling the expert out")
             episodes = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
-            samples = visit(gait, expert, expert, **episodes)
+            samples = collect_alone(gait, expert, expert, **episodes)
             table, left_right = measure_symmetry(
                 policies,
                 samples,
