@@ -1,4 +1,4 @@
-"""Choosing the region and the limits from what robots observe at home."""
+"""Choosing the region and the limits from what robots observe in distribution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,14 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_monitor, step_monitor
+from glassgait.models.robots.robot import Robot, shipped_folder
+from glassgait.models.task.assurance import (
+    EnsembleDisagreement,
+    Hysteresis,
+    Region,
+    initial_monitor,
+    step_monitor,
+)
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.common.episode import episode
@@ -26,18 +33,18 @@ from glassgait.studies.common.observers import Observations, Snapshots
 from glassgait.studies.common.rollouts.config import RolloutConfig
 
 BoxKind = Literal["states", "whole", "operating"]
-RegionKind = Literal[BoxKind, "bags", "states_and_bags"]
+RegionKind = Literal[BoxKind, "disagreement", "states_and_disagreement"]
 
 REGION_TITLES: dict[RegionKind, str] = {
     "states": "a box a machine state",
     "whole": "one box",
     "operating": "the operating box",
-    "bags": "usual disagreement of the bags",
-    "states_and_bags": "a box a machine state, and the bags",
+    "disagreement": "usual disagreement of the ensemble",
+    "states_and_disagreement": "a box a machine state, and the ensemble",
 }
 
 ANYWHERE = 1e6
-"""Ends of ranges that no observation leaves, where the bags alone are watched."""
+"""Ends of ranges that no observation leaves, where the disagreement alone is watched."""
 
 RETURN_SHARE = 0.5
 """Share of the limit that counts as inside again."""
@@ -92,8 +99,8 @@ def visit(gait: Gait, controller: Controller, scenario: Scenario, config: Rollou
     return Visits(observations.array, ended.fell, snapshots)
 
 
-def has_bags(student: Policy) -> bool:
-    """Tells whether a student is made of several models, which may disagree."""
+def has_ensemble(student: Policy) -> bool:
+    """Returns whether a student is made of several models, which may disagree."""
     return isinstance(student, AdditivePolicy) and bool(student.deviations.any())
 
 
@@ -104,27 +111,28 @@ def make_regions(
 
     Args:
         gait: The gait.
-        student: Whose bags are asked, if it has any.
-        visits: Where robots were at home.
+        student: The student, whose models disagree if it is an ensemble.
+        visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
     """
-    ships = (BOX_DIRECTORY / f"{gait.name}.yaml").exists()
+    folder = shipped_folder(BOX_DIRECTORY, student.robot.name)
+    ships = (folder / f"{gait.name}.yaml").exists()
     kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
     regions: dict[RegionKind, Region] = {
-        kind: make_region(gait, visits, quantile, kind) for kind in kinds
+        kind: make_region(gait, student.robot, visits, quantile, kind) for kind in kinds
     }
-    if isinstance(student, AdditivePolicy) and has_bags(student):
+    if isinstance(student, AdditivePolicy) and has_ensemble(student):
         states = regions["states"]
         corner = np.full_like(states.lower, ANYWHERE)
-        doubt = _usual_doubt(student, states.names, visits, quantile)
-        regions["bags"] = Region(states.names, -corner, corner, doubt)
-        regions["states_and_bags"] = replace(states, doubt=doubt)
+        disagreement = _usual_disagreement(student, states.names, visits, quantile)
+        regions["disagreement"] = Region(states.names, -corner, corner, disagreement)
+        regions["states_and_disagreement"] = replace(states, disagreement=disagreement)
     return regions
 
 
-def _usual_doubt(
+def _usual_disagreement(
     student: AdditivePolicy, names: tuple[str, ...], visits: Visits, quantile: float
-) -> Doubt:
+) -> EnsembleDisagreement:
     seen = visits.observation[visits.alive]
     one_hot = seen[:, machine_state_entries(names)]
     state_of = np.argmax(one_hot, axis=-1)
@@ -133,21 +141,24 @@ def _usual_doubt(
     for state in np.unique(state_of):
         own = disagreement[state_of == state]
         usual[:, state] = np.quantile(own, [quantile, 1 - quantile])
-    return Doubt(student.disagreement, usual)
+    return EnsembleDisagreement(student.disagreement, usual)
 
 
-def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:
+def make_region(
+    gait: Gait, robot: Robot, visits: Visits, quantile: float, kind: BoxKind = "states"
+) -> Region:
     """Bounds what robots observed, but for commands and counts, which keep their true ranges.
 
     Args:
         gait: The gait.
-        visits: Where robots were at home.
+        robot: The robot.
+        visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
         kind: A box for each machine state, one for all, or the gait's operating box.
     """
     names = ObservationLayout(gait.n_states).names
     if kind == "operating":
-        boxes = [operating_box(gait).in_state(state) for state in range(gait.n_states)]
+        boxes = [operating_box(gait, robot).in_state(state) for state in range(gait.n_states)]
     else:
         seen = visits.observation[visits.alive]
         state_of = np.argmax(seen[:, machine_state_entries(names)], axis=-1)
@@ -156,7 +167,7 @@ def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "st
             own = seen[state_of == state] if kind == "states" else seen
             # Where no robot was, nothing is inside: a range without width holds nothing else.
             ends = np.quantile(own, [quantile, 1 - quantile], axis=0) if len(own) else seen[[0, 0]]
-            boxes.append(commanded(ObservationBox(names, *ends), gait).in_state(state))
+            boxes.append(commanded(ObservationBox(robot, names, *ends), gait).in_state(state))
     corners = np.array([[box.lower, box.upper] for box in boxes])
     return Region(names, corners[:, 0], corners[:, 1])
 
@@ -167,7 +178,7 @@ def choose_hysteresis(
     """Finds the least limit at which the expert would be called in a share of steps at most.
 
     Args:
-        overrun: Overruns of robots that walk at home (T, n).
+        overrun: Overruns of robots that walk in distribution (T, n).
         alive: Whether each was up (T, n).
         calls: The share.
         return_steps: Control steps inside after which the student acts again.
@@ -190,7 +201,7 @@ def choose_hysteresis(
 
 
 def guarded(overrun: Array, hysteresis: Hysteresis) -> NDArray[np.bool_]:
-    """Tells when (T, n) the expert would be called, had its actions changed nothing."""
+    """Returns when (T, n) the expert would be called, had its actions changed nothing."""
     state, called = initial_monitor(overrun.shape[1:]), []
     for own in overrun:
         state = step_monitor(state, own, hysteresis)
