@@ -40,7 +40,9 @@ NEEDS_A_DISTILLATION = ("distill", "--sweep")
 """Beginning of the command that reads the samples of one."""
 
 
-GROUPS = {(name.split()[0],) for name in COMMANDS if name.count(" ")} - {(name,) for name in COMMANDS}
+GROUPS = {(name.split()[0],) for name in COMMANDS if name.count(" ")} - {
+    (name,) for name in COMMANDS
+}
 """First words that take a second one, and are not a command by themselves."""
 
 
