@@ -125,7 +125,7 @@ from glassgait.diagrams.station import MakeA1Station
 assert not logging.getLogger("drake").filters
 MakeA1Station().CreateDefaultContext()
 """
-    told = subprocess.run(
+    message = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
     )
-    assert told.stderr == ""
+    assert message.stderr == ""
