@@ -95,7 +95,7 @@ def follow(job: RolloutJob) -> pd.DataFrame:
         np.repeat(commands, n, axis=0),
         np.tile(np.rint(np.linspace(*gait.dwell, n)), len(commands)),
     )
-    recorder = Log(limited=job.scenario.limits_targets(job.policy))
+    recorder = Log(job.policy.robot, limited=job.scenario.limits_targets(job.policy))
     episode(
         gait,
         job.policy,

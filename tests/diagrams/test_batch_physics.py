@@ -7,17 +7,20 @@ from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 def drake(*groups, n_threads=1):
-    return BatchPhysics(*groups or (StationConfig(),), n_threads=n_threads)
+    return BatchPhysics(A1, *groups or (StationConfig(),), n_threads=n_threads)
 
 
 def mujoco(*groups):
     pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'glassgait[mujoco]'")
     station = StationConfig(time_step=0.002, engine="mujoco")
-    return make_physics(*[station for _ in groups or (None,)])
+    return make_physics(A1, *[station for _ in groups or (None,)])
 
 
 @pytest.fixture(scope="module", params=[1, 2, "mujoco"])
@@ -26,8 +29,8 @@ def physics(request):
 
 
 def standing_batch(count):
-    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
-    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+    states = kinematics.standing_state(A1, np.tile(A1.default_stance, (count, 1)))
+    return states, np.tile(A1.default_stance, (count, 1))
 
 
 def test_robots_stand(physics):
@@ -63,7 +66,7 @@ def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(n_threads):
 
 
 def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
-    loop, threads = (BatchPhysics(StationConfig(), n_threads=count) for count in (1, 2))
+    loop, threads = (BatchPhysics(A1, StationConfig(), n_threads=count) for count in (1, 2))
     states, targets = standing_batch(7)
     ends = []
     for physics in (loop, threads):
@@ -76,7 +79,7 @@ def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
 
 
 def test_as_few_as_python_steps_are_as_all_that_drake_steps():
-    physics = BatchPhysics(StationConfig(), n_threads=2)
+    physics = BatchPhysics(A1, StationConfig(), n_threads=2)
     states, targets = standing_batch(5)
     states[:, 6] += np.linspace(0.0, 0.1, 5)
     together = physics.step(states, targets).states
@@ -101,11 +104,11 @@ def test_slippery_groups_slide_further(engine):
 def test_steps_that_do_not_divide_the_control_period_are_refused():
     for step in (0.0, 0.015):
         with pytest.raises(InputError, match="must divide the control period"):
-            BatchPhysics(StationConfig(time_step=step))
+            BatchPhysics(A1, StationConfig(time_step=step))
 
 
 def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = BatchPhysics(StationConfig(time_step=0.005))
+    physics = BatchPhysics(A1, StationConfig(time_step=0.005))
     states, targets = standing_batch(4)
     states[:, 6] += 0.2
     moved = targets + 0.3
@@ -120,7 +123,7 @@ def test_robots_of_one_group_get_their_targets_each_at_its_time():
 
 
 def _by_quarters(station, state, old, new, delay):
-    quarter = BatchPhysics(station)._groups[0]
+    quarter = BatchPhysics(A1, station)._groups[0]
     for step in range(4):
         state = quarter._advance(state, old if step < delay else new, 1, None)
     return state

@@ -12,7 +12,8 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.policies.library import load_student, policy_path
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.scores import SCORES
@@ -27,6 +28,9 @@ from glassgait.studies.evaluation.compare.targets import (
     target_difference,
     told_differences,
 )
+
+A1 = load_robot()
+
 
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
 
@@ -97,7 +101,7 @@ def test_a_neural_policy_observes_by_its_own_estimator(expert, other_expert, tmp
 def constant(names, joint, value):
     """A policy that moves one joint's target (rad) off the default stance, and no other."""
     bias = np.zeros(quadruped.N_JOINTS)
-    bias[quadruped.JOINTS.index(joint)] = value / robot.ACTION_SCALE
+    bias[quadruped.JOINTS.index(joint)] = value / A1.action_scale
     return LinearPolicy("trot", names, np.zeros((quadruped.N_JOINTS, len(names))), bias)
 
 

@@ -177,7 +177,7 @@ def test_numbers_stand_out_from_their_cells():
 def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(expert):
     own = Scenario("own speeds", command=DrawnCommands((0.1, 0.2)))
     scenarios = {**load_scenarios(("training", "cenic_1e-5")), "own": own}
-    students = {"linear": untrained_student("trot", expert.observation_names)}
+    students = {"linear": untrained_student(expert)}
     config = RolloutConfig(n_seeds=2)
     jobs = world_jobs(load_gait("trot"), expert, students, scenarios, config)
     assert len(jobs) == 3 * 2 * 2
@@ -196,7 +196,7 @@ def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(expert):
 @pytest.fixture
 def run(expert, tmp_path):
     """Runs the command on one small student in two worlds, one of them of a single robot."""
-    untrained_student("trot", expert.observation_names).save(tmp_path / "linear.safetensors")
+    untrained_student(expert).save(tmp_path / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
     small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
     worlds = ["--worlds", "training", str(tmp_path / "lonely.yaml")]

@@ -13,7 +13,6 @@ from joblib import delayed
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import read_record, write_record
 from glassgait.models.policies.controller import Controller
-from glassgait.models.robots import robot
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar, say
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -184,7 +183,7 @@ def _tell_not_finite(job: RolloutJob, scores: pd.DataFrame) -> None:
 
 def _score(job: RolloutJob) -> pd.DataFrame:
     log = roll_out(job.gait, job.policy, job.scenario, job.config)
-    scores = score_rollouts(log, robot.MASS + job.scenario.station.payload)
+    scores = score_rollouts(log, job.policy.robot.mass + job.scenario.station.payload)
     for position, (label, value) in enumerate({**job.labels, "seed": job.config.seed}.items()):
         scores.insert(position, label, value)
     return scores

@@ -172,7 +172,7 @@ def _write_targets(
 def _replayed(side: Side, walk: Rollout) -> ReplayedRobot:
     end = _end(walk)
     told = f", fell after {end['seconds']:.2f} s" if end["fell"] else ""
-    return ReplayedRobot(side.letter, f"{side.title}{told}", side.color, walk)
+    return ReplayedRobot(side.letter, f"{side.title}{told}", side.color, walk, side.policy.robot)
 
 
 def _end(walk: Rollout) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pandas as pd
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy, first_not_finite
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.studies.common.console import say
 
 ALL_JOINTS = "all"
@@ -45,7 +45,7 @@ def target_difference(rollout: Rollout, a: Policy, b: Policy) -> TargetDifferenc
         b: The other one.
     """
     observations = rollout["observations"]
-    targets_a, targets_b = (robot.joint_targets(policy(observations)) for policy in (a, b))
+    targets_a, targets_b = (policy.robot.joint_targets(policy(observations)) for policy in (a, b))
     values = targets_b - targets_a
     if lost := first_not_finite(values):
         step, joint = lost
