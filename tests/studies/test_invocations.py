@@ -76,7 +76,8 @@ def check(arguments: list[str], capsys, accepted: list[Any] | None = None) -> No
         main(arguments)
     except SystemExit as ended:
         assert ended.code == BAD_INPUT
-        told = capsys.readouterr().err.strip()
+        lines = capsys.readouterr().err.strip().splitlines()
+        told = "\n".join(line for line in lines if not line.startswith("· "))
         # tyro tells in a frame of its own what it cannot parse.
         framed = told.startswith("╭") or "\n ---" in told
         assert framed or (told.startswith("glassgait: ") and "\n" not in told)
@@ -178,12 +179,13 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
-TAKES_EXPERT = ["distill", "distill --sweep terms", "importance", "view", "explain page"]
+TAKES_EXPERT = ["distill", "distill --sweep terms", "importance"]
 TAKES_EXPERT += [f"evaluate {name}" for name in ("policies", "worlds", "symmetry")]
-TAKES_EXPERT += ["explain interventions", "reproduce curricula"]
+TAKES_EXPERT += ["reproduce curricula"]
 SOURCES = [["train", "--like"], ["importance", "--distillation"]]
 SOURCES += [["evaluate", "symmetry", "--distillation"]]
-SOURCES += [["explain", "interventions", "--distillation"]]
+SOURCES += [["explain", "interventions", "--source"], ["view", "--source"]]
+SOURCES += [["explain", "page", "--source"]]
 
 
 @pytest.mark.parametrize("path", FILES)
