@@ -10,14 +10,14 @@ from glassgait.models.certificates.certificate import (
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim
-from glassgait.models.certificates.findings import (
+from glassgait.models.certificates.observation_box import operating_box, physical_box
+from glassgait.models.certificates.prover import Verdict
+from glassgait.models.certificates.reading import (
     box_in_words,
     claimed_joint,
     finding_in_words,
+    read_certificate,
 )
-from glassgait.models.certificates.observation_box import operating_box, physical_box
-from glassgait.models.certificates.prover import Verdict
-from glassgait.models.certificates.reading import read_certificate
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY
