@@ -50,7 +50,7 @@ ORDER = (
     "ebm",
     "symbolic",
     "statewise_symbolic",
-    "page",
+    "sparse_formula",
 )
 """Order of the kinds of students in tables; kinds that it does not name come last."""
 

@@ -19,7 +19,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.additive import EBM
@@ -35,7 +35,7 @@ from glassgait.studies.distillation.students.library import (
 from glassgait.studies.distillation.students.linear import STATEWISE_LINEAR
 from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
+from glassgait.studies.importance.faithfulness import ablation_cases, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import (
     draw_student,
@@ -106,8 +106,8 @@ class Importance(Settings):
                 draw_student(gait.name, kind, student, joint, observations, folder, seed)
             means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
             say("rolling out without each group of observations")
-            jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
-            lost = losses(run_jobs(jobs, folder / "rollouts"))
+            jobs = ablation_cases(gait, expert, students, means, self.rollouts)
+            lost = losses(run_rollouts(jobs, folder / "rollouts"))
             correlations = rank_correlations(importances, lost)
             _write(importances, lost, correlations, gait.name.capitalize(), folder)
         print_table(f"{gait.name}: rank correlation of importance and loss", correlations)

@@ -14,15 +14,16 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob
 from glassgait.studies.common.rollouts.roll_out import make_batch
-from glassgait.studies.common.rollouts.worlds import world_jobs
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 
 MARGIN = 0.1
 """Share of its width that a measured range is widened by, on both sides."""
@@ -67,7 +68,12 @@ def measure_box(
         InputError: if no robot stayed up.
     """
     stepped = {name: world for name, world in scenarios.items() if world.accuracy is None}
-    jobs = world_jobs(gait, expert, students, stepped, config)
+    jobs = cases_in_worlds(
+        gait,
+        {"expert": alone(expert)} | {kind: alone(own, expert) for kind, own in students.items()},
+        stepped,
+        config,
+    )
     found = [corners for corners in _corners(jobs, processes) if corners is not None]
     if not found:
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
@@ -82,9 +88,7 @@ def measure_box(
     return MeasuredBox(rounded_outward(commanded(box.widened(MARGIN), gait)), measured)
 
 
-def _corners(
-    jobs: Sequence[RolloutJob], processes: int | None
-) -> Iterator[tuple[Array, Array] | None]:
+def _corners(jobs: Sequence[Case], processes: int | None) -> Iterator[tuple[Array, Array] | None]:
     work = (delayed(_sensed)(job) for job in jobs)
     with progress_bar(len(jobs)) as (progress, bar):
         for corners in run_parallel(work, processes or len(jobs), in_order=False):
@@ -92,16 +96,18 @@ def _corners(
             yield corners
 
 
-def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
+def _sensed(job: Case) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
     scenario = job.config.commanding(job.scenario)
     n_robots = min(job.config.n_robots, scenario.max_robots or job.config.n_robots)
-    simulator = make_batch(job.gait, job.policy, scenario, n_robots=n_robots, seed=job.config.seed)
+    simulator = make_batch(
+        job.gait, job.controller, scenario, n_robots=n_robots, seed=job.config.seed
+    )
     observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
-    memory = job.policy.begin(simulator.n_robots)
+    memory = job.controller.begin(simulator.n_robots)
     for step in range(job.config.n_steps):
         observations.append(simulator.observe())
-        output = job.policy.advance(step, observations[-1], memory)
+        output = job.controller.advance(step, observations[-1], memory)
         memory = output.memory
         action = np.where(failed[:, None], 0.0, output.action)
         failed |= simulator.step(action).failures.any(axis=-1)

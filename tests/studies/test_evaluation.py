@@ -23,11 +23,11 @@ from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.jobs import RolloutJob, run_jobs
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.common.rollouts.scores import (
     RolloutLog,
@@ -36,6 +36,7 @@ from glassgait.studies.common.rollouts.scores import (
     score_rollouts,
     summarize,
 )
+from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
 from glassgait.studies.evaluation.results import write_tracking
@@ -106,7 +107,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
-    job = RolloutJob({}, load_gait("trot"), alone(expert), Scenario(), RolloutConfig())
+    job = Case({}, load_gait("trot"), alone(expert), Scenario(), RolloutConfig())
     before = job.digest()
     monkeypatch.setattr(glassgait.studies.common.rollouts.jobs, "SCORES", ("speed_error",))
     assert job.digest() != before
@@ -131,7 +132,7 @@ def test_each_policy_alone_is_told_steady_commands_in_the_first_discrete_world(e
         (worlds["loaded"], range(1000, 1001))
     ]
     student = untrained_student("trot", expert.observation_names)
-    jobs = alternation_jobs(gait, expert, {"linear": student}, config)
+    jobs = alternation_cases(gait, expert, {"linear": student}, config)
     assert [tuple(job.labels.values()) for job in steady_jobs(jobs, config)] == [
         ("expert", "1"),
         ("linear", "0"),
@@ -213,8 +214,8 @@ def expert():
 def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     student = untrained_student("trot", expert.observation_names)
     config = RolloutConfig(n_robots=2, n_steps=150, n_seeds=2)
-    jobs = alternation_jobs(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
-    scores = run_jobs(jobs, tmp_path, processes=1)
+    jobs = alternation_cases(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
+    scores = run_rollouts(jobs, tmp_path, processes=1)
     summary = summarize(scores, ["policy", "ratio"]).set_index(["policy", "ratio"])
     assert summary.loc[("expert", "1"), "falls"] == 0
     assert summary.loc[("expert", "1"), "rhythm"] > 0.9
@@ -253,8 +254,8 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)
     policy = alone(student, expert)
-    job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config)
-    scores = run_jobs([job], tmp_path, processes=1)
+    job = Case({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config)
+    scores = run_rollouts([job], tmp_path, processes=1)
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
     assert scores["steps"].tolist() == [3] * 3
@@ -283,7 +284,7 @@ def test_scenarios_are_named_in_the_tables(expert, tmp_path):
     scenarios = load_scenarios(("training", "sap_2ms"))
     titles = {name: scenario.title for name, scenario in scenarios.items()}
     jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], scenarios, config)
-    scores = run_jobs(jobs, tmp_path, processes=1)
+    scores = run_rollouts(jobs, tmp_path, processes=1)
     table, falls = scorecard_table(scores, titles), falls_table(scores, titles)
     assert table["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
     assert falls["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
@@ -296,7 +297,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
     def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
         jobs = scorecard_jobs([(gait, alone(expert))], TRAINING, config)
-        return run_jobs(jobs, folder, processes=1)
+        return run_rollouts(jobs, folder, processes=1)
 
     rolled_out = []
     original = glassgait.studies.common.rollouts.jobs.roll_out
@@ -318,27 +319,27 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 def test_damaged_scores_are_told(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
     jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    run_jobs(jobs, tmp_path, processes=1)
+    run_rollouts(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
     path.write_text(path.read_text().replace("reward", "rewart", 1))
     with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
-        run_jobs(jobs, tmp_path, processes=1)
+        run_rollouts(jobs, tmp_path, processes=1)
 
 
 def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
     jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    run_jobs(jobs, tmp_path, processes=1)
+    run_rollouts(jobs, tmp_path, processes=1)
     first, second = sorted(tmp_path.glob("*.json"))
     second.write_bytes(first.read_bytes())
     with pytest.raises(InputError, match="is of another run, or of another part"):
-        run_jobs(jobs, tmp_path, processes=1)
+        run_rollouts(jobs, tmp_path, processes=1)
 
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
     jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
+    one, two = (run_rollouts(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
     pd.testing.assert_frame_equal(one, two)
 
 

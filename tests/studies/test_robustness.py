@@ -17,7 +17,6 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scores import SCORES
-from glassgait.studies.common.rollouts.worlds import world_jobs
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.robustness.command import Robustness
 from glassgait.studies.evaluation.robustness.figures import COLORS, fall_map, readable_on

@@ -19,8 +19,8 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob
 from glassgait.studies.common.rollouts.play import pusher
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.distillation.collection import collect
@@ -124,7 +124,7 @@ def test_students_are_asked_for_what_the_scenario_names_or_for_their_speeds(expe
 
 
 def test_jobs_in_other_scenarios_are_other_jobs(expert):
-    job = RolloutJob({"gait": "trot"}, TROT, alone(expert), Scenario(), RolloutConfig())
+    job = Case({"gait": "trot"}, TROT, alone(expert), Scenario(), RolloutConfig())
     limits = replace(job, scenario=Scenario(limits=TerminationLimits(trunk_height=0.15)))
     command = replace(job, scenario=Scenario(command=COMMANDED))
     assert len({job.digest(), limits.digest(), command.digest()}) == 3

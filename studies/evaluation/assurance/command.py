@@ -18,12 +18,12 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.cases import Case, digests_of
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, inputs_of
 from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import WorkersConfig
@@ -119,10 +119,9 @@ class Assurance(Settings):
         alone = pair.alone[pair.name]
         # A job refuses what cannot be rolled out, here before anything is made.
         jobs = [
-            RolloutJob({}, pair.gait, alone, scenario, self.rollouts)
-            for scenario in scenarios.values()
+            Case({}, pair.gait, alone, scenario, self.rollouts) for scenario in scenarios.values()
         ]
-        inputs = inputs_of(jobs)
+        inputs = digests_of(jobs)
         run = {"study": "assurance", "settings": self, "resume": self.resume, "inputs": inputs}
         with open_run(folder, **run) as of, parallel_backend(self.workers.backend):
             calibration = self._calibrate(pair, folder, of)
