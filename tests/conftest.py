@@ -1,8 +1,10 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
+import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,6 +39,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
 """Files that take longest: side by side with others they come first, lest one be waited for."""
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Runs folders in two processes, and files that are named in the one that reads this."""
+    if config.args and all(Path(name.partition("::")[0]).is_file() for name in config.args):
+        return 0
+    # Each on a thread of its own but for Drake's batches, or they would share two cores.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("DRAKE_NUM_THREADS", "2")
+    return min(2, os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,7 +1,6 @@
 """The C of formulas: they stand there as they stand in their file."""
 
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from glassgait.models.export.code import Code, act_signature
@@ -14,9 +13,9 @@ from glassgait.models.export.language import (
     number,
     rendered,
 )
-from glassgait.models.formulas.expression import BINARY, Expression
-from glassgait.models.formulas.formula_language import GLUE, SIGNS
+from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.formulas.text import Notation, written_lines
 from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of
@@ -28,9 +27,6 @@ RESERVED = frozenset(
 )
 """Names that a definition cannot have in C."""
 
-_ADD, _MULTIPLY, _SIGN, _ATOM = range(4)
-_BINDING = {"add": _ADD, "sub": _ADD, "mul": _MULTIPLY, "div": _MULTIPLY, "neg": _SIGN}
-
 
 @dataclass(frozen=True)
 class Group:
@@ -39,7 +35,7 @@ class Group:
     Attributes:
         name: What stands before the dot, or the name itself.
         members: What stands behind it, for each; none of a plain number.
-        lines: Their formulas, with what they tell in words.
+        lines: Their formulas, with their notes.
     """
 
     name: str
@@ -164,59 +160,20 @@ def _noted(lines: Sequence[str], end: str, note: str) -> list[str]:
     return [*others, whole]
 
 
+def _notation(real: Real) -> Notation:
+    def named(operator: str) -> str:
+        if operator in ("square", "cube"):
+            return operator
+        return function("fabs" if operator == "abs" else operator, real)
+
+    return Notation(lambda value: number(value, real), named, has_powers=False)
+
+
 def _lines(
     start: str, formula: Expression, symbols: Sequence[str], real: Real, indent: int
 ) -> tuple[str, ...]:
-    """Writes a formula in lines that end before a sign between terms."""
-    tokens = _tokens(formula, symbols, real)
-    glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
-    lines = textwrap.wrap(
-        start.replace(" ", GLUE) + glued,
-        LINE_LENGTH - 1,
-        initial_indent=" " * indent,
-        subsequent_indent=" " * (indent + 4),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return tuple(line.replace(GLUE, " ") for line in lines)
-
-
-def _tokens(formula: Expression, symbols: Sequence[str], real: Real) -> Iterator[str]:
-    """Writes a formula so that C evaluates it in the order in which the policy does."""
-    binding = _binding(formula)
-    match formula:
-        case Expression("constant", value=value):
-            yield number(value, real)
-        case Expression("variable", variable=index):
-            yield symbols[index]
-        case Expression("neg", (inner,)):
-            yield "-"
-            yield from _bracketed(inner, symbols, real, least=_ATOM)
-        case Expression(operator, (left, right)):
-            yield from _bracketed(left, symbols, real, least=binding)
-            yield f" {BINARY[operator]} " if binding == _ADD else BINARY[operator]
-            yield from _bracketed(right, symbols, real, least=binding + 1)
-        case Expression(operator, (inner,)):
-            own = operator in ("square", "cube")
-            yield operator if own else function("fabs" if operator == "abs" else operator, real)
-            yield "("
-            yield from _tokens(inner, symbols, real)
-            yield ")"
-
-
-def _bracketed(
-    formula: Expression, symbols: Sequence[str], real: Real, *, least: int
-) -> Iterator[str]:
-    bare = _binding(formula) >= least
-    yield "" if bare else "("
-    yield from _tokens(formula, symbols, real)
-    yield "" if bare else ")"
-
-
-def _binding(formula: Expression) -> int:
-    if formula.operator == "constant" and formula.value < 0.0:
-        return _SIGN
-    return _BINDING.get(formula.operator, _ATOM)
+    style = {"width": LINE_LENGTH - 1, "indent": indent}
+    return tuple(written_lines(start, formula, symbols, _notation(real), **style))
 
 
 def _asks_for(formulas: Sequence[Expression], operator: str) -> bool:

@@ -5,7 +5,7 @@ import textwrap
 from dataclasses import dataclass
 
 from glassgait.models.export.language import LINE_LENGTH, Real, commented, is_identifier, number
-from glassgait.models.formulas.formula_language import GLUE
+from glassgait.models.formulas.text import GLUE
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait, Transition
 

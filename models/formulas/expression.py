@@ -1,4 +1,4 @@
-"""Formulas as trees."""
+"""Formulas as trees, and their canonical form: the one way in which minus signs stand."""
 
 import math
 from dataclasses import dataclass
@@ -6,14 +6,28 @@ from functools import cached_property
 
 import sympy
 
+from glassgait.models.errors import InputError, shown
+
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "log", "sqrt", "abs", "square", "cube")
+
+MAX_DEPTH = 100
+"""Greatest depth of a formula: what walks through formulas, or pickles them, calls itself."""
+
+MAX_NODES = 5000
+"""Greatest number of nodes of a formula."""
+
+LARGEST = 1e30
+"""Greatest size of a number, so that products of a few stay finite."""
 
 MAX_TERMS = 1000
 """Greatest number of terms that products of sums are multiplied out to."""
 
 SIMPLIFIED_NESTING = 4
 """Greatest number of functions inside one another that sympy is asked to simplify."""
+
+
+_ARITY = {"constant": 0, "variable": 0} | dict.fromkeys(BINARY, 2) | dict.fromkeys(UNARY, 1)
 
 
 @dataclass(frozen=True)
@@ -222,3 +236,97 @@ def _outer_slope(operator: str, whole: Expression, inner: Expression) -> Express
         "cube": times(constant(3.0), Expression("square", (inner,))),
     }
     return slopes[operator]
+
+
+def canonical(formula: Expression) -> Expression:
+    """Returns the formula in canonical form: of the same value, its minus signs in front.
+
+    Two trees may say the same, such as x + (-2)·y and x - 2·y. A formula in canonical form is the
+    tree that its own text reads back as. Nothing but signs moves, so that no value changes, not
+    even in its last digit; of a zero alone the sign may change, and so of what is divided by it.
+
+    Signs stand before what leads a product or a quotient, before divisors, or between terms; never
+    before a right factor, and never before a sum.
+    """
+    operands = tuple(canonical(operand) for operand in formula.operands)
+    match formula.operator, operands:
+        case "constant", _:
+            # There is no zero below zero in a text.
+            return formula if formula.value else constant(0.0)
+        case "neg", (inner,):
+            return negative(inner)
+        case "mul", (left, right) if is_negative(right):
+            return Expression("mul", (negative(left), negative(right)))
+        case "add", (left, right) if is_negative(right):
+            return Expression("sub", (left, negative(right)))
+        case "sub", (left, right) if is_negative(right):
+            return Expression("add", (left, negative(right)))
+        case "variable", _:
+            return formula
+        case operator, _:
+            # What is canonical already stays the same object, with what it knows of itself.
+            pairs = zip(operands, formula.operands, strict=True)
+            same = all(own is before for own, before in pairs)
+            return formula if same else Expression(operator, operands)
+
+
+def negative(formula: Expression) -> Expression:
+    """Returns the negative of a canonical formula, in canonical form."""
+    match formula:
+        case Expression("constant", value=value):
+            return constant(0.0 - value)
+        case Expression("neg", (inner,)):
+            return inner
+        case Expression("add", (left, right)):
+            return Expression("sub", (negative(left), right))
+        case Expression("sub", (left, right)):
+            return Expression("add", (negative(left), right))
+        case Expression(("mul" | "div") as operator, (left, right)):
+            return Expression(operator, (negative(left), right))
+        case _:
+            return Expression("neg", (formula,))
+
+
+def is_negative(formula: Expression) -> bool:
+    """Returns whether a canonical formula begins with a minus sign that stands for all of it."""
+    match formula:
+        case Expression("constant", value=value):
+            return value < 0.0
+        case Expression("neg"):
+            return True
+        case Expression("mul" | "div", (left, _)):
+            return is_negative(left)
+        case _:
+            return False
+
+
+def refuse_unfit(formula: Expression, n_variables: int) -> None:
+    """Refuses a formula that is too large, or no formula of so many variables.
+
+    Raises:
+        InputError: if it is.
+    """
+    # A list of what is still to visit, since a formula may be deeper than Python's stack.
+    pending, n_nodes = [(formula, 1)], 0
+    while pending:
+        node, depth = pending.pop()
+        n_nodes += 1
+        if depth > MAX_DEPTH:
+            raise InputError(f"a formula is nested more than {MAX_DEPTH} deep; fit a shorter one")
+        if n_nodes > MAX_NODES:
+            raise InputError(f"a formula has more than {MAX_NODES} nodes; fit a shorter one")
+        if len(node.operands) != _ARITY.get(node.operator):
+            raise InputError(
+                f"a formula applies {shown(node.operator)} to {len(node.operands)} operands; fit "
+                "it again"
+            )
+        if node.operator == "constant" and not abs(node.value) <= LARGEST:
+            raise InputError(
+                f"a formula holds the number {node.value}; it must be from {-LARGEST:g} to "
+                f"{LARGEST:g}, so fit it again"
+            )
+        if node.operator == "variable" and not 0 <= node.variable < n_variables:
+            raise InputError(
+                f"a formula asks for observation {node.variable} of {n_variables}; fit it again"
+            )
+        pending += [(operand, depth + 1) for operand in node.operands]

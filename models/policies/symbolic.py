@@ -14,13 +14,11 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.expression_text import refuse_unfit
-from glassgait.models.formulas.formula_file import SUFFIX, FormulaFile, write_formulas
-from glassgait.models.formulas.formula_language import write_formula
+from glassgait.models.formulas.expression import Expression, canonical, refuse_unfit
+from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import machine_state_entries
@@ -30,7 +28,7 @@ class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
     A formula tells a joint's target in rad, from quantities in the robot's units. Its file is text:
-    see `formula_file`.
+    see `glassgait.models.formulas.file`.
 
     Attributes:
         expressions: Formulas (12), or (n_states, 12), in canonical form.

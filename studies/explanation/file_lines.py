@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from glassgait.models.formulas.formula_file import formula_lines
-from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.file import formula_lines
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 

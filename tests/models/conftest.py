@@ -11,7 +11,7 @@ from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy

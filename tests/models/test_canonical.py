@@ -5,10 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glassgait.models.formulas.canonical import canonical, is_negative, negative
-from glassgait.models.formulas.expression import BINARY, Expression, constant, variable
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.expression import (
+    BINARY,
+    Expression,
+    canonical,
+    constant,
+    is_negative,
+    negative,
+    variable,
+)
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_expression, variable_names
 
 N = 3
 NAMES = variable_names(N)

@@ -16,8 +16,8 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.certificates.question import Question, region_of
 from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped, robot

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
-from glassgait.models.formulas.formula_language import parse_formula
 from glassgait.models.formulas.quantities import Vocabulary, known_definitions
+from glassgait.models.formulas.text import parse_expression, parse_formula, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped, robot

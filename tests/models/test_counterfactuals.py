@@ -13,8 +13,8 @@ from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
 from glassgait.models.counterfactuals.search import answer, search_of
 from glassgait.models.counterfactuals.smooth import FormulaTarget
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy

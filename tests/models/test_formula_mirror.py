@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.formula_language import parse_formula, write_formula
-from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.expression import canonical
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation

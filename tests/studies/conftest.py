@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy

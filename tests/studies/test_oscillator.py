@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from glassgait.models.formulas.formula_reader import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import ObservationLayout, indices_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.formula_mirror import FormulaMirror
+from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.robots import quadruped

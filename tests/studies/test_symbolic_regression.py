@@ -13,11 +13,10 @@ import pytest
 from sklearn.linear_model import LinearRegression
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.formula_language import parse_formula, write_formula
+from glassgait.models.formulas.expression import Expression, canonical
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, rounded, settled

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD

@@ -9,7 +9,7 @@ from torch import nn
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import ZERO, Expression, constant, negated, plus
-from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
+from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped, robot

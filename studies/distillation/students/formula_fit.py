@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import Expression, constant
+from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.quantities import (
     GATES,
     RobotUnits,

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from glassgait.models.files import write_atomically
-from glassgait.models.formulas.canonical import is_negative, negative
-from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.formula_language import written_number
+from glassgait.models.formulas.expression import Expression, is_negative, negative
 from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.text import written_number
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of

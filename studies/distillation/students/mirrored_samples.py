@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
+from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import indices_of

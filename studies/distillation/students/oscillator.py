@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import Expression, constant, variable
+from glassgait.models.formulas.expression import Expression, canonical, constant, variable
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import SymbolicPolicy

@@ -12,8 +12,8 @@ from pyoperon.sklearn import SymbolicRegressor
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, brief
 from glassgait.models.formulas.expression import Expression, scaled
-from glassgait.models.formulas.expression_text import parse_expression, variable_names
 from glassgait.models.formulas.tape import Tape
+from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings

@@ -8,8 +8,8 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.formula_file import FormulaFile
-from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
+from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, readable, settled

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.formula_file import FormulaFile
+from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.explanation.interventions.terms import Term, readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk

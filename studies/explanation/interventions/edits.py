@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import Expression, constant, plus
-from glassgait.models.formulas.formula_file import FormulaFile
-from glassgait.models.formulas.formula_mirror import FormulaMirror
-from glassgait.models.formulas.formula_reader import read_formulas
+from glassgait.models.formulas.expression import Expression, canonical, constant, plus
+from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.explanation.interventions.terms import Term
 

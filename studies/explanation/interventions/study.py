@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.models.files import write_atomically
-from glassgait.models.formulas.formula_file import SUFFIX, FormulaFile
+from glassgait.models.formulas.file import SUFFIX, FormulaFile
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import say
 from glassgait.studies.explanation.interventions.derivation import Claim

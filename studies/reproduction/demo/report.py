@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.models.files import write_atomically
-from glassgait.models.formulas.formula_language import write_formula
+from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from glassgait.models.formulas.formula_file import SUFFIX
+from glassgait.models.formulas.file import SUFFIX
 
 BAD = (
     "tanh(" * 10_000 + "cmd.v" + ")" * 10_000,

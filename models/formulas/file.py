@@ -14,7 +14,7 @@
     state 0
     FL_hip = 0.0412 + 0.52*q.FL_hip - 0.013*dq.FL_hip + late*(0.1 - 0.2*cmd.yaw)
 
-A formula tells a joint's target in rad. Its names are those of the robot's quantities, in SI units
+A formula is a joint's target in rad. Its names are those of the robot's quantities, in SI units
 but for times, which are in control steps, and of what is defined above it. An indented line goes on
 with the one before. Formulas that serve all states of the machine stand under `every state`. Where
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
@@ -33,7 +33,7 @@ with a space goes on with the line before.
     target     = joint "=" formula
 
 Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
-and is given once, as is each target. What a formula is, `formula_language` says.
+and is given once, as is each target. What a formula is, `text.py` says.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,9 +41,9 @@ from dataclasses import dataclass
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.formula_language import written_lines
-from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
+from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.formulas.text import written_lines
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout, entries_of
 
@@ -106,8 +106,8 @@ def write_formulas(file: FormulaFile) -> str:
 
 def formula_lines(file: FormulaFile, place: Place) -> list[str]:
     """Returns the lines of a formula as its file holds them."""
-    joint = quadruped.JOINTS[place[-1]]
-    return written_lines(joint, file.formulas[place], file.vocabulary.symbols)
+    start = f"{quadruped.JOINTS[place[-1]]} = "
+    return written_lines(start, file.formulas[place], file.vocabulary.symbols)
 
 
 def _lines(file: FormulaFile) -> Iterator[str]:
@@ -133,7 +133,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
-        lines = written_lines(definition.symbol, definition.formula, file.vocabulary.symbols)
+        start, symbols = f"{definition.symbol} = ", file.vocabulary.symbols
+        lines = written_lines(start, definition.formula, symbols)
         note = f"    # {definition.note}" if definition.note else ""
         yield from (*lines[:-1], lines[-1] + note)
     section = None

@@ -1,4 +1,4 @@
-"""Reading formula files; what they hold, and how they are written, `formula_file` tells."""
+"""Reading formula files; `file.py` says what they hold, and writes them."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -7,20 +7,20 @@ from keyword import iskeyword
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.formula_file import (
+from glassgait.models.formulas.file import (
     DEFINITIONS,
     EVERY_STATE,
     FORMAT,
     LIMITED,
     FormulaFile,
 )
-from glassgait.models.formulas.formula_language import (
+from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.formulas.text import (
     TextError,
     parse_formula,
     refuse_unprintable,
 )
-from glassgait.models.formulas.formula_mirror import FormulaMirror, Place
-from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout

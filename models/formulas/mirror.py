@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.canonical import canonical, negative
-from glassgait.models.formulas.expression import Expression, variable
+from glassgait.models.formulas.expression import Expression, canonical, negative, variable
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 

@@ -23,12 +23,21 @@ import ast
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.formulas.expression_text import LARGEST, MAX_DEPTH, refuse_unfit
+from glassgait.models.formulas.expression import (
+    BINARY,
+    LARGEST,
+    MAX_DEPTH,
+    UNARY,
+    Expression,
+    canonical,
+    constant,
+    refuse_unfit,
+    variable,
+)
 
 LINE_LENGTH = 100
 """Characters of a line."""
@@ -55,9 +64,9 @@ SIGNS = (" + ", " - ")
 _OPERATORS = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}
 _POWERS = {2: "square", 3: "cube"}
 _EXPONENTS = {function: power for power, function in _POWERS.items()}
+_FUNCTIONS = frozenset(UNARY) - {*_EXPONENTS, "neg"}
 _SUM, _PRODUCT, _SIGN, _POWER = range(4)
 _BINDING = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SIGN}
-_BINDING |= dict.fromkeys(_EXPONENTS, _POWER)
 
 
 class TextError(InputError):
@@ -99,11 +108,36 @@ def parse_formula(text: str, symbols: Sequence[str]) -> Expression:
     return formula
 
 
+def variable_names(count: int) -> tuple[str, ...]:
+    """Names the variables as engines of symbolic regression know them: x0, x1, …"""
+    return tuple(f"x{i}" for i in range(count))
+
+
+def parse_expression(text: str, names: Sequence[str]) -> Expression:
+    """Reads a formula as engines of symbolic regression write it.
+
+    Powers may be x ^ 2 as well, and every name in `UNARY` is a function.
+
+    Returns:
+        The tree as it stands, which need not be in canonical form.
+
+    Raises:
+        InputError: if the text is anything else.
+    """
+    try:
+        tree = ast.parse(text.strip().replace("^", "**"), mode="eval")
+        formula = _expression(tree.body, {name: i for i, name in enumerate(names)}, UNARY)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise InputError(f"formula {shown(text)} cannot be read; fit it again") from error
+    refuse_unfit(formula, len(names))
+    return formula
+
+
 def _read(code: str, symbols: Sequence[str]) -> Expression:
     """Reads a formula on one line."""
     try:
         tree = ast.parse(code, mode="eval")
-        formula = _expression(tree.body, {name: i for i, name in enumerate(symbols)})
+        formula = _expression(tree.body, {name: i for i, name in enumerate(symbols)}, _FUNCTIONS)
         refuse_unfit(formula, len(symbols))
         _refuse_other_tokens(code)
         formula = canonical(formula)
@@ -161,6 +195,31 @@ def _refuse_other_tokens(code: str) -> None:
             raise TextError(f"brackets are more than {MAX_DEPTH} deep", 1, place + 1)
 
 
+def written_number(value: float) -> str:
+    """Writes a number in as few digits as distinguish it from all others."""
+    short = f"{value:.6g}"
+    return short if float(short) == value else repr(float(value))
+
+
+@dataclass(frozen=True)
+class Notation:
+    """How a language writes formulas.
+
+    Attributes:
+        number: Writes a number.
+        function: Names a function.
+        has_powers: Whether x**2 is a square and x**3 a cube; else both are functions.
+    """
+
+    number: Callable[[float], str] = written_number
+    function: Callable[[str], str] = str
+    has_powers: bool = True
+
+
+OWN_NOTATION = Notation()
+"""The notation that is read here."""
+
+
 def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
     """Writes a formula in canonical form so that it reads back as the same tree.
 
@@ -168,76 +227,86 @@ def write_formula(formula: Expression, symbols: Sequence[str]) -> str:
         formula: The formula.
         symbols: Names of the variables, in order.
     """
-    return "".join(_tokens(formula, symbols))
+    return "".join(_Writer(symbols, OWN_NOTATION).tokens(formula))
 
 
-def written_lines(title: str, formula: Expression, symbols: Sequence[str]) -> list[str]:
-    """Writes `title = formula` in lines of at most `LINE_LENGTH` characters, where names allow.
+def written_lines(
+    start: str,
+    formula: Expression,
+    symbols: Sequence[str],
+    notation: Notation = OWN_NOTATION,
+    *,
+    width: int = LINE_LENGTH,
+    indent: int = 0,
+) -> list[str]:
+    """Writes a formula in lines that end before a sign between terms, and nowhere else.
 
     Args:
-        title: What the formula is of.
+        start: What the first line begins with, such as "FL_hip = ".
         formula: The formula, in canonical form.
         symbols: Names of the variables, in order.
+        notation: How the language writes it, in the order in which a policy evaluates it.
+        width: Greatest number of characters of a line, where names allow.
+        indent: Spaces before the first line; the others have four more.
     """
-    # A line ends before a sign between terms, and nowhere else.
-    tokens = _tokens(formula, symbols)
+    tokens = _Writer(symbols, notation).tokens(formula)
     glued = "".join(f" {token.strip()}{GLUE}" if token in SIGNS else token for token in tokens)
     lines = textwrap.wrap(
-        f"{title}{GLUE}={GLUE}{glued}",
-        LINE_LENGTH,
-        subsequent_indent="    ",
+        start.replace(" ", GLUE) + glued,
+        width,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + 4),
         break_long_words=False,
         break_on_hyphens=False,
     )
     return [line.replace(GLUE, " ") for line in lines]
 
 
-def written_number(value: float) -> str:
-    """Writes a number in as few digits as tell it from all others."""
-    short = f"{value:.6g}"
-    return short if float(short) == value else repr(float(value))
+@dataclass(frozen=True)
+class _Writer:
+    symbols: Sequence[str]
+    notation: Notation
+
+    def tokens(self, formula: Expression) -> Iterator[str]:
+        binding = self._binding(formula)
+        match formula:
+            case Expression("constant", value=value):
+                yield self.notation.number(value)
+            case Expression("variable", variable=index):
+                yield self.symbols[index]
+            case Expression("neg", (inner,)):
+                yield "-"
+                yield from self._bracketed(inner, least=_POWER)
+            case Expression(operator, (left, right)):
+                yield from self._bracketed(left, least=binding)
+                yield f" {BINARY[operator]} " if binding == _SUM else BINARY[operator]
+                yield from self._bracketed(right, least=binding + 1)
+            case Expression(operator, (inner,)) if binding == _POWER:
+                yield from self._bracketed(inner, least=_POWER + 1)
+                yield f"**{_EXPONENTS[operator]}"
+            case Expression(operator, (inner,)):
+                yield f"{self.notation.function(operator)}("
+                yield from self.tokens(inner)
+                yield ")"
+
+    def _bracketed(self, formula: Expression, *, least: int) -> Iterator[str]:
+        """Writes an operand, in brackets where it binds less than its operator asks for."""
+        if self._binding(formula) >= least:
+            yield from self.tokens(formula)
+            return
+        yield "("
+        yield from self.tokens(formula)
+        yield ")"
+
+    def _binding(self, formula: Expression) -> int:
+        if formula.operator == "constant" and formula.value < 0.0:
+            return _SIGN
+        if formula.operator in _EXPONENTS and self.notation.has_powers:
+            return _POWER
+        return _BINDING.get(formula.operator, _POWER + 1)
 
 
-def _tokens(formula: Expression, symbols: Sequence[str]) -> Iterator[str]:
-    binding = _binding(formula)
-    match formula:
-        case Expression("constant", value=value):
-            yield written_number(value)
-        case Expression("variable", variable=index):
-            yield symbols[index]
-        case Expression("neg", (inner,)):
-            yield "-"
-            yield from _bracketed(inner, symbols, least=_POWER)
-        case Expression(operator, (left, right)):
-            yield from _bracketed(left, symbols, least=binding)
-            yield f" {BINARY[operator]} " if binding == _SUM else BINARY[operator]
-            yield from _bracketed(right, symbols, least=binding + 1)
-        case Expression(operator, (inner,)) if operator in _EXPONENTS:
-            yield from _bracketed(inner, symbols, least=_POWER + 1)
-            yield f"**{_EXPONENTS[operator]}"
-        case Expression(operator, (inner,)):
-            yield f"{operator}("
-            yield from _tokens(inner, symbols)
-            yield ")"
-
-
-def _bracketed(formula: Expression, symbols: Sequence[str], *, least: int) -> Iterator[str]:
-    """Writes an operand, in brackets where it binds less than its operator asks for."""
-    if _binding(formula) >= least:
-        yield from _tokens(formula, symbols)
-        return
-    yield "("
-    yield from _tokens(formula, symbols)
-    yield ")"
-
-
-def _binding(formula: Expression) -> int:
-    if formula.operator == "constant" and formula.value < 0.0:
-        return _SIGN
-    return _BINDING.get(formula.operator, _POWER + 1)
-
-
-def _expression(node: ast.expr, index: Mapping[str, int]) -> Expression:
+def _expression(node: ast.expr, index: Mapping[str, int], functions: Collection[str]) -> Expression:
     match node:
         case ast.Constant(value=bool()):
             pass
@@ -246,23 +315,23 @@ def _expression(node: ast.expr, index: Mapping[str, int]) -> Expression:
         case ast.Name() | ast.Attribute():
             return _named(node, index)
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _expression(operand, index)
+            return _expression(operand, index, functions)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            inner = _expression(operand, index)
+            inner = _expression(operand, index, functions)
             if inner.operator == "constant":
                 return constant(-inner.value)
             return Expression("neg", (inner,))
         case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int() as power)) if (
             power in _POWERS
         ):
-            return Expression(_POWERS[power], (_expression(left, index),))
+            return Expression(_POWERS[power], (_expression(left, index, functions),))
         case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
-            operands = (_expression(left, index), _expression(right, index))
+            operands = tuple(_expression(own, index, functions) for own in (left, right))
             return Expression(_OPERATORS[type(operator)], operands)
         case ast.Call(func=ast.Name(id=function), args=[argument], keywords=[]) if (
-            function in UNARY and function not in (*_EXPONENTS, "neg")
+            function in functions
         ):
-            return Expression(function, (_expression(argument, index),))
+            return Expression(function, (_expression(argument, index, functions),))
     raise _at(node, f"{shown(ast.unparse(node))} does not belong in a formula")
 
 
@@ -305,8 +374,8 @@ def _at(node: ast.expr, message: str) -> TextError:
 
 
 def _syntax_error(code: str, error: SyntaxError) -> TextError:
-    """Tells what Python's parser found, without what is Python's alone."""
-    # Of what is missing at the end, Python tells no place.
+    """Describes what Python's parser found, without what is Python's alone."""
+    # Of what is missing at the end, Python gives no place.
     message, column = error.msg, min(error.offset or len(code) + 1, len(code) + 1)
     if not code:
         return TextError("there is no formula", 1, 1)

@@ -6,10 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
-from glassgait.models.formulas.canonical import canonical
-from glassgait.models.formulas.expression import BINARY, UNARY, Expression, constant, variable
-from glassgait.models.formulas.expression_text import MAX_DEPTH
-from glassgait.models.formulas.formula_language import (
+from glassgait.models.formulas.expression import (
+    BINARY,
+    MAX_DEPTH,
+    UNARY,
+    Expression,
+    canonical,
+    constant,
+    variable,
+)
+from glassgait.models.formulas.quantities import Vocabulary, known_definitions
+from glassgait.models.formulas.text import (
     LARGEST,
     LINE_LENGTH,
     SIGNS,
@@ -19,7 +26,6 @@ from glassgait.models.formulas.formula_language import (
     written_lines,
     written_number,
 )
-from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.task.observation import ObservationLayout
 
@@ -154,7 +160,7 @@ def test_lines_end_before_signs_alone(random_formulas, data):
     for other in others:
         formula = Expression("add", (formula, other))
     formula = canonical(formula)
-    first, *rest = lines = written_lines("FL_hip", formula, SYMBOLS)
+    first, *rest = lines = written_lines("FL_hip = ", formula, SYMBOLS)
     for line in lines:
         # A line that is too long has no place to end.
         assert len(line) <= LINE_LENGTH or not any(sign in line[6:] for sign in SIGNS)
@@ -168,7 +174,7 @@ def test_lines_end_before_signs_alone(random_formulas, data):
 
 def test_lines_are_filled():
     terms = " - ".join(f"0.0{i}*dq.FL_hip" for i in range(10, 60))
-    lines = written_lines("FL_hip", read(terms), SYMBOLS)
+    lines = written_lines("FL_hip = ", read(terms), SYMBOLS)
     lengths = [len(line) for line in lines]
     assert max(lengths) <= LINE_LENGTH
     assert min(lengths[:-1]) > LINE_LENGTH - len(" - 0.011*dq.FL_hip")
