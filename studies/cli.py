@@ -2,6 +2,7 @@
 
 import os
 import sys
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,124 +15,178 @@ from glassgait.studies.common.exit_codes import (
     told_plainly,
 )
 
-COMMANDS = {
-    "demo": (
-        "glassgait.studies.reproduction.demo.command:Demo",
-        "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
-    ),
-    "train": ("glassgait.studies.training.command:Train", "Train a neural expert by PPO."),
-    "distill": (
-        "glassgait.studies.distillation.command:Distill",
-        "Distil an expert into glass-box students by DAgger with alternation.",
-    ),
-    "refine": (
-        "glassgait.studies.distillation.refinement.command:Refine",
-        "Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.",
-    ),
-    "evaluate": (
-        "glassgait.studies.evaluation.command:Evaluate",
-        "Roll policies out in closed loop and score them.",
-    ),
-    "robustness": (
-        "glassgait.studies.evaluation.robustness.command:Robustness",
-        "Let the expert and every student walk alone in every scenario, and tell who falls where.",
-    ),
-    "assurance": (
-        "glassgait.studies.evaluation.assurance.command:Assurance",
-        "Let a student act in distribution, and the expert elsewhere, and count falls.",
-    ),
-    "compare": (
-        "glassgait.studies.evaluation.compare.command:Compare",
-        "Set two policies side by side: their lines, targets, scores, and one replay of both.",
-    ),
-    "convergence": (
-        "glassgait.studies.reproduction.convergence.command:Convergence",
-        "Drop the robot and roll an expert out with every contact solver and time step.",
-    ),
-    "pareto": (
-        "glassgait.studies.distillation.pareto.command:Pareto",
-        "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
-    ),
-    "curricula": (
-        "glassgait.studies.reproduction.curricula.command:Curricula",
-        "Distil by other curricula with as many samples, and let the students walk alone.",
-    ),
-    "importance": (
-        "glassgait.studies.importance.command:Importance",
-        "Measure what each student looks at, and take it away to see whether that is true.",
-    ),
-    "symmetry": (
-        "glassgait.studies.evaluation.symmetry.command:Symmetry",
-        "Measure whether an expert and its students treat left and right alike.",
-    ),
-    "pushes": (
-        "glassgait.studies.evaluation.pushes.command:PushBasin",
-        "Push walking robots from every side, and draw which pushes each policy survives.",
-    ),
-    "transitions": (
-        "glassgait.studies.evaluation.transitions.command:Transitions",
-        "Change the gait of walking robots, each to each, and tell who falls and how soon.",
-    ),
-    "stability": (
-        "glassgait.studies.evaluation.stability.command:Stability",
-        "Tell whether small differences grow or fade from one stride to the next, and test it.",
-    ),
-    "claims": (
-        "glassgait.studies.explanation.interventions.command:Claims",
-        "Test what a policy of formulas says: change a term, and see whether the robot moves so.",
-    ),
-    "certify": (
-        "glassgait.studies.verification.command:Certify",
-        "Prove what a policy can never do, or find the observation where it does.",
-    ),
-    "check": (
-        "glassgait.studies.verification.check_command:Check",
-        "Check a certificate by arithmetic of its own, without the program that proved it.",
-    ),
-    "explain": (
-        "glassgait.studies.explanation.command:Explain",
-        "Roll a student out alone and write a page that explains its every action.",
-    ),
-    "counterfactual": (
-        "glassgait.studies.explanation.counterfactuals.command:Counterfactual",
-        "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
-    ),
-    "show": (
-        "glassgait.studies.explanation.show_command:Show",
-        "Print the formulas of a policy: the lines that its file holds, and that act.",
-    ),
-    "export": (
-        "glassgait.studies.deployment.export.command:Export",
-        "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
-    ),
-    "drive": (
-        "glassgait.studies.deployment.drive.command:Drive",
-        "Run a robot and its controller as two processes over LCM, and count what is late or lost.",
-    ),
-    "report": (
-        "glassgait.studies.reproduction.report.command:Report",
-        "Distil, evaluate and explain the shipped experts, and write one report beside the paper.",
-    ),
-    "reproduce": (
-        "glassgait.studies.reproduction.command:Reproduce",
-        "Do what the paper did by its own settings: train, distil, evaluate and explain.",
-    ),
-    "rollout": (
-        "glassgait.studies.view.command:ShowRollout",
-        "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
-    ),
-    "gait": (
-        "glassgait.studies.training.gait_command:ShowGait",
-        "Check a gait file and draw its reward machine.",
-    ),
-    "benchmark": (
-        "glassgait.studies.reproduction.benchmark.command:Benchmark",
-        "Measure training throughput and the time of one action, as ratios.",
-    ),
+PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
+    "see it all in minutes": {
+        "demo": (
+            "reproduction.demo.command:Demo",
+            "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
+        ),
+    },
+    "make controllers": {
+        "train": ("training.command:Train", "Train a neural expert by PPO."),
+        "distill": (
+            "distillation.command:Distill",
+            "Distil an expert into glass-box students by DAgger with alternation.",
+        ),
+        "distill --sweep terms": (
+            "distillation.pareto.command:Pareto",
+            "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
+        ),
+        "refine": (
+            "distillation.refinement.command:Refine",
+            "Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.",
+        ),
+        "gait": (
+            "training.gait_command:ShowGait",
+            "Check a gait file and draw its reward machine.",
+        ),
+    },
+    "measure": {
+        "evaluate worlds": (
+            "evaluation.worlds:Worlds",
+            "Let policies walk alone in every scenario, and report scores and falls.",
+        ),
+        "evaluate alternation": (
+            "evaluation.alternation:Alternation",
+            "Let expert and student act by turns, and report the return at every ratio.",
+        ),
+        "evaluate tracking": (
+            "evaluation.tracking:Tracking",
+            "Let robots keep one command each, and report how fast they go and turn.",
+        ),
+        "evaluate pushes": (
+            "evaluation.pushes:Pushes",
+            "Push walking robots from every side, and draw which pushes each policy survives.",
+        ),
+        "evaluate transitions": (
+            "evaluation.transitions:Transitions",
+            "Change the gait of walking robots, each to each, and report falls and waits.",
+        ),
+        "evaluate stability": (
+            "evaluation.stability:Stability",
+            "Find whether small differences grow or fade from one stride to the next, and test it.",
+        ),
+        "evaluate symmetry": (
+            "evaluation.symmetry:Symmetry",
+            "Measure whether an expert and its students treat left and right alike.",
+        ),
+        "evaluate assurance": (
+            "evaluation.assurance.command:Assurance",
+            "Let a student act in distribution, and the expert elsewhere, and count falls.",
+        ),
+        "importance": (
+            "importance.command:Importance",
+            "Measure what each student looks at, and take it away to see whether that is true.",
+        ),
+    },
+    "read": {
+        "explain page": (
+            "explanation.command:Explain",
+            "Roll a student out alone and write a page that explains its every action.",
+        ),
+        "explain terms": (
+            "explanation.show_command:Show",
+            "Print the formulas of a policy: the lines that its file holds, and that act.",
+        ),
+        "explain interventions": (
+            "explanation.interventions.command:Claims",
+            "Test what a policy of formulas says: change a term, and see whether the robot moves "
+            "so.",
+        ),
+        "explain counterfactual": (
+            "explanation.counterfactuals.command:Counterfactual",
+            "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
+        ),
+        "view": (
+            "view.command:ShowRollout",
+            "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
+        ),
+    },
+    "prove": {
+        "verify prove": (
+            "verification.command:Certify",
+            "Prove what a policy can never do, or find the observation where it does.",
+        ),
+        "verify check": (
+            "verification.check_command:Check",
+            "Check a certificate by arithmetic of its own, without the program that proved it.",
+        ),
+    },
+    "take to a robot": {
+        "export": (
+            "deployment.export.command:Export",
+            "Write a controller as one C file, or its policy as ONNX, and check it against Python.",
+        ),
+        "drive controller": (
+            "deployment.drive.command:DriveController",
+            "Answer what a robot in another process senses, until Ctrl-C.",
+        ),
+        "drive simulator": (
+            "deployment.drive.command:DriveSimulator",
+            "Simulate a robot at real time that a controller in another process moves, until "
+            "Ctrl-C.",
+        ),
+        "drive packet-loss": (
+            "deployment.drive.command:DriveLosses",
+            "Lose messages on purpose, in one process and simulated time, and count what happens.",
+        ),
+        "drive dropout": (
+            "deployment.drive.silence_command:DriveSilence",
+            "Silence controllers for good at many moments of the stride, and count who overturns.",
+        ),
+    },
+    "reproduce": {
+        "reproduce": (
+            "reproduction.command:Reproduce",
+            "Do what the paper did by its own settings: train, distil, evaluate and explain.",
+        ),
+        "reproduce report": (
+            "reproduction.report.command:Report",
+            "Distil, evaluate and explain the shipped experts, and write one report beside the "
+            "paper.",
+        ),
+        "reproduce curricula": (
+            "reproduction.curricula.command:Curricula",
+            "Distil by other curricula with as many samples, and let the students walk alone.",
+        ),
+        "reproduce convergence": (
+            "reproduction.convergence.command:Convergence",
+            "Drop the robot and roll an expert out with every contact solver and time step.",
+        ),
+        "reproduce benchmark": (
+            "reproduction.benchmark.command:Benchmark",
+            "Measure training throughput and the time of one action, as ratios.",
+        ),
+    },
 }
-"""Class and summary of each command: the help is told without importing Drake and torch."""
+"""Class and summary of each command by purpose: the help imports neither Drake nor torch."""
 
-TRAINS = ("train", "refine", "benchmark", "reproduce")
+COMMANDS = {name: entry for commands in PURPOSES.values() for name, entry in commands.items()}
+"""Class and summary of each command. A command is a word, or a group and one of its members."""
+
+TRAINS = ("train", "refine", "reproduce", "reproduce benchmark")
+
+MOVED = {
+    "robustness": "evaluate worlds",
+    "compare": "evaluate worlds",
+    "pushes": "evaluate pushes",
+    "transitions": "evaluate transitions",
+    "stability": "evaluate stability",
+    "symmetry": "evaluate symmetry",
+    "assurance": "evaluate assurance",
+    "show": "explain terms",
+    "claims": "explain interventions",
+    "counterfactual": "explain counterfactual",
+    "certify": "verify prove",
+    "check": "verify check",
+    "rollout": "view",
+    "pareto": "distill --sweep terms",
+    "report": "reproduce report",
+    "curricula": "reproduce curricula",
+    "convergence": "reproduce convergence",
+    "benchmark": "reproduce benchmark",
+}
+"""Where the commands of an earlier version are now."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -152,22 +207,67 @@ def main(arguments: list[str] | None = None) -> None:
             end_at_once_from_now_on()
 
 
+def command_class(name: str) -> Any:
+    """Imports the class of a command."""
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    return getattr(import_module(f"glassgait.studies.{module}"), attribute)
+
+
 def _run(arguments: list[str]) -> None:
     match arguments:
         case [] | ["-h" | "--help", *_]:
-            print(_help())
+            print(_help(PURPOSES))
         case ["--version", *_]:
             with ended_at_once():
                 print(_version())
-        case [name, *rest] if name in COMMANDS:
+        case [group] | [group, "-h" | "--help", *_] if group not in COMMANDS and _members(group):
+            if len(arguments) == 1:
+                raise InputError(f"{group}: name what to do, {_one_of(_members(group))}")
+            print(_help({group: {name: COMMANDS[name] for name in _members(group)}}))
+        case _:
+            name, rest = _command_of(arguments)
             _check_working_folder()
             with ended_at_once():
                 command = _parse(name, rest)
             command.run()
-        case [name, *_]:
-            raise InputError(
-                f"there is no command {shown(name)}; the commands are {', '.join(COMMANDS)}"
-            )
+
+
+def _command_of(arguments: list[str]) -> tuple[str, list[str]]:
+    """Splits arguments into the name of a command and its settings; the longest name counts."""
+    for name in sorted(COMMANDS, key=lambda name: -len(name.split())):
+        first, *further = name.split()
+        if arguments[0] != first:
+            continue
+        # An option may stand anywhere after the command, a member of a group only first.
+        last = len(arguments) if name.count("--") else 2
+        for start in range(1, last):
+            end = start + len(further)
+            if arguments[start:end] == further:
+                return name, arguments[1:start] + arguments[end:]
+    raise InputError(_unknown(arguments))
+
+
+def _unknown(arguments: list[str]) -> str:
+    first = arguments[0]
+    if members := _members(first):
+        known = [name.split()[1] for name in members]
+        near = get_close_matches(arguments[1], known, n=1)
+        meant = f"did you mean '{first} {near[0]}'? It is " if near else ""
+        return f"{first}: unknown {shown(arguments[1])}; {meant}{_one_of(members)}"
+    if first in MOVED:
+        return f"unknown command {shown(first)}; it is now '{MOVED[first]}'"
+    words = list(dict.fromkeys(name.split()[0] for name in COMMANDS))
+    near = get_close_matches(first, [*words, *MOVED], n=1)
+    meant = f"did you mean '{MOVED.get(near[0], near[0])}'? The" if near else "the"
+    return f"unknown command {shown(first)}; {meant} commands are {', '.join(words)}"
+
+
+def _members(group: str) -> list[str]:
+    return [name for name in COMMANDS if name.startswith(f"{group} ") and "--" not in name]
+
+
+def _one_of(members: list[str]) -> str:
+    return f"one of {', '.join(name.split()[1] for name in members)}"
 
 
 def _check_working_folder() -> None:
@@ -186,10 +286,8 @@ def _parse(name: str, arguments: list[str]) -> Any:
         # Between two operations torch's threads would spin, on the cores that physics needs:
         # training would be a seventh slower. OpenMP reads this once, when torch is loaded.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    module, _, attribute = COMMANDS[name][0].partition(":")
-    kind = getattr(import_module(module), attribute)
     flags = (tyro.conf.FlagCreatePairsOff,)
-    return tyro.cli(kind, prog=f"glassgait {name}", args=arguments, config=flags)
+    return tyro.cli(command_class(name), prog=f"glassgait {name}", args=arguments, config=flags)
 
 
 def _version() -> str:
@@ -201,19 +299,21 @@ def _version() -> str:
         raise InputError("the version is not known; install the project with pip") from error
 
 
-def _help() -> str:
-    width = max(map(len, COMMANDS))
+def _help(purposes: dict[str, dict[str, tuple[str, str]]]) -> str:
+    width = max(len(name) for commands in purposes.values() for name in commands)
+    lines = []
+    for purpose, commands in purposes.items():
+        lines += ["", f"{purpose}:"]
+        lines += [f"  {name:{width}}  {summary}" for name, (_, summary) in commands.items()]
     return "\n".join(
         [
             "usage: glassgait COMMAND [SETTINGS]",
             "",
             "Legged-robot controllers that a person can read, check and trust.",
-            "",
-            "commands:",
-            *(f"  {name:{width}}  {summary}" for name, (_, summary) in COMMANDS.items()),
+            *lines,
             "",
             "'glassgait COMMAND --help' lists a command's settings;",
-            "'glassgait --version' tells the version.",
+            "'glassgait --version' prints the version.",
         ]
     )
 

@@ -9,7 +9,6 @@ from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import get_args
 
 import interpret
 import pytest
@@ -18,8 +17,7 @@ import yaml
 from glassgait.models.certificates.claims import load_claims
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import parse_gait
-from glassgait.studies.cli import COMMANDS, main
-from glassgait.studies.deployment.drive.command import Part
+from glassgait.studies.cli import COMMANDS, command_class, main
 from glassgait.studies.distillation.students import registry
 from glassgait.studies.distillation.students.library import default_student, find_student
 
@@ -41,11 +39,8 @@ LONGEST_LINE = 150
 WITHOUT_RESULTS = ("studies/examples/README.md", "diagrams/scenarios/README.md")
 """Pages of studies that tell how, and measure nothing."""
 
-WITH_PARTS = {"drive": [part.__metadata__[0].name for part in get_args(Part)]}
-"""Commands that are given with one of their parts."""
-
-NEEDS_A_DISTILLATION = ("pareto",)
-"""Commands that read the samples of one."""
+NEEDS_A_DISTILLATION = ("distill", "--sweep")
+"""Beginning of the command that reads the samples of one."""
 
 
 def blocks(page, language):
@@ -111,8 +106,8 @@ def parsed(monkeypatch, tmp_path):
     def note(command):
         ran.append(command)
 
-    for command, _ in COMMANDS.values():
-        monkeypatch.setattr(resolve_name(command), "run", note)
+    for command in COMMANDS:
+        monkeypatch.setattr(command_class(command), "run", note)
 
     def parse(*arguments):
         main(list(arguments))
@@ -134,12 +129,12 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
 ):
     command = parsed(*arguments)
     policy = getattr(command, "policy", None)
-    if arguments[0] in NEEDS_A_DISTILLATION or policy == "students":
+    if arguments[:2] == NEEDS_A_DISTILLATION or policy == "students":
         assert any("distil" in paragraph for paragraph in around)
     elif policy and Path(policy).suffix:
         # A file of the reader's own, which the page has made.
         assert any(f"> {policy}" in paragraph for paragraph in around)
-    elif arguments[0] in ("explain", "show") or policy not in (None, "expert"):
+    elif arguments[0] == "explain" or policy not in (None, "expert"):
         for gait in gaits_of(command):
             find_student(policy or default_student(gait), load_expert(gait))
     for argument in arguments:
@@ -164,11 +159,7 @@ def test_every_option_is_one_of_some_command(parsed, option):
             return None
 
     words = option.split()
-    everyone = [
-        name
-        for command in COMMANDS
-        for name in [(command, part) for part in WITH_PARTS.get(command, ())] or [(command,)]
-    ]
+    everyone = [tuple(command.split()) for command in COMMANDS]
     told = [name for name in everyone if words[0] in help_of(name)]
     # Of a kind that takes a value, one that it may take.
     values = [["x"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]] if len(words) == 1 else []
@@ -285,12 +276,19 @@ def commands_of(page, form):
     return re.findall(form, table, flags=re.MULTILINE)
 
 
+def _command(shown):
+    """Returns the command that a line shows with its settings."""
+    return max((name for name in COMMANDS if f"{shown} ".startswith(f"{name} ")), key=len)
+
+
 def test_the_front_page_names_every_command_once():
-    assert sorted(commands_of("README.md", r"\[`(\w+)`\]")) == sorted(COMMANDS)
+    named = commands_of("README.md", r"\[`([a-z -]+)`\]")
+    assert sorted(named) == sorted({name.split()[0] for name in COMMANDS})
 
 
 def test_the_page_of_studies_tells_what_every_command_does():
-    assert sorted(commands_of("studies/README.md", r"^\| `glassgait (\w+)")) == sorted(COMMANDS)
+    table = commands_of("studies/README.md", r"^\| `glassgait ([^`]+)`")
+    assert sorted(map(_command, table)) == sorted(COMMANDS)
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def test_a_gait_is_checked_from_the_wheel(installed):
 
 
 def test_the_expert_is_rolled_out_from_the_wheel(installed):
-    assert "stayed up after 0.50 s" in installed("glassgait", "rollout", "--seconds", "0.5")
+    assert "stayed up after 0.50 s" in installed("glassgait", "view", "--seconds", "0.5")
 
 
 def test_modules_of_ones_own_do_not_pass_for_the_wheels(installed, tmp_path):
@@ -139,7 +139,9 @@ def test_pypis_diagrams_may_be_installed_beside_the_wheel(wheel, tmp_path):
 
 @pytest.mark.parametrize("gait", ["trot", "bound"])
 def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
-    told = installed("glassgait", "explain", "--gait", gait, "--seconds", "1", "--step", "20")
+    told = installed(
+        "glassgait", "explain", "page", "--gait", gait, "--seconds", "1", "--step", "20"
+    )
     assert f"page written to runs/explanation/{gait}/{default_student(gait)}/index.html" in told
 
 

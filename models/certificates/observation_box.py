@@ -187,7 +187,7 @@ def load_box(path: Path, gait: Gait) -> ObservationBox:
     if (theirs := found.get("gait")) != gait.name:
         raise InputError(
             f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
-            "--measure to 'glassgait certify'"
+            "--measure to 'glassgait verify prove'"
         )
     names = ObservationLayout(gait.n_states).names
     for symbol, ends in ranges.items():
@@ -218,7 +218,7 @@ def operating_box(gait: Gait, path: Path | None = None) -> ObservationBox:
     if not path.exists():
         raise InputError(
             f"{path}: there is no operating box of the {gait.name}; add --measure to "
-            "'glassgait certify', or give its file by --box"
+            "'glassgait verify prove', or give its file by --box"
         )
     return load_box(path, gait)
 

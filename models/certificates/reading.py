@@ -72,7 +72,9 @@ def read_certificate(path: Path) -> Certificate:
         content = json.loads(text)
         sound = content["sha256"] == content_digest(content) and content["format"] == FORMAT
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"{path}: is no certificate; make one with 'glassgait certify'") from error
+        raise InputError(
+            f"{path}: is no certificate; make one with 'glassgait verify prove'"
+        ) from error
     if not sound:
         raise InputError(f"{path}: is damaged, its digest is of other contents; certify anew")
     try:

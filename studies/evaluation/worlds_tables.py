@@ -78,13 +78,14 @@ def fall_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """Sums up every policy in every scenario, the worst scenario first.
 
     Args:
-        scores: Scores of one gait; the first policy is the one that others are compared with.
+        scores: Scores of one gait; others are compared with the expert or, where
+            it is not there, with the first policy.
         titles: What people call each scenario.
 
     Returns:
         A row a policy and scenario: what `summary` returns.
     """
-    table = summary(scores, ["policy", "scenario"], against=str(scores["policy"].iloc[0]))
+    table = summary(scores, ["policy", "scenario"], against=policies_of(scores)[0])
     table.insert(2, "world", table["scenario"].map(titles))
     there = {name: place for place, name in enumerate(titles)}
     table = table.sort_values("scenario", key=lambda own: own.map(there), kind="stable")
@@ -101,8 +102,9 @@ def worst_first(table: pd.DataFrame) -> list[str]:
 
 
 def policies_of(table: pd.DataFrame) -> list[str]:
-    """Lists the policies of a table, in the order in which they come."""
-    return list(dict.fromkeys(table["policy"]))
+    """Lists the policies of a table as they come, but for the expert, which is the first."""
+    there = list(dict.fromkeys(table["policy"]))
+    return sorted(there, key=lambda name: name != EXPERT)
 
 
 def readable_table(table: pd.DataFrame) -> pd.DataFrame:

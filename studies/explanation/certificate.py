@@ -96,7 +96,7 @@ def certificate_panel(
     return CertificatePanel(
         file=certificate.path.name if ships else str(certificate.path),
         ships=ships,
-        checked_by=f"glassgait check{own}",
+        checked_by=f"glassgait verify check{own}",
         counts=certificate.counts(),
         rows=tuple(_row(verdict, certificate.steps) for verdict in certificate.verdicts),
         outside=" ".join(

@@ -1,4 +1,4 @@
-"""`glassgait explain`: a page that tells why each joint does what it does, moment by moment."""
+"""`glassgait explain page`: a page that explains every action of a rollout."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -161,8 +161,8 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
     path = folder / CONFIG
     if (folder / "index.html").exists() and not path.exists():
         raise InputError(
-            f"{folder}: holds a page that 'glassgait explain' did not write; name a new folder "
-            "with --output"
+            f"{folder}: holds a page that 'glassgait explain page' did not write; name a new "
+            "folder with --output"
         )
     theirs = read_yaml(path) if path.exists() else whose
     for key in ("gait", "policy", "distillation", "expert"):

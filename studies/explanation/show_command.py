@@ -1,4 +1,4 @@
-"""`glassgait show`: prints the file of formulas that is a policy."""
+"""`glassgait explain terms`: prints the file of formulas that is a policy."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +66,9 @@ class Show(Settings):
         if certificate:
             counts = certificate.counts().items()
             told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
-            console.print(f"# Claims about it: {told}; 'glassgait explain' tells them", style="dim")
+            console.print(
+                f"# Claims about it: {told}; 'glassgait explain page' tells them", style="dim"
+            )
 
 
 def lines_of_joint(lines: list[str], joint: str) -> list[str]:

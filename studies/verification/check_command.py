@@ -1,4 +1,4 @@
-"""`glassgait check`: checks certificates."""
+"""`glassgait verify check`: checks certificates."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,7 +45,7 @@ class Check(Settings):
         for named in self.certificates or shipped_certificates():
             path = named / CERTIFICATE_NAME if named.is_dir() else named
             if not path.exists():
-                raise InputError(f"{path}: no such file; 'glassgait certify' writes one")
+                raise InputError(f"{path}: no such file; 'glassgait verify prove' writes one")
             try:
                 console.print(f"{path}: {check(path, self.policy, self.gait)}")
             except RefusedError as error:

@@ -1,4 +1,4 @@
-"""`glassgait certify`: proves what a policy can never do."""
+"""`glassgait verify prove`: proves what a policy can never do."""
 
 import time
 from collections.abc import Sequence
@@ -95,7 +95,7 @@ class Certify(Settings):
             "policy": digest(path),
             "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
         }
-        run = {"study": "certify", "settings": self, "resume": self.resume}
+        run = {"study": "verify prove", "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):
             box = self._box(gait, expert, folder)
             started = time.perf_counter()

@@ -1,4 +1,4 @@
-"""`glassgait rollout`: watches one robot."""
+"""`glassgait view`: watches one robot."""
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path

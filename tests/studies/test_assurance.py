@@ -137,7 +137,7 @@ def run(tmp_path):
 
     def start(*more):
         worlds = ["--worlds", "training", "--n-workers", "1", "--output", str(folder)]
-        main(["assurance", *small, *worlds, *more])
+        main(["evaluate", "assurance", *small, *worlds, *more])
         return folder
 
     return start
@@ -165,7 +165,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
 
     for module, name in [("study", "visit"), ("pushed_robot", "record")]:
         monkeypatch.setattr(f"glassgait.studies.evaluation.assurance.{module}.{name}", never)
-    monkeypatch.setattr("glassgait.studies.common.rollouts.jobs.roll_out", never)
+    monkeypatch.setattr("glassgait.studies.common.rollouts.scoring.roll_out", never)
     before = (folder / "metrics.json").read_bytes()
     (folder / "metrics.json").unlink()
     assert (run("--resume") / "metrics.json").read_bytes() == before
@@ -186,5 +186,5 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["assurance", *arguments, "--output", str(folder)])
+    assert told in refused(["evaluate", "assurance", *arguments, "--output", str(folder)])
     assert not folder.exists()

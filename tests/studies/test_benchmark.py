@@ -186,7 +186,7 @@ def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
     monkeypatch.setitem(
         sys.modules, "glassgait.studies.reproduction.benchmark.compiled_trees", None
     )
-    main(["benchmark", "--parts", "controllers", "--output", str(tmp_path / "run")])
+    main(["reproduce", "benchmark", "--parts", "controllers", "--output", str(tmp_path / "run")])
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert set(metrics) == {"controllers", "peers", "peak_memory_mb"}
     assert (tmp_path / "run" / "peers.csv").exists()

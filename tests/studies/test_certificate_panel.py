@@ -46,7 +46,7 @@ def explained(tmp_path_factory):
     """The page of the trot's page of formulas."""
     output = tmp_path_factory.mktemp("page")
     short = ["--seconds", "0.8", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
-    main(["explain", "--policy", "sparse_formula", *short])
+    main(["explain", "page", "--policy", "sparse_formula", *short])
     return output / "index.html"
 
 
@@ -57,7 +57,7 @@ def test_every_claim_is_told_with_its_verdict(panel):
         assert row.verdict == words[verdict.outcome]
         assert row.refuted_by == len(verdict.witnesses)
         assert (row.refuted_by > 0) == (row.outcome == "refuted")
-    assert panel.checked_by == "glassgait check"
+    assert panel.checked_by == "glassgait verify check"
 
 
 def test_the_policy_answers_a_witness_as_the_certificate_says(panel):
@@ -123,7 +123,7 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
     assert found is not None
     assert found.path.resolve() == own
     panel = certificate_panel(found, load_policy(PAGE), PAGE, operating_box(GAIT).lower[None])
-    assert panel.checked_by == f"glassgait check {found.path} --policy {PAGE}"
+    assert panel.checked_by == f"glassgait verify check {found.path} --policy {PAGE}"
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
 )
 def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, told):
     output = tmp_path / "sparse_formula"
-    assert told in refused(["explain", *arguments, "--output", str(output)])
+    assert told in refused(["explain", "page", *arguments, "--output", str(output)])
     assert not output.exists()
 
 

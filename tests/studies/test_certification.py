@@ -1,4 +1,4 @@
-"""`glassgait certify` and `glassgait check`, from a policy's file to a certificate that holds."""
+"""`glassgait verify prove` and `glassgait verify check`, from policy to certificate."""
 
 import json
 
@@ -69,7 +69,9 @@ def policy(tmp_path, monkeypatch):
 
 
 def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
-    main(["certify", "--policy", "mine.formulas", "--claims", "mine.yaml", "--output", "out"])
+    main(
+        ["verify", "prove", "--policy", "mine.formulas", "--claims", "mine.yaml", "--output", "out"]
+    )
     folder = policy.parent / "out"
     content = json.loads((folder / "certificate.json").read_text())
     by_name = {claim["name"]: claim for claim in content["claims"]}
@@ -92,15 +94,15 @@ def test_proves_refutes_and_checks_a_policy_of_ones_own(policy, capsys):
     assert metrics["proved"] == outcomes.count("proved")
     capsys.readouterr()
     for named in ("out/certificate.json", "out"):
-        main(["check", named, "--policy", "mine.formulas"])
+        main(["verify", "check", named, "--policy", "mine.formulas"])
         assert "bounds hold" in capsys.readouterr().out
 
 
 def test_refuses_to_check_against_another_policy(policy):
-    main(["certify", "--policy", "mine.formulas", "--output", "out"])
+    main(["verify", "prove", "--policy", "mine.formulas", "--output", "out"])
     policy.write_text(FILE.replace("0.1*cmd.v", "0.2*cmd.v"))
     with pytest.raises(SystemExit) as ended:
-        main(["check", "out/certificate.json", "--policy", "mine.formulas"])
+        main(["verify", "check", "out/certificate.json", "--policy", "mine.formulas"])
     assert ended.value.code == 2
 
 
@@ -122,7 +124,7 @@ def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, t
     }.items():
         (policy.parent / f"{stem}.yaml").write_text(f"claims: [{claim}]")
     with pytest.raises(SystemExit) as ended:
-        main(["certify", *arguments, "--output", "out"])
+        main(["verify", "prove", *arguments, "--output", "out"])
     assert ended.value.code == 2
     assert told in capsys.readouterr().err
     assert not (policy.parent / "out" / "certificate.json").exists()
@@ -167,7 +169,7 @@ def test_a_box_of_ones_own_is_used(policy, tmp_path):
     gait = load_gait("trot")
     names = load_expert(gait).observation_names
     operating_box(gait).widened(0.5).save(tmp_path / "wide.yaml", gait, "by a test")
-    main(["certify", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
+    main(["verify", "prove", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
     content = json.loads((tmp_path / "out" / "certificate.json").read_text())
     wide = load_box(tmp_path / "wide.yaml", gait).quantities
     assert content["boxes"]["operating"]["v.x"][1] == pytest.approx(
@@ -177,6 +179,6 @@ def test_a_box_of_ones_own_is_used(policy, tmp_path):
 
 def test_nothing_is_proved_of_an_expert(policy, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(["certify", "--policy", "expert", "--output", "out"])
+        main(["verify", "prove", "--policy", "expert", "--output", "out"])
     assert ended.value.code == 2
     assert "nothing is proved of a network; name a student" in capsys.readouterr().err

@@ -308,7 +308,15 @@ def test_the_page_that_ships_speaks_of_many_inputs():
 
 def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
     output = tmp_path / "claims"
-    command = ["claims", "--policy", "sparse_formula", *SMALL, "--output", str(output)]
+    command = [
+        "explain",
+        "interventions",
+        "--policy",
+        "sparse_formula",
+        *SMALL,
+        "--output",
+        str(output),
+    ]
     main(command)
     assert {path.name for path in output.iterdir() if path.name[0] != "."} == {
         "config.yaml", "metrics.json", "claims.csv", "claims.md", "claims.png", "claims.pdf", FOLDER
@@ -325,13 +333,13 @@ def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
 
 def test_bad_input_is_refused_before_anything_is_written(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    assert "is not made of formulas" in refused(["claims", "--policy", "gbm"])
-    assert "unknown policy" in refused(["claims", "--policy", "pages"])
-    told = refused(["claims", "--policy", "sparse_formula", "--n-claims", "1000"])
+    assert "is not made of formulas" in refused(["explain", "interventions", "--policy", "gbm"])
+    assert "unknown policy" in refused(["explain", "interventions", "--policy", "pages"])
+    told = refused(["explain", "interventions", "--policy", "sparse_formula", "--n-claims", "1000"])
     assert "1000 claims are asked for" in told
     readings = tmp_path / "readings.formulas"
     readings.write_text(policy_of({"FL_hip": "0.5*q.FL_hip + cmd.v*v.x"}).to_text())
-    told = refused(["claims", "--policy", str(readings), "--n-claims", "1"])
+    told = refused(["explain", "interventions", "--policy", str(readings), "--n-claims", "1"])
     assert "0 terms can be read" in told
     assert [path.name for path in tmp_path.iterdir()] == ["readings.formulas"]
 
@@ -340,7 +348,17 @@ def test_a_term_that_never_counts_is_refused_and_leaves_no_folder(tmp_path, refu
     path, output = tmp_path / "still.formulas", tmp_path / "runs"
     path.write_text(policy_of({"FL_hip": "0*v.z"}).to_text())
     told = refused(
-        ["claims", "--policy", str(path), *SMALL[2:], "--n-claims", "1", "--output", str(output)]
+        [
+            "explain",
+            "interventions",
+            "--policy",
+            str(path),
+            *SMALL[2:],
+            "--n-claims",
+            "1",
+            "--output",
+            str(output),
+        ]
     )
     assert "0 terms can be read" in told
     assert not output.exists()
@@ -350,7 +368,19 @@ def test_a_term_that_never_counts_is_refused_and_leaves_no_folder(tmp_path, refu
 @pytest.mark.parametrize(("gait", "kind"), [("trot", "symbolic"), ("walk", "statewise_symbolic")])
 def test_formulas_of_every_shape_are_tested(gait, kind, tmp_path):
     output = tmp_path / "claims"
-    main(["claims", "--gait", gait, "--policy", kind, *SMALL, "--output", str(output)])
+    main(
+        [
+            "explain",
+            "interventions",
+            "--gait",
+            gait,
+            "--policy",
+            kind,
+            *SMALL,
+            "--output",
+            str(output),
+        ]
+    )
     assert len(pd.read_csv(output / "claims.csv")) >= 2
 
 
@@ -359,6 +389,8 @@ def test_equal_seeds_give_equal_tables(tmp_path):
     page = str(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     tables = []
     for name in ("a", "b"):
-        main(["claims", "--policy", page, *SMALL, "--output", str(tmp_path / name)])
+        main(
+            ["explain", "interventions", "--policy", page, *SMALL, "--output", str(tmp_path / name)]
+        )
         tables.append((tmp_path / name / "claims.csv").read_text())
     assert tables[0] == tables[1]

@@ -13,12 +13,12 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     unknown = "unknown gait 'gallop'; the gaits are"
     assert unknown in refused(["train", "--gait", "gallop"])
     assert unknown in refused(["gait", "gallop"])
-    assert unknown in refused(["rollout", "--gait", "gallop"])
-    assert "unknown policy 'oracle'" in refused(["rollout", "--policy", "oracle"])
-    assert "is not an alternation ratio" in refused(["rollout", "--ratio", "2/3"])
-    assert "name one with --policy" in refused(["rollout", "--ratio", "1/4"])
+    assert unknown in refused(["view", "--gait", "gallop"])
+    assert "unknown policy 'oracle'" in refused(["view", "--policy", "oracle"])
+    assert "is not an alternation ratio" in refused(["view", "--ratio", "2/3"])
+    assert "name one with --policy" in refused(["view", "--ratio", "1/4"])
     assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
-    assert "n_robots is 0" in refused(["evaluate", "--n-robots", "0"])
+    assert "n_robots is 0" in refused(["evaluate", "policies", "--n-robots", "0"])
     assert "do not fit in n_groups" in refused(["train", "--n-groups", "1"])
     assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
@@ -29,16 +29,20 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
-    assert "scenario is empty" in refused(["evaluate", "--scenario"])
-    assert "terms is empty" in refused(["pareto", "--terms"])
-    assert "terms is (8, 0)" in refused(["pareto", "--terms", "8", "0"])
+    assert "scenario is empty" in refused(["evaluate", "policies", "--scenario"])
+    assert "terms is empty" in refused(["distill", "--sweep", "terms", "--terms"])
+    assert "terms is (8, 0)" in refused(["distill", "--sweep", "terms", "--terms", "8", "0"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
-    assert "name one gait" in refused(["evaluate", "--gait", "all", "--expert", "x"])
-    assert "unknown policy 'oracle'" in refused(["evaluate", "--policy", "oracle"])
+    assert "name one gait" in refused(["evaluate", "policies", "--gait", "all", "--expert", "x"])
+    assert "unknown policy 'oracle'" in refused(["evaluate", "policies", "--policy", "oracle"])
     students = ["--distillation", str(tmp_path)]
-    assert "no student 'ebm'" in refused(["rollout", "--policy", "ebm", *students])
-    assert "holds no students" in refused(["evaluate", "--policy", "students", *students])
+    assert "no student 'ebm'" in refused(["view", "--policy", "ebm", *students])
+    assert "holds no students" in refused(
+        ["evaluate", "policies", "--policy", "students", *students]
+    )
 
+
+TOO_MANY = "it must be of 100 values at most"
 
 REFUSED = {
     "train --n-robots 0": "n_robots is 0; it must be 1 or more",
@@ -65,12 +69,12 @@ REFUSED = {
     "train --ppo.actor-layers 2000000000": "it must be 4096 or less",
     "train --ppo.critic-layers 4097": "it must be 4096 or less",
     f"train --estimator.layers {'8 ' * 17}": "it must be of 16 values at most",
-    f"train --fine-steps {'0.001 ' * 101}": "it must be of 100 values at most",
-    f"train --fine-steps {'0.005 ' * 101}": "it must be of 100 values at most",
-    f"pareto --terms {' '.join(map(str, range(1, 102)))}": "it must be of 100 values at most",
-    f"distill --speeds {'0.5 ' * 101}": "it must be of 100 values at most",
-    f"distill --symbolic.shapes {'9 9 ' * 101}": "it must be of 100 values at most",
-    f"report --gait {' '.join(f'a{i}' for i in range(101))}": "it must be of 100 values at most",
+    f"train --fine-steps {'0.001 ' * 101}": TOO_MANY,
+    f"train --fine-steps {'0.005 ' * 101}": TOO_MANY,
+    f"distill --sweep terms --terms {' '.join(map(str, range(1, 102)))}": TOO_MANY,
+    f"distill --speeds {'0.5 ' * 101}": TOO_MANY,
+    f"distill --symbolic.shapes {'9 9 ' * 101}": TOO_MANY,
+    f"reproduce report --gait {' '.join(f'a{i}' for i in range(101))}": TOO_MANY,
     "train --ppo.initial-std 0": "initial_std is 0.0; it must be more than 0",
     "train --ppo.kl-decay 1400 1300": "it must be the least, then the greatest",
     "train --ppo.actor-layers": "actor_layers is empty; name one or more",
@@ -96,26 +100,26 @@ REFUSED = {
     "distill --symbolic.population 1": "population is 1; it must be 2 or more",
     "distill --symbolic.max-samples 0": "max_samples is 0",
     "distill --symbolic.generations 0": "generations is 0",
-    "evaluate --n-steps 0": "n_steps is 0",
-    "evaluate --seed -1": "seed is -1; it must be 0 or more",
-    "evaluate --speed-range 1 0": "it must be the least, then the greatest",
-    "evaluate --speed-range 0 inf": "it must be a finite number",
-    "evaluate --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
-    "evaluate --scenario training training": "it must be a list that names nothing twice",
-    "robustness --worlds training training": "it must be a list that names nothing twice",
-    "robustness --n-robots 0": "n_robots is 0; it must be 1 or more",
+    "evaluate policies --n-steps 0": "n_steps is 0",
+    "evaluate policies --seed -1": "seed is -1; it must be 0 or more",
+    "evaluate policies --speed-range 1 0": "it must be the least, then the greatest",
+    "evaluate policies --speed-range 0 inf": "it must be a finite number",
+    "evaluate policies --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
+    "evaluate policies --scenario training training": "it must be a list that names nothing twice",
+    "evaluate worlds --worlds training training": "it must be a list that names nothing twice",
+    "evaluate worlds --n-robots 0": "n_robots is 0; it must be 1 or more",
     "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
-    "symmetry --n-robots 1": "n_robots is 1; it must be 2 or more",
-    "symmetry --repeats 1": "repeats is 1; it must be 2 or more",
-    "symmetry --n-samples 1": "n_samples is 1; it must be 2 or more",
-    "report --gait trot trot": "it must be a list that names nothing twice",
-    "report --gait": "gait is empty; name one or more",
+    "evaluate symmetry --n-robots 1": "n_robots is 1; it must be 2 or more",
+    "evaluate symmetry --repeats 1": "repeats is 1; it must be 2 or more",
+    "evaluate symmetry --n-samples 1": "n_samples is 1; it must be 2 or more",
+    "reproduce report --gait trot trot": "it must be a list that names nothing twice",
+    "reproduce report --gait": "gait is empty; name one or more",
     "demo --n-robots -1": "n_robots is -1",
-    "benchmark --repeats 0": "repeats is 0",
-    "benchmark --gym-steps 0": "gym_steps is 0",
-    "convergence --n-steps 0": "n_steps is 0",
-    "curricula --rollouts.n-seeds 0": "n_seeds is 0",
-    "curricula --episodes 2 --alone-rounds 1 --episodes-per-round 2": (
+    "reproduce benchmark --repeats 0": "repeats is 0",
+    "reproduce benchmark --gym-steps 0": "gym_steps is 0",
+    "reproduce convergence --n-steps 0": "n_steps is 0",
+    "reproduce curricula --rollouts.n-seeds 0": "n_seeds is 0",
+    "reproduce curricula --episodes 2 --alone-rounds 1 --episodes-per-round 2": (
         "of fewer than 5 episodes none is held out"
     ),
 }
@@ -159,7 +163,7 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
 
 def test_evaluate_writes_its_tables(tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", *small, "--output", str(tmp_path)])
+    main(["evaluate", "policies", *small, "--output", str(tmp_path)])
     told = " ".join(capsys.readouterr().out.split())
     assert "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in told
     assert "commanded and measured" in told
@@ -173,7 +177,7 @@ def test_evaluate_writes_its_tables(tmp_path, capsys):
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
-    main(["rollout", "--seconds", "0.5", "--output", str(tmp_path)])
+    main(["view", "--seconds", "0.5", "--output", str(tmp_path)])
     assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf", ".yaml"}
     assert "stayed up after 0.50 s" in capsys.readouterr().out
 

@@ -188,7 +188,7 @@ def test_b_is_set_against_a_in_the_same_world_robot_by_robot(expert):
 def test_command_writes_lines_targets_scores_and_replay(edited, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     worlds = ["--worlds", "training", "friction_0.5"]
-    main(["compare", "sparse_formula", str(edited), *SMALL, *worlds])
+    main(["evaluate", "compare", "sparse_formula", str(edited), *SMALL, *worlds])
     folder = tmp_path / "runs" / "compare" / "trot" / "page_edited"
     written = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     assert written == WRITTEN | {"lines.diff"}
@@ -210,7 +210,7 @@ def test_command_writes_lines_targets_scores_and_replay(edited, tmp_path, monkey
 
 def test_a_policy_beside_itself_is_the_same(tmp_path, capsys):
     folder = tmp_path / "run"
-    main(["compare", "gbm", "gbm", *SMALL, "--output", str(folder)])
+    main(["evaluate", "compare", "gbm", "gbm", *SMALL, "--output", str(folder)])
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["lines"] is None
     assert {row["rms"] for row in metrics["targets"]} == {0.0}
@@ -226,7 +226,7 @@ def test_a_robot_that_falls_is_said_to(expert, tmp_path):
     path, folder = tmp_path / "lying.safetensors", tmp_path / "run"
     constant(expert.observation_names, "FL_calf", 2.0).save(path)
     longer = [*SMALL, "--seconds", "1.5", "--output", str(folder)]
-    main(["compare", "expert", str(path), *longer])
+    main(["evaluate", "compare", "expert", str(path), *longer])
     walks = json.loads((folder / "metrics.json").read_text())["walks"]
     assert walks["A"] == {"fell": False, "seconds": 1.5}
     assert walks["B"]["fell"]
@@ -253,34 +253,34 @@ def test_one_robot_has_no_interval_and_resume_gives_the_same(tmp_path, refused):
     (folder / "metrics.json").unlink()
     main([*alone, "--resume"])
     assert (folder / "metrics.json").read_bytes() == before
-    swapped = ["compare", "expert", "sparse_formula", *alone[3:], "--resume"]
+    swapped = ["evaluate", "compare", "expert", "sparse_formula", *alone[3:], "--resume"]
     assert "was made with" in refused(swapped)
 
 
 def test_refuses_what_it_cannot_compare(refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert "unknown policy 'oracle'" in refused(["compare", "oracle", "sparse_formula"])
-    assert "unknown policy 'oracle'" in refused(["compare", "sparse_formula", "oracle"])
+    assert "unknown policy 'oracle'" in refused(["evaluate", "compare", "oracle", "sparse_formula"])
+    assert "unknown policy 'oracle'" in refused(["evaluate", "compare", "sparse_formula", "oracle"])
     assert "no student 'sparse_formula' of the three_one" in refused(
-        ["compare", "--gait", "three_one"]
+        ["evaluate", "compare", "--gait", "three_one"]
     )
     other = str(policy_path(tmp_path, "none"))
-    assert "none" in refused(["compare", "sparse_formula", other])
-    assert "unknown scenario 'mars'" in refused(["compare", "--worlds", "mars"])
-    mujoco = ["compare", "--worlds", "mujoco", "training"]
+    assert "none" in refused(["evaluate", "compare", "sparse_formula", other])
+    assert "unknown scenario 'mars'" in refused(["evaluate", "compare", "--worlds", "mars"])
+    mujoco = ["evaluate", "compare", "--worlds", "mujoco", "training"]
     assert "targets and replay are of the first scenario" in refused(mujoco)
     (tmp_path / "steered.yaml").write_text("command: {sliders: true}\n")
-    assert "command is of sliders" in refused(["compare", "--worlds", "steered.yaml"])
-    assert "the range of gait 'trot'" in refused(["compare", "--command.speed", "9"])
-    assert "seconds is 0.0" in refused(["compare", "--seconds", "0"])
-    assert "n_robots is 0" in refused(["compare", "--n-robots", "0"])
+    assert "command is of sliders" in refused(["evaluate", "compare", "--worlds", "steered.yaml"])
+    assert "the range of gait 'trot'" in refused(["evaluate", "compare", "--command.speed", "9"])
+    assert "seconds is 0.0" in refused(["evaluate", "compare", "--seconds", "0"])
+    assert "n_robots is 0" in refused(["evaluate", "compare", "--n-robots", "0"])
     assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow
 def test_both_robots_are_in_the_page_in_their_colors_and_move(browser, tmp_path):
     folder = tmp_path / "run"
-    main(["compare", *SMALL, "--seconds", "2", "--output", str(folder)])
+    main(["evaluate", "compare", *SMALL, "--seconds", "2", "--output", str(folder)])
     browser.set_window_size(480, 400)
     browser.get((folder / "replay.html").as_uri())
     legend = browser.find_element("id", "legend").text

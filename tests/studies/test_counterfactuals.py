@@ -32,7 +32,7 @@ def page(students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page") / "run"
     where = ["--distillation", str(students), "--output", str(output)]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "0.004", "--survey", "4"]
-    main(["counterfactual", *asked, "--seconds", "0.8", *where])
+    main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     return output / "index.html"
 
 
@@ -81,7 +81,7 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
     )
     where = ["--distillation", str(students), "--output", str(tmp_path / "run")]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
-    main(["counterfactual", *asked, "--seconds", "0.8", *where])
+    main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     was, would_be = (own.rollout for own in kept)
     moment = min(STEP, BEFORE)
     for port in ("observations", "state"):
@@ -110,5 +110,5 @@ def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     short = ["--step", "3", "--seconds", "0.1"]
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
-    assert message in refused(["counterfactual", *policy, *short, *arguments, *where])
+    assert message in refused(["explain", "counterfactual", *policy, *short, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

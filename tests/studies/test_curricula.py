@@ -67,7 +67,16 @@ def test_shares_are_of_the_expert_alone():
 
 def test_command_writes_a_row_a_curriculum_and_resumes_to_the_same(tmp_path, capsys, refused):
     output = tmp_path / "curricula"
-    command = ["curricula", "--students", "linear", *SMALL, *ROLLOUTS, "--output", str(output)]
+    command = [
+        "reproduce",
+        "curricula",
+        "--students",
+        "linear",
+        *SMALL,
+        *ROLLOUTS,
+        "--output",
+        str(output),
+    ]
     main(command)
     first = (output / "curricula.csv").read_text()
     assert pd.read_csv(output / "curricula.csv")["curriculum"].tolist() == list(CURRICULA)

@@ -14,7 +14,7 @@ REFUSED = {
     "simulator --lcm-url udpm://239.255.76.67:0": "whose port is 0; give one from 1",
     "simulator --scenario latency_20ms --channels T1_": "latency is not made for two processes",
     "simulator --watchdog.hold 0": "hold is 0.0",
-    "losses --n-robots 0": "n_robots is 0",
+    "packet-loss --n-robots 0": "n_robots is 0",
 }
 
 
@@ -27,7 +27,16 @@ def test_bad_input_is_told_in_one_sentence(arguments, refused, tmp_path, monkeyp
 
 def test_losses_are_counted_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "TRIALS", command.TRIALS[5:6])
-    run = ["drive", "losses", "--policy", "sparse_formula", "--n-robots", "1", "--n-steps", "60"]
+    run = [
+        "drive",
+        "packet-loss",
+        "--policy",
+        "sparse_formula",
+        "--n-robots",
+        "1",
+        "--n-steps",
+        "60",
+    ]
     main([*run, "--output", str(tmp_path / "run")])
     (row,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert row["control steps"] == 60

@@ -74,7 +74,7 @@ def test_a_standing_robot_is_lowered_to_the_crouch():
 
 def test_the_command_counts_and_writes_its_table(tmp_path, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 5)
-    run = ["drive", "silence", "--policy", "sparse_formula", "--n-moments", "1", "--seconds", "0.2"]
+    run = ["drive", "dropout", "--policy", "sparse_formula", "--n-moments", "1", "--seconds", "0.2"]
     main([*run, "--output", str(tmp_path / "run")])
     rows = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert [row["speed (m/s)"] for row in rows] == [0.25, 0.5, 0.75]

@@ -3,11 +3,11 @@
 import errno
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
 import time
-from importlib import import_module
 from importlib.metadata import version
 from inspect import getdoc
 from pathlib import Path
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.studies.cli import COMMANDS, main
+from glassgait.studies.cli import COMMANDS, MOVED, command_class, main
 from glassgait.studies.common.exit_codes import (
     BAD_INPUT,
     BROKEN_PIPE,
@@ -41,9 +41,8 @@ def start(code, **options):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_help_tells_what_the_class_tells(name):
-    (target, summary) = COMMANDS[name]
-    module, _, attribute = target.partition(":")
-    assert getdoc(getattr(import_module(module), attribute)).splitlines()[0] == summary
+    _, summary = COMMANDS[name]
+    assert getdoc(command_class(name)).splitlines()[0] == summary
 
 
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["-h", "train"]])
@@ -60,9 +59,39 @@ def test_version_is_that_of_the_package(capsys):
 
 @pytest.mark.parametrize("name", ["bogus", "--bogus", "", "x" * 1000, "Train"])
 def test_an_unknown_command_is_refused_with_those_there_are(name, refused):
-    told = refused([name])
-    assert "there is no command" in told
-    assert told.endswith(f"the commands are {', '.join(COMMANDS)}")
+    assert refused([name]).endswith("export, drive, reproduce")
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("exprot", "export"),
+        ("robustnes", "evaluate worlds"),
+        ("evaluate push", "evaluate pushes"),
+        ("evaluate", "transitions"),
+        ("verify --gait trot", "check"),
+    ],
+)
+def test_a_mistyped_command_is_refused_with_the_one_that_was_meant(words, meant, refused):
+    assert meant in refused(words.split())
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_an_earlier_command_is_refused_with_where_it_is_now(name, refused):
+    assert f"it is now '{MOVED[name]}'" in refused([name, "--gait", "trot"])
+    assert MOVED[name] in COMMANDS
+
+
+@pytest.mark.parametrize("group", ["evaluate", "explain", "verify", "drive"])
+def test_help_of_a_group_lists_its_commands(group, capsys):
+    main([group, "--help"])
+    listed = re.findall(r"^  (.+?)  ", capsys.readouterr().out, flags=re.MULTILINE)
+    assert listed == [name for name in COMMANDS if name.startswith(f"{group} ")]
+
+
+def test_an_option_that_selects_a_command_may_stand_anywhere(refused):
+    told = refused(["distill", "--terms", "0", "--sweep", "terms"])
+    assert "terms" in told
 
 
 @pytest.mark.parametrize("argument", ["--help", "--version", "bogus"])
@@ -291,7 +320,7 @@ def test_an_interrupt_while_importing_is_told(tmp_path):
 def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
     seconds = random.Random(moment).uniform(0.05, 5.0)
     endless = ["--n-seeds", "9", "--n-steps", "100000", "--scenario", "training"]
-    code, told = interrupt_after(seconds, ["evaluate", *endless], tmp_path)
+    code, told = interrupt_after(seconds, ["evaluate", "policies", *endless], tmp_path)
     assert code == INTERRUPTED
     assert told.strip().startswith("glassgait: interrupted")
     assert len(told.strip().splitlines()) == 1

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.common.rollouts.jobs
+import glassgait.studies.common.rollouts.scoring
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
@@ -109,7 +109,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
     job = Case({}, load_gait("trot"), alone(expert), Scenario(), RolloutConfig())
     before = job.digest()
-    monkeypatch.setattr(glassgait.studies.common.rollouts.jobs, "SCORES", ("speed_error",))
+    monkeypatch.setattr(glassgait.studies.common.rollouts.scoring, "SCORES", ("speed_error",))
     assert job.digest() != before
 
 
@@ -300,9 +300,9 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
         return run_rollouts(jobs, folder, processes=1)
 
     rolled_out = []
-    original = glassgait.studies.common.rollouts.jobs.roll_out
+    original = glassgait.studies.common.rollouts.scoring.roll_out
     monkeypatch.setattr(
-        glassgait.studies.common.rollouts.jobs,
+        glassgait.studies.common.rollouts.scoring,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )

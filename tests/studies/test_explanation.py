@@ -41,7 +41,7 @@ def students(tmp_path_factory):
 def page(students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
     where = ["--distillation", str(students), "--output", str(output)]
-    main(["explain", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
+    main(["explain", "page", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
     return output / "index.html"
 
 
@@ -122,7 +122,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
 
 def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    short = ["explain", "--seconds", "0.2", "--step", "5"]
+    short = ["explain", "page", "--seconds", "0.2", "--step", "5"]
     main([*short, "--policy", "linear", "--distillation", str(students)])
     page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
     before = page.read_bytes()
@@ -138,14 +138,14 @@ def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, r
 def test_a_page_of_something_else_is_kept(tmp_path, refused):
     page = tmp_path / "index.html"
     page.write_text("mine")
-    assert "did not write" in refused(["explain", "--output", str(tmp_path)])
+    assert "did not write" in refused(["explain", "page", "--output", str(tmp_path)])
     assert page.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [page]
 
 
 def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded):
     where = ["--distillation", str(students), "--output", str(tmp_path)]
-    main(["explain", "--policy", "linear", "--seconds", "0.2", *where])
+    main(["explain", "page", "--policy", "linear", "--seconds", "0.2", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
     assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
     assert (tmp_path / "linear_FL_hip_step_10.png").exists()
@@ -153,7 +153,7 @@ def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded)
 
 def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
     assert "additive model" not in page.read_text()
-    main(["explain", "--policy", "ebm", "--seconds", "0.2", "--output", str(tmp_path)])
+    main(["explain", "page", "--policy", "ebm", "--seconds", "0.2", "--output", str(tmp_path)])
     assert "additive model is a function" in (tmp_path / "index.html").read_text()
 
 
@@ -243,5 +243,5 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
-    assert message in refused(["explain", *policy, *arguments, *where])
+    assert message in refused(["explain", "page", *policy, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

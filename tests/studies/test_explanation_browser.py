@@ -13,7 +13,7 @@ def formulas(tmp_path_factory):
     """The page of formulas that ship, whose terms have long names."""
     output = tmp_path_factory.mktemp("formulas")
     short = ["--seconds", "0.8", "--step", "12", "--output", str(output)]
-    main(["explain", "--policy", "statewise_symbolic", *short])
+    main(["explain", "page", "--policy", "statewise_symbolic", *short])
     return output / "index.html"
 
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.robustness.figures import fall_overview
+from glassgait.studies.evaluation.worlds_figures import fall_overview
 
 
 def table_of(falls, robots=10):
@@ -42,7 +42,19 @@ def test_gaits_stand_side_by_side_and_share_their_rows():
 def test_command_draws_all_its_gaits(tmp_path):
     small = ["--n-robots", "2", "--n-steps", "10", "--n-workers", "1", "--worlds", "training"]
     students = ["--students", "statewise_symbolic"]
-    main(["robustness", "--gait", "trot", "pace", *small, *students, "--output", str(tmp_path)])
+    main(
+        [
+            "evaluate",
+            "worlds",
+            "--gait",
+            "trot",
+            "pace",
+            *small,
+            *students,
+            "--output",
+            str(tmp_path),
+        ]
+    )
     assert {path.name for path in tmp_path.iterdir()} == {
         *("trot", "pace"),
         *(f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")),

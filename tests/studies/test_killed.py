@@ -53,12 +53,33 @@ def distilled(tmp_path_factory):
 COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
-    "evaluate": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
-    "robustness": [*ROLL_OUT, "--worlds", "training", "push_1.0", "--distillation", "{distilled}"],
-    "pareto": [*ROLL_OUT, "--terms", "24", "--samples", "{distilled}/statewise_symbolic"],
-    "curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
+    "evaluate policies": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
+    "evaluate worlds": [
+        *ROLL_OUT,
+        "--worlds",
+        "training",
+        "push_1.0",
+        "--distillation",
+        "{distilled}",
+    ],
+    "distill --sweep terms": [
+        *ROLL_OUT,
+        "--terms",
+        "24",
+        "--samples",
+        "{distilled}/statewise_symbolic",
+    ],
+    "reproduce curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
-    "symmetry": [*ROLL_OUT, "--n-samples", "20", "--repeats", "2", "--distillation", "{distilled}"],
+    "evaluate symmetry": [
+        *ROLL_OUT,
+        "--n-samples",
+        "20",
+        "--repeats",
+        "2",
+        "--distillation",
+        "{distilled}",
+    ],
     "demo": ["--n-robots", "2"],
 }
 
@@ -66,7 +87,7 @@ COMMANDS = {
 def start(command, folder, distilled, *more):
     arguments = [text.format(distilled=distilled) for text in COMMANDS[command]]
     tail = [str(Path(__file__).parent)] if command == "demo" else []
-    whole = [command, *arguments, "--output", str(folder), *more, *tail]
+    whole = [*command.split(), *arguments, "--output", str(folder), *more, *tail]
     # In a group of its own, so that a kill leaves nobody else behind.
     return subprocess.Popen(
         [sys.executable, "-c", DRIVER, *whole],

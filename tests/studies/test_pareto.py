@@ -90,7 +90,18 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]
     output = tmp_path / "pareto"
-    main(["pareto", *small, "--samples", str(tmp_path / "rounds"), "--output", str(output)])
+    main(
+        [
+            "distill",
+            "--sweep",
+            "terms",
+            *small,
+            "--samples",
+            str(tmp_path / "rounds"),
+            "--output",
+            str(output),
+        ]
+    )
     assert {path.name for path in output.glob("pareto.*")} == {
         "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip
@@ -108,10 +119,12 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
 
 
 def test_missing_samples_are_told(tmp_path, refused):
-    assert "holds no samples" in refused(["pareto", "--samples", str(tmp_path)])
+    assert "holds no samples" in refused(
+        ["distill", "--sweep", "terms", "--samples", str(tmp_path)]
+    )
 
 
 def test_fewer_terms_than_formulas_are_told(samples, tmp_path, refused):
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
-    assert "terms is (5,)" in refused(["pareto", *few])
+    assert "terms is (5,)" in refused(["distill", "--sweep", "terms", *few])

@@ -119,7 +119,7 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
     for name in ("report.html", "report.md"):
         page = rendered(name, certified)
         assert "FR calf in q0: target of −5.67 rad" in page
-        assert "glassgait explain --gait trot --policy sparse_formula" in page
+        assert "glassgait explain page --gait trot --policy sparse_formula" in page
     assert "No policy of these gaits has one." in rendered("report.html", [])
 
 
@@ -143,14 +143,14 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
 
 
 def test_gaits_without_an_expert_are_told(refused):
-    message = refused(["report", "--quick", "--gait", "trot", "gallop"])
+    message = refused(["reproduce", "report", "--quick", "--gait", "trot", "gallop"])
     assert "no expert of gallop ships with the project" in message
 
 
 @pytest.mark.slow
 def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
     monkeypatch.setattr(command, "QUICK", TINY)
-    arguments = ["report", "--quick", "--gait", "trot", "--output", str(tmp_path)]
+    arguments = ["reproduce", "report", "--quick", "--gait", "trot", "--output", str(tmp_path)]
     main(arguments)
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64") == 12

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
-import glassgait.studies.common.rollouts.jobs
+import glassgait.studies.common.rollouts.scoring
 import glassgait.studies.evaluation.robustness.command
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario, load_scenarios
@@ -19,8 +19,8 @@ from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scores import SCORES
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.robustness.command import Robustness
-from glassgait.studies.evaluation.robustness.figures import COLORS, fall_map, readable_on
-from glassgait.studies.evaluation.robustness.tables import (
+from glassgait.studies.evaluation.worlds_figures import COLORS, fall_map, readable_on
+from glassgait.studies.evaluation.worlds_tables import (
     fall_table,
     policies_of,
     wilson_interval,
@@ -202,7 +202,7 @@ def run(expert, tmp_path):
     source, folder = ["--distillation", str(tmp_path)], tmp_path / "run"
 
     def start(*more):
-        main(["robustness", *small, *worlds, *source, "--output", str(folder), *more])
+        main(["evaluate", "worlds", *small, *worlds, *source, "--output", str(folder), *more])
         return folder
 
     return start
@@ -236,22 +236,22 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     kept[0].unlink()
     (folder / "metrics.json").unlink()
     rolled_out = []
-    original = glassgait.studies.common.rollouts.jobs.roll_out
+    original = glassgait.studies.common.rollouts.scoring.roll_out
     monkeypatch.setattr(
-        glassgait.studies.common.rollouts.jobs,
+        glassgait.studies.common.rollouts.scoring,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )
     run("--resume")
     assert len(rolled_out) == 1
     assert (folder / "metrics.json").read_bytes() == before
-    assert "continue it with --resume" in refused(["robustness", "--output", str(folder)])
+    assert "continue it with --resume" in refused(["evaluate", "worlds", "--output", str(folder)])
 
 
 def test_an_expert_of_ones_own_walks_without_the_students_of_another(expert, tmp_path, refused):
     path, folder = tmp_path / "own.safetensors", tmp_path / "run"
     expert.save(path)
-    own = ["robustness", "--expert", str(path), "--worlds", "training"]
+    own = ["evaluate", "worlds", "--expert", str(path), "--worlds", "training"]
     small = ["--n-robots", "1", "--n-steps", "20", "--n-workers", "1", "--output", str(folder)]
     main([*own, *small])
     assert pd.read_csv(folder / "worlds.csv")["policy"].tolist() == ["Neural expert"]
@@ -260,17 +260,17 @@ def test_an_expert_of_ones_own_walks_without_the_students_of_another(expert, tmp
 
 def test_refuses_what_it_cannot_roll_out(refused, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    lacking = ["robustness", "--distillation", str(tmp_path), "--students", "gbm", "ebm"]
+    lacking = ["evaluate", "worlds", "--distillation", str(tmp_path), "--students", "gbm", "ebm"]
     assert "no student gbm, ebm of the trot: there are linear; name others" in refused(lacking)
     (tmp_path / "empty").mkdir()
-    assert "holds no students" in refused(["robustness", "--distillation", "empty"])
-    several = ["robustness", "--gait", "trot", "walk", "--distillation", str(tmp_path)]
+    assert "holds no students" in refused(["evaluate", "worlds", "--distillation", "empty"])
+    several = ["evaluate", "worlds", "--gait", "trot", "walk", "--distillation", str(tmp_path)]
     assert "several gaits take no files of your own" in refused(several)
-    assert "unknown scenario 'mars'" in refused(["robustness", "--worlds", "mars"])
+    assert "unknown scenario 'mars'" in refused(["evaluate", "worlds", "--worlds", "mars"])
     assert "no gait ships with a student open_loop" in refused(
-        ["robustness", "--gait", "all", "--students", "open_loop"]
+        ["evaluate", "worlds", "--gait", "all", "--students", "open_loop"]
     )
-    assert "name speeds of the trot" in refused(["robustness", "--speed-range", "0", "3"])
+    assert "name speeds of the trot" in refused(["evaluate", "worlds", "--speed-range", "0", "3"])
     assert not (tmp_path / "runs").exists()
 
 
@@ -300,11 +300,11 @@ def studied(monkeypatch):
 def test_several_gaits_have_a_run_each_and_one_that_is_refused_stops_no_other(
     studied, refused, tmp_path
 ):
-    told = refused(["robustness", "--gait", "walk", "trot", "--output", str(tmp_path)])
+    told = refused(["evaluate", "worlds", "--gait", "walk", "trot", "--output", str(tmp_path)])
     assert "1 of 2 jobs were refused, the others are done: walk: too slow" in told
     assert studied == [("walk", tmp_path / "walk"), ("trot", tmp_path / "trot")]
 
 
 def test_all_gaits_are_those_with_the_students_that_are_named(studied):
-    main(["robustness", "--gait", "all", "--students", "symbolic"])
+    main(["evaluate", "worlds", "--gait", "all", "--students", "symbolic"])
     assert [gait for gait, _ in studied] == ["trot"]

@@ -36,7 +36,7 @@ TRUNK = ["drake", "visualizer", "a1", "trunk"]
 
 @pytest.fixture
 def live(tmp_path):
-    """Starts `glassgait rollout --live`; gives the process, its lines and the server's address."""
+    """Starts `glassgait view --live`; gives the process, its lines and the server's address."""
     started = []
 
     def start(*arguments):
@@ -250,7 +250,7 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
     ],
 )
 def test_bad_settings_are_told_before_anything_is_written(refused, tmp_path, arguments, message):
-    assert message in refused(["rollout", *arguments, "--output", str(tmp_path / "shown")])
+    assert message in refused(["view", *arguments, "--output", str(tmp_path / "shown")])
     assert not (tmp_path / "shown").exists()
 
 
@@ -295,7 +295,7 @@ def titles(monkeypatch):
 
 def test_a_replay_has_its_settings_beside_it(tmp_path):
     asked = ["--seconds", "0.2", "--seed", "7", "--command.speed", "0.3"]
-    main(["rollout", *asked, "--output", str(tmp_path)])
+    main(["view", *asked, "--output", str(tmp_path)])
     kept = yaml.safe_load((tmp_path / "expert_alone.yaml").read_text())
     assert (kept["gait"], kept["policy"], kept["seconds"], kept["seed"]) == (
         "trot",
@@ -307,7 +307,7 @@ def test_a_replay_has_its_settings_beside_it(tmp_path):
 
 
 def test_a_ratio_has_one_name_however_it_is_written(tmp_path, titles):
-    command = ["rollout", "--policy", "symbolic", "--seconds", "0.2", "--output", str(tmp_path)]
+    command = ["view", "--policy", "symbolic", "--seconds", "0.2", "--output", str(tmp_path)]
     main([*command, "--ratio", "1/4"])
     before = {path.name for path in tmp_path.iterdir()}
     main([*command, "--ratio", "0.25"])
@@ -324,7 +324,7 @@ def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
         "gait_strip",
         lambda rollout, gait: drawn(rollout, gait, "stills"),
     )
-    command = ["rollout", "--seconds", "0.2", "--output", str(tmp_path)]
+    command = ["view", "--seconds", "0.2", "--output", str(tmp_path)]
     main(command)
     assert "stills to" not in capsys.readouterr().out
     main([*command, "--stills"])

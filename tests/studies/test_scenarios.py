@@ -49,7 +49,7 @@ def icy(tmp_path):
 
 def test_evaluate_takes_files_beside_names(icy, tmp_path):
     run = tmp_path / "run"
-    main(["evaluate", *SMALL, "--scenario", str(icy), "training", "--output", str(run)])
+    main(["evaluate", "policies", *SMALL, "--scenario", str(icy), "training", "--output", str(run)])
     assert pd.read_csv(run / "falls.csv")["scenario"].tolist() == [
         "sheer ice",
         "SAP 10 ms (training)",
@@ -59,13 +59,15 @@ def test_evaluate_takes_files_beside_names(icy, tmp_path):
 
 def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     run = tmp_path / "run"
-    command = ["evaluate", *SMALL, "--scenario", str(icy), "--output", str(run)]
+    command = ["evaluate", "policies", *SMALL, "--scenario", str(icy), "--output", str(run)]
     main(command)
     main([*command, "--resume"])
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     moved = icy.rename(elsewhere / "icy.yaml")
-    main(["evaluate", *SMALL, "--scenario", str(moved), "--output", str(run), "--resume"])
+    main(
+        ["evaluate", "policies", *SMALL, "--scenario", str(moved), "--output", str(run), "--resume"]
+    )
     icy.write_text("title: sheer ice\nstation: {friction: 0.2}\n")
     assert "made with another scenario" in refused([*command, "--resume"])
 
@@ -73,16 +75,31 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["evaluate", "--scenario", "ice"], "unknown scenario 'ice'; the scenarios are training,"),
-        (["evaluate", "--scenario", "gone.yaml"], "gone.yaml: cannot be read, no such file"),
-        (["evaluate", "--scenario", "bad.yaml"], "bad.yaml: unknown key 'frictoin'; write"),
-        (["evaluate", "--scenario", "watched.yaml"], "scenario 'watched': command is of sliders"),
-        (["evaluate", "--scenario", "fast.yaml"], "command: speed is 9.0; give -1 to 1"),
         (
-            ["evaluate", "--policy", "students", "--scenario", "training", "sap_2ms"],
+            ["evaluate", "policies", "--scenario", "ice"],
+            "unknown scenario 'ice'; the scenarios are training,",
+        ),
+        (
+            ["evaluate", "policies", "--scenario", "gone.yaml"],
+            "gone.yaml: cannot be read, no such file",
+        ),
+        (
+            ["evaluate", "policies", "--scenario", "bad.yaml"],
+            "bad.yaml: unknown key 'frictoin'; write",
+        ),
+        (
+            ["evaluate", "policies", "--scenario", "watched.yaml"],
+            "scenario 'watched': command is of sliders",
+        ),
+        (
+            ["evaluate", "policies", "--scenario", "fast.yaml"],
+            "command: speed is 9.0; give -1 to 1",
+        ),
+        (
+            ["evaluate", "policies", "--policy", "students", "--scenario", "training", "sap_2ms"],
             "in one scenario, not in 2; name one with --scenario",
         ),
-        (["rollout", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
+        (["view", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
         (["distill", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
         (["distill", "--scenario", "cenic_1e-5"], "time_step is 0.0; it must divide the control"),
     ],
@@ -142,7 +159,7 @@ def test_a_command_is_laid_over_the_scenarios():
 
 def test_a_rollout_tells_in_which_world_it_was(icy, tmp_path):
     shown = tmp_path / "shown"
-    command = ["rollout", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
+    command = ["view", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
     kept = yaml.safe_load((shown / "expert_alone_icy.yaml").read_text())["scenario"]
     assert kept["station"]["friction"] == 0.3
@@ -204,5 +221,5 @@ def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_p
     world.parent.mkdir()
     world.write_text("station: {friction: 0.4}\n")
     shown = tmp_path / "shown"
-    main(["rollout", "--scenario", str(world), "--seconds", "0.1", "--output", str(shown)])
+    main(["view", "--scenario", str(world), "--seconds", "0.1", "--output", str(shown)])
     assert (shown / "expert_alone_icy.html").exists()

@@ -14,10 +14,10 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students.library import find_walkers
 from glassgait.studies.evaluation.stability import analysis
-from glassgait.studies.evaluation.stability.figures import stability_figure
-from glassgait.studies.evaluation.stability.orbits import find_orbits
-from glassgait.studies.evaluation.stability.strides import NAMES, UNITS, StrideMap
-from glassgait.studies.evaluation.stability.tables import (
+from glassgait.studies.evaluation.stability_figures import stability_figure
+from glassgait.studies.evaluation.stride_orbits import find_orbits
+from glassgait.studies.evaluation.strides import NAMES, UNITS, StrideMap
+from glassgait.studies.evaluation.stability_tables import (
     believed,
     prediction_table,
     radius_error,
@@ -170,7 +170,7 @@ def run(tmp_path, monkeypatch, records):
         folder = tmp_path / output
         commands = ["--yaw-rates", "0", "--speeds", "0.5", "--dwells", "8"]
         policies = ["--policy", "expert", "sparse_formula", "--output", str(folder)]
-        main(["stability", *commands, *policies, *more])
+        main(["evaluate", "stability", *commands, *policies, *more])
         return folder, len(asked)
 
     return start
@@ -206,7 +206,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 )
 def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["stability", *arguments, "--output", str(folder)])
+    assert told in refused(["evaluate", "stability", *arguments, "--output", str(folder)])
     assert not folder.exists()
 
 
@@ -214,7 +214,9 @@ def test_two_policies_of_one_name_are_refused(expert, tmp_path, refused):
     for folder in ("a", "b"):
         load_student("trot", "sparse_formula").save(tmp_path / folder / "mine.formulas")
     files = [str(tmp_path / folder / "mine.formulas") for folder in ("a", "b")]
-    assert "two policies are called 'mine'" in refused(["stability", "--policy", *files])
+    assert "two policies are called 'mine'" in refused(
+        ["evaluate", "stability", "--policy", *files]
+    )
     assert list(find_walkers(files[:1], expert, None, shipped=True)) == ["mine"]
     assert list(find_walkers((), expert, None, shipped=False)) == ["expert"]
     assert "sparse_formula" in find_walkers((), expert, None, shipped=True)

@@ -88,8 +88,8 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
         find_student("symbolic", other_expert)
     other_expert.save(tmp_path / "own.safetensors")
     own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
-    assert "inputs.expert" in refused(["evaluate", "--scenario", "training", *own])
-    assert "inputs.expert" in refused(["rollout", *own])
+    assert "inputs.expert" in refused(["evaluate", "policies", "--scenario", "training", *own])
+    assert "inputs.expert" in refused(["view", *own])
 
 
 def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
@@ -157,7 +157,7 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
 
 def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    main(["rollout", "--policy", "symbolic", "--seconds", "0.2"])
+    main(["view", "--policy", "symbolic", "--seconds", "0.2"])
     assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
     told = capsys.readouterr().out
     assert "stayed up" in told
@@ -166,7 +166,7 @@ def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
 
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    page = ["rollout", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
+    page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
     main(page)
     main([*page, "--scenario", "true_body_state"])
     found = re.findall(
@@ -187,11 +187,11 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, cap
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", "--gait", "all", "--policy", "symbolic", *small])
+    main(["evaluate", "policies", "--gait", "all", "--policy", "symbolic", *small])
     table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
-    message = refused(["evaluate", "--gait", "all", "--policy", "open_loop", *small])
+    message = refused(["evaluate", "policies", "--gait", "all", "--policy", "open_loop", *small])
     assert "no gait ships with a policy 'open_loop'" in message
 
 

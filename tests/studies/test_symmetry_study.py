@@ -22,7 +22,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, refl
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.visits import visit
-from glassgait.studies.evaluation.symmetry.measures import (
+from glassgait.studies.evaluation.symmetry_measures import (
     drawn_importances,
     left_right_table,
     mirror_r2,
@@ -165,7 +165,7 @@ def test_the_expert_visits_what_is_measured():
 
 def test_command_writes_tables_and_figure_and_resumes_to_the_same(tmp_path, capsys, refused):
     output = tmp_path / "symmetry"
-    command = ["symmetry", "--gait", "walk", *SMALL, "--output", str(output)]
+    command = ["evaluate", "symmetry", "--gait", "walk", *SMALL, "--output", str(output)]
     main(command)
     assert {path.name for path in output.iterdir() if path.name[0] != "."} == {
         "config.yaml", "metrics.json", "symmetry.csv", "symmetry.md", "symmetry.png",
@@ -187,13 +187,23 @@ def test_command_writes_tables_and_figure_and_resumes_to_the_same(tmp_path, caps
 def test_students_are_those_of_the_folder_or_none_of_another_expert(tmp_path, refused):
     students = tmp_path / "students"
     students.mkdir()
-    told = refused(["symmetry", *SMALL, "--distillation", str(students)])
+    told = refused(["evaluate", "symmetry", *SMALL, "--distillation", str(students)])
     assert "holds no students" in told
     shutil.copy(STUDENT_DIRECTORY / "trot" / "symbolic.formulas", students)
-    main(["symmetry", *SMALL, "--distillation", str(students), "--output", str(tmp_path / "a")])
+    main(
+        [
+            "evaluate",
+            "symmetry",
+            *SMALL,
+            "--distillation",
+            str(students),
+            "--output",
+            str(tmp_path / "a"),
+        ]
+    )
     assert pd.read_csv(tmp_path / "a" / "symmetry.csv")["policy"].tolist() == ["expert", "symbolic"]
     own = str(EXPERT_DIRECTORY / "trot.safetensors")
-    main(["symmetry", *SMALL, "--expert", own, "--output", str(tmp_path / "b")])
+    main(["evaluate", "symmetry", *SMALL, "--expert", own, "--output", str(tmp_path / "b")])
     assert pd.read_csv(tmp_path / "b" / "symmetry.csv")["policy"].tolist() == ["expert"]
 
 
@@ -207,15 +217,17 @@ def lopsided(tmp_path):
 
 def test_a_gait_without_a_mirror_image_is_told_and_left_out(lopsided, tmp_path, capsys, refused):
     output = tmp_path / "runs"
-    main(["symmetry", "--gait", lopsided, "half_bound", *SMALL, "--output", str(output)])
+    main(
+        ["evaluate", "symmetry", "--gait", lopsided, "half_bound", *SMALL, "--output", str(output)]
+    )
     assert "lopsided.yaml: has no mirror image" in capsys.readouterr().out.replace("\n", "")
     assert [path.name for path in output.iterdir()] == ["half_bound"]
-    alone = ["symmetry", "--gait", lopsided, "--output", str(tmp_path / "none")]
+    alone = ["evaluate", "symmetry", "--gait", lopsided, "--output", str(tmp_path / "none")]
     assert "no gait that was named has a mirror image" in refused(alone)
     assert not (tmp_path / "none").exists()
 
 
 def test_several_gaits_take_no_files_of_ones_own(tmp_path, refused):
-    several = ["symmetry", "--gait", "trot", "walk"]
+    several = ["evaluate", "symmetry", "--gait", "trot", "walk"]
     for own in (["--expert", "x"], ["--distillation", str(tmp_path)]):
         assert "name one gait for them" in refused([*several, *own])

@@ -13,10 +13,10 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.transitions.config import TransitionConfig
-from glassgait.studies.evaluation.transitions.figures import transition_figure
+from glassgait.studies.evaluation.transitions_figures import transition_figure
 from glassgait.studies.evaluation.transitions.jobs import jobs_of_pairs
-from glassgait.studies.evaluation.transitions.rolling import Requests, settled_from
-from glassgait.studies.evaluation.transitions.tables import summary_table, transition_table
+from glassgait.studies.evaluation.transition_rollouts import Requests, settled_from
+from glassgait.studies.evaluation.transitions import summary_table, transition_table
 
 GAITS = [load_gait(name) for name in ("trot", "pace", "walk")]
 TITLES = {"training": "home"}
@@ -161,8 +161,18 @@ def test_the_figure_has_a_matrix_of_every_speed(table):
 def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys):
     short = {"FIRST_STEPS": 60, "AFTER_STEPS": 120, "SCORED_STEPS": 40, "SPREAD_STEPS": 10}
     for name, value in short.items():
-        monkeypatch.setattr(f"glassgait.studies.evaluation.transitions.rolling.{name}", value)
-    command = ["transitions", "--gait", "trot", "pace", "--speeds", "0.4", "--n-robots", "2"]
+        monkeypatch.setattr(f"glassgait.studies.evaluation.transition_rollouts.{name}", value)
+    command = [
+        "evaluate",
+        "transitions",
+        "--gait",
+        "trot",
+        "pace",
+        "--speeds",
+        "0.4",
+        "--n-robots",
+        "2",
+    ]
     command += ["--n-workers", "1", "--output", str(tmp_path / "run")]
     main(command)
     written = {path.name for path in (tmp_path / "run").iterdir() if path.name[0] != "."}
@@ -204,5 +214,5 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
 )
 def test_what_cannot_be_rolled_out_is_refused(refused, tmp_path, monkeypatch, arguments, told):
     monkeypatch.chdir(tmp_path)
-    assert told in refused(["transitions", *arguments])
+    assert told in refused(["evaluate", "transitions", *arguments])
     assert not list(tmp_path.iterdir())

@@ -30,7 +30,6 @@ from glassgait.studies.common.tables import json_records, print_table, write_met
 from glassgait.studies.deployment.drive.connection import open_lcm
 from glassgait.studies.deployment.drive.controller import control
 from glassgait.studies.deployment.drive.losses import COLUMNS, TRIALS, Walkers
-from glassgait.studies.deployment.drive.silence_command import DriveSilence
 from glassgait.studies.deployment.drive.simulator import Record, RobotProcess
 from glassgait.studies.distillation.students.library import find_walker
 from glassgait.studies.view.command import OwnCommand
@@ -169,7 +168,7 @@ class DriveLosses(Settings):
         output: Folder of the results; runs/drive/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "drive losses"
+    title: ClassVar[str] = "drive packet-loss"
 
     gait: str = "trot"
     policy: str = "expert"
@@ -215,31 +214,6 @@ class DriveLosses(Settings):
             write_metrics(json_records(table), folder / "metrics.json")
         print_table(f"{gait.name}, {self.policy}: lost and late messages", table)
         console.print(f"written to {folder}")
-
-
-Part = (
-    Annotated[DriveController, tyro.conf.subcommand("controller")]
-    | Annotated[DriveSimulator, tyro.conf.subcommand("simulator")]
-    | Annotated[DriveLosses, tyro.conf.subcommand("losses")]
-    | Annotated[DriveSilence, tyro.conf.subcommand("silence")]
-)
-
-
-@dataclass(frozen=True)
-class Drive(Settings):
-    """Run a robot and its controller as two processes over LCM, and count what is late or lost.
-
-    Attributes:
-        part: Which of the two, or losses or silence on purpose.
-    """
-
-    title: ClassVar[str] = "drive"
-
-    part: Annotated[Part, tyro.conf.OmitSubcommandPrefixes]
-
-    def run(self) -> None:
-        """Runs the part."""
-        self.part.run()
 
 
 def _table(record: Record) -> pd.DataFrame:

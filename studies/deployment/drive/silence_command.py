@@ -1,4 +1,4 @@
-"""`glassgait drive silence`: what a robot does whose controller vanishes."""
+"""`glassgait drive dropout`: what a robot does whose controller vanishes."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +44,7 @@ class DriveSilence(Settings):
         output: New folder of the results; runs/drive/<gait>/silence by default.
     """
 
-    title: ClassVar[str] = "drive silence"
+    title: ClassVar[str] = "drive dropout"
 
     gait: str = "trot"
     policy: str = "expert"

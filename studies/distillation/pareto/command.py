@@ -1,4 +1,4 @@
-"""`glassgait pareto`: closed-loop reward of formulas against their size."""
+"""`glassgait distill --sweep terms`: closed-loop reward of formulas against their size."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,7 +92,9 @@ class Pareto(Settings):
             "expert": expert.digest(),
             "samples": digest_of_files(round_paths(samples)),
         }
-        with open_run(folder, study="pareto", settings=self, inputs=inputs, resume=self.resume):
+        with open_run(
+            folder, study="distill --sweep terms", settings=self, inputs=inputs, resume=self.resume
+        ):
             choosing, front = self._measure(gait, expert, data, folder)
             smallest = smallest_that_walk(choosing, front)
             write_table(choosing, folder / "selection")

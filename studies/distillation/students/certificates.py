@@ -51,7 +51,7 @@ def find_certificate(policy_file: Path, gait: Gait, path: Path | None = None) ->
     if not certificate.is_of(gait, policy):
         raise InputError(
             f"{path}: is of another policy than {policy_file}, or of another gait; make one with "
-            f"'glassgait certify --gait {gait.name} --policy {policy_file}'"
+            f"'glassgait verify prove --gait {gait.name} --policy {policy_file}'"
         )
     return certificate
 

@@ -1,4 +1,4 @@
-"""`glassgait counterfactual`: what would have had to be observed for a joint to do otherwise."""
+"""`glassgait explain counterfactual`: what a joint would have had to observe to do otherwise."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -122,7 +122,7 @@ class Counterfactual(Settings):
             "policy": student.digest(),
         }
         with open_run(
-            folder, study="counterfactual", settings=self, inputs=inputs, resume=self.resume
+            folder, study="explain counterfactual", settings=self, inputs=inputs, resume=self.resume
         ):
             say("rolling out")
             was = self._walk(gait, walker, None)

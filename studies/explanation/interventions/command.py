@@ -1,4 +1,4 @@
-"""`glassgait claims`: whether what a page of formulas says is true of the robot."""
+"""`glassgait explain interventions`: whether what a page of formulas says is true of the robot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,7 +70,9 @@ class Claims(Settings):
         # Before a folder is claimed: a refusal leaves nothing behind.
         refuse_too_few(len(readable_terms(policy.to_file())), self.n_claims)
         inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
-        with open_run(folder, study="claims", settings=self, inputs=inputs, resume=self.resume):
+        with open_run(
+            folder, study="explain interventions", settings=self, inputs=inputs, resume=self.resume
+        ):
             table, plain = self._test(gait, expert, policy, folder)
             write_table(readable_table(table), folder / "claims")
             metrics = {

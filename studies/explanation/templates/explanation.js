@@ -142,7 +142,7 @@ function showFigures() {
   at("figures").hidden = other;
   at("other-figures").hidden = !other;
   at("other-figures").textContent = `These are figures of ${shownJoint(data.figures)} at the step the page was made for; `
-    + `glassgait explain --joint ${data.joints[view.joint]} draws those of ${shownJoint(view.joint)}.`;
+    + `glassgait explain page --joint ${data.joints[view.joint]} draws those of ${shownJoint(view.joint)}.`;
 }
 
 function showGlobal() {

@@ -1,4 +1,4 @@
-"""`glassgait benchmark`: measures speed as ratios."""
+"""`glassgait reproduce benchmark`: measures speed as ratios."""
 
 import resource
 from dataclasses import dataclass

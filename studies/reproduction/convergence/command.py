@@ -1,4 +1,4 @@
-"""`glassgait convergence`: which contact solvers and time steps agree."""
+"""`glassgait reproduce convergence`: which contact solvers and time steps agree."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -63,7 +63,11 @@ class Convergence(Settings):
             )
         ]
         with open_run(
-            folder, study="convergence", settings=self, inputs=digests_of(jobs), resume=self.resume
+            folder,
+            study="reproduce convergence",
+            settings=self,
+            inputs=digests_of(jobs),
+            resume=self.resume,
         ):
             results = _measure(jobs, folder)
             write_table(results, folder / "convergence")

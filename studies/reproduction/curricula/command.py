@@ -1,4 +1,4 @@
-"""`glassgait curricula`: what the curriculum of a distillation is worth."""
+"""`glassgait reproduce curricula`: what the curriculum of a distillation is worth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -92,7 +92,9 @@ class Curricula(Settings):
         expert = find_expert(gait, self.expert)
         folder = self.output or Path("runs/curricula") / gait.name
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
-        with open_run(folder, study="curricula", settings=self, inputs=inputs, resume=self.resume):
+        with open_run(
+            folder, study="reproduce curricula", settings=self, inputs=inputs, resume=self.resume
+        ):
             fits: list[pd.DataFrame] = []
             students: dict[str, dict[str, Policy]] = {}
             for name, config in equal_budgets(replace(self.distillation, gait=self.gait)).items():

@@ -76,7 +76,7 @@ def _certified(certificate: Certificate, gait: Gait, folder: Path) -> CertifiedP
         title=f"{gait.name.capitalize()}: {policy_title(stem)}",
         claims=claims_by_verdict(certificate),
         page=Path(os.path.relpath(page, folder)).as_posix() if page else None,
-        explain=f"glassgait explain --gait {gait.name} --policy {name}",
+        explain=f"glassgait explain page --gait {gait.name} --policy {name}",
     )
 
 

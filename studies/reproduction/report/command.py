@@ -1,4 +1,4 @@
-"""`glassgait report`: every table and figure of the paper, made anew."""
+"""`glassgait reproduce report`: every table and figure of the paper, made anew."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -71,7 +71,7 @@ class Report(Settings):
         configs = self._configs()
         with ExitStack() as runs:
             for folder, config in configs.items():
-                run = {"study": "report", "inputs": inputs, "resume": self.resume}
+                run = {"study": "reproduce report", "inputs": inputs, "resume": self.resume}
                 runs.enter_context(open_run(folder, settings=config, **run))
             results = self._study(names, configs)
             for folder, config in configs.items():

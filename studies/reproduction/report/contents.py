@@ -31,7 +31,7 @@ DEVIATIONS = (
     "After the paper's episodes come rounds in which the student acts alone.",
     "Students are refitted when the alternation ratio changes, not after every episode.",
     "R² is given for whole episodes held out beside the paper's split, which shuffles steps.",
-    "Gait sequences are drawn as contacts over time, not as stills; glassgait rollout draws "
+    "Gait sequences are drawn as contacts over time, not as stills; glassgait view draws "
     "those, with --stills.",
     "Importances of legs are merged by a stated rule: added up over observations that differ by "
     "leg alone; each of a type's four joints names its own first, second and third.",
