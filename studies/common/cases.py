@@ -17,6 +17,7 @@ from glassgait.models.policies.controller import AlternatingController, Controll
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.common.rollouts.scores import SCORES
 from glassgait.studies.common.serialization import to_plain
 
 
@@ -57,7 +58,7 @@ class Case:
         config = self.config.digest() if hasattr(self.config, "digest") else to_plain(self.config)
         settings = [self.gait.digest(), self.scenario.digest(), self.seed, config]
         policies = [policy.digest() for policy in (own.expert, own.student) if policy is not None]
-        whole = [*settings, own.settings(), *policies]
+        whole = [*settings, SCORES, own.settings(), *policies]
         return hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:16]
 
     def with_config(self, config: Any) -> "Case":

@@ -155,16 +155,13 @@ class Policies:
             names: As `controller` takes them; `all` stands for the expert and every student.
 
         Raises:
-            InputError: if there is no such policy, it does not fit, or two are called the same.
+            InputError: if there is no such policy, or it does not fit.
         """
         found: dict[str, AlternatingController] = {}
         for name in self.named(names):
             stem = policy_stem(name)
-            if stem in found:
-                raise InputError(
-                    f"--policy: two policies are called {shown(stem)}; give one file another name"
-                )
-            found[stem] = self.controller(name)
+            # Of two files of one name the second is called by its path.
+            found[name if stem in found else stem] = self.controller(name)
         return found
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:

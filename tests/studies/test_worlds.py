@@ -9,21 +9,16 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
 import glassgait.studies.common.rollouts.scoring
-import glassgait.studies.evaluation.robustness.command
-from glassgait.diagrams.commands import DrawnCommands
-from glassgait.diagrams.scenario import Scenario, load_scenarios
-from glassgait.models.errors import InputError
-from glassgait.models.task.gait import load_gait
+from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.linear import untrained_student
-from glassgait.studies.evaluation.robustness.command import Robustness
+from glassgait.studies.evaluation.worlds import Worlds
 from glassgait.studies.evaluation.worlds_figures import COLORS, fall_map, readable_on
 from glassgait.studies.evaluation.worlds_tables import (
     fall_table,
     policies_of,
-    wilson_interval,
     worst_first,
     worst_table,
 )
@@ -173,46 +168,50 @@ def test_numbers_stand_out_from_their_cells():
         assert pair[1] / pair[0] >= 4.5
 
 
-def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(expert):
-    own = Scenario("own speeds", command=DrawnCommands((0.1, 0.2)))
-    scenarios = {**load_scenarios(("training", "cenic_1e-5")), "own": own}
-    students = {"linear": untrained_student("trot", expert.observation_names)}
-    config = RolloutConfig(n_seeds=2)
-    jobs = world_jobs(load_gait("trot"), expert, students, scenarios, config)
-    assert len(jobs) == 3 * 2 * 2
-    assert jobs[0].labels == {"policy": "expert", "scenario": "cenic_1e-5"}
+def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(tmp_path):
+    (tmp_path / "own.yaml").write_text("command: {speed_range: [0.1, 0.2]}\n")
+    worlds = ("training", "cenic_1e-5", str(tmp_path / "own.yaml"))
+    cases = Worlds(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2).cases()
+    assert len(cases) == 3 * 2 * 2
+    # The slow world comes first.
+    assert cases[0].labels == {
+        "gait": "trot", "policy": "expert", "scenario": "cenic_1e-5", "seed": 1000,
+    }  # fmt: skip
     by_policy = {
-        policy: [(job.scenario, job.config) for job in jobs if job.labels["policy"] == policy]
-        for policy in ("expert", "linear")
+        policy: [(own.scenario, own.config) for own in cases if own.labels["policy"] == policy]
+        for policy in ("expert", "statewise_linear")
     }
-    assert by_policy["expert"] == by_policy["linear"]
-    speeds = {job.labels["scenario"]: job.config.speed_range for job in jobs}
+    assert by_policy["expert"] == by_policy["statewise_linear"]
+    speeds = {own.labels["scenario"]: own.config.speed_range for own in cases}
     assert speeds == {"cenic_1e-5": (0.0, 0.75), "training": (0.0, 0.75), "own": None}
-    periods = {job.labels["policy"]: job.policy.period for job in jobs}
-    assert periods == {"expert": 1, "linear": 0}
 
 
 @pytest.fixture
 def run(expert, tmp_path):
     """Runs the command on one small student in two worlds, one of them of a single robot."""
-    untrained_student("trot", expert.observation_names).save(tmp_path / "linear.safetensors")
+    source = tmp_path / "source"
+    source.mkdir()
+    untrained_student("trot", expert.observation_names).save(source / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1"]
-    worlds = ["--worlds", "training", str(tmp_path / "lonely.yaml")]
-    source, folder = ["--distillation", str(tmp_path)], tmp_path / "run"
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
+    worlds = ["--scenario", "training", str(tmp_path / "lonely.yaml")]
+    own, folder = ["--source", str(source)], tmp_path / "run"
 
     def start(*more):
-        main(["evaluate", "worlds", *small, *worlds, *source, "--output", str(folder), *more])
+        main(["evaluate", "worlds", *small, *worlds, *own, "--output", str(folder), *more])
         return folder
 
     return start
 
 
-def test_command_writes_table_metrics_and_map(run, capsys):
+def test_command_writes_table_metrics_map_and_what_sets_two_apart(run, capsys):
     folder = run()
     written = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    worlds = {f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")}
-    assert written == {"config.yaml", "metrics.json", "rollouts"} | worlds
+    both = {
+        f"{name}.{kind}" for name in ("worlds", "targets") for kind in ("csv", "md", "png", "pdf")
+    }
+    robots = {"robots.csv", "robots.md"}
+    assert written == {"config.yaml", "metrics.json", "cases", "replay.html"} | both | robots
     table = pd.read_csv(folder / "worlds.csv")
     assert table[["policy", "scenario", "robots"]].to_numpy().tolist() == [
         ["Neural expert", "SAP 10 ms (training)", 2],
@@ -221,17 +220,25 @@ def test_command_writes_table_metrics_and_map(run, capsys):
         ["Linear", "lonely", 1],
     ]
     assert table["share of the expert's return"].tolist()[::2] == [1.0, 1.0]
-    metrics = pd.DataFrame(json.loads((folder / "metrics.json").read_text()))
-    assert policies_of(metrics) == ["expert", "linear"]
+    metrics = json.loads((folder / "metrics.json").read_text(), parse_constant=pytest.fail)
+    worlds = pd.DataFrame(metrics["worlds"])
+    assert policies_of(worlds) == ["expert", "linear"]
     # The map can be drawn anew from what the run wrote.
-    assert len(cells_of(fall_map(metrics, "trot"))) == 4
-    assert "where each falls most" in capsys.readouterr().out
+    assert len(cells_of(fall_map(worlds, "trot"))) == 4
+    assert metrics["lines"] is None
+    assert metrics["walks"] == {side: {"fell": False, "seconds": 0.2} for side in "AB"}
+    captured = capsys.readouterr()
+    assert "where each falls most" in captured.out
+    assert str(folder.parent / "source") in captured.err.splitlines()[0]
+    record = read_yaml(folder / "config.yaml")
+    assert record["inputs"]["source"] == str(folder.parent / "source")
+    assert record["inputs"]["policies"].startswith("expert ")
 
 
 def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     folder = run()
     before = (folder / "metrics.json").read_bytes()
-    kept = sorted((folder / "rollouts").iterdir())
+    kept = sorted((folder / "cases").iterdir())
     assert len(kept) == 4
     kept[0].unlink()
     (folder / "metrics.json").unlink()
@@ -248,63 +255,31 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     assert "continue it with --resume" in refused(["evaluate", "worlds", "--output", str(folder)])
 
 
-def test_an_expert_of_ones_own_walks_without_the_students_of_another(expert, tmp_path, refused):
-    path, folder = tmp_path / "own.safetensors", tmp_path / "run"
-    expert.save(path)
-    own = ["evaluate", "worlds", "--expert", str(path), "--worlds", "training"]
-    small = ["--n-robots", "1", "--n-steps", "20", "--n-workers", "1", "--output", str(folder)]
-    main([*own, *small])
-    assert pd.read_csv(folder / "worlds.csv")["policy"].tolist() == ["Neural expert"]
-    assert "no student ebm of the trot: there are none" in refused([*own, "--students", "ebm"])
-
-
-def test_refuses_what_it_cannot_roll_out(refused, run, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (["--policy", "nonesuch"], "--policy"),
+        (["--source", "empty"], "--source"),
+        (["--gait", "trot", "walk", "--source", "empty"], "--gait"),
+        (["--gait", "all", "--policy", "open_loop"], "--policy"),
+        (["--scenario", "mars"], "mars"),
+        (["--speed-range", "0", "3"], "speed_range"),
+        (["--policy", "expert", "gbm", "--scenario", "mujoco"], "--scenario"),
+        (["--policy", "expert", "gbm", "--command.speed", "9"], "speed"),
+    ],
+)
+def test_refuses_what_it_cannot_roll_out(arguments, key, refused, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    lacking = ["evaluate", "worlds", "--distillation", str(tmp_path), "--students", "gbm", "ebm"]
-    assert "no student gbm, ebm of the trot: there are linear; name others" in refused(lacking)
     (tmp_path / "empty").mkdir()
-    assert "holds no students" in refused(["evaluate", "worlds", "--distillation", "empty"])
-    several = ["evaluate", "worlds", "--gait", "trot", "walk", "--distillation", str(tmp_path)]
-    assert "several gaits take no files of your own" in refused(several)
-    assert "unknown scenario 'mars'" in refused(["evaluate", "worlds", "--worlds", "mars"])
-    assert "no gait ships with a student open_loop" in refused(
-        ["evaluate", "worlds", "--gait", "all", "--students", "open_loop"]
-    )
-    assert "name speeds of the trot" in refused(["evaluate", "worlds", "--speed-range", "0", "3"])
+    assert key in refused(["evaluate", "worlds", *arguments])
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_kind_that_is_missing_is_told_and_the_others_walk(run, capsys):
-    run("--students", "linear", "ebm")
-    assert "there is no student ebm; the others walk" in capsys.readouterr().out
-
-
-@pytest.fixture
-def studied(monkeypatch):
-    """Has the study of a gait do nothing but note it, and refuse the walk; none is drawn."""
-    noted = []
-
-    def note(command, scenarios):
-        (gait,) = command.gait
-        noted.append((gait, command.output))
-        if gait == "walk":
-            raise InputError("too slow")
-
-    monkeypatch.setattr(Robustness, "_run_one", note)
-    monkeypatch.setattr(
-        glassgait.studies.evaluation.robustness.command, "_write_overview", lambda *of: None
-    )
-    return noted
-
-
-def test_several_gaits_have_a_run_each_and_one_that_is_refused_stops_no_other(
-    studied, refused, tmp_path
-):
-    told = refused(["evaluate", "worlds", "--gait", "walk", "trot", "--output", str(tmp_path)])
-    assert "1 of 2 jobs were refused, the others are done: walk: too slow" in told
-    assert studied == [("walk", tmp_path / "walk"), ("trot", tmp_path / "trot")]
-
-
-def test_all_gaits_are_those_with_the_students_that_are_named(studied):
-    main(["evaluate", "worlds", "--gait", "all", "--students", "symbolic"])
-    assert [gait for gait, _ in studied] == ["trot"]
+def test_of_all_gaits_those_are_measured_that_have_a_policy(monkeypatch, capsys):
+    kept = []
+    monkeypatch.setattr(Worlds, "_run_one", lambda own, folder: kept.append(own.gait))
+    main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic"])
+    assert kept == [("trot",)]
+    main(["evaluate", "worlds", "--gait", "trot", "walk", "--policy", "expert", "symbolic"])
+    assert kept[1] == ("trot", "walk")
+    assert "walk: has no policy symbolic" in capsys.readouterr().out
