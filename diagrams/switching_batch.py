@@ -10,6 +10,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import FootSense
@@ -35,7 +36,7 @@ class SwitchingSimulator(BatchSimulator):
         n_robots: int,
         generator: np.random.Generator,
         estimator: Callable[[Array], Array] | None,
-        policy: Policy | None = None,
+        policy: Controller | Policy | None = None,
     ) -> None:
         """
         Args:

@@ -84,6 +84,12 @@ class TaskState:
             steps=arrays["steps"],
         )
 
+    def of_robots(self, index: NDArray[np.int64]) -> "TaskState":
+        """Returns the state of the robots at `index` alone."""
+        return TaskState.from_arrays(
+            {name: values[index] for name, values in self.as_arrays().items()}
+        )
+
     def with_robots(self, index: NDArray[np.int64], others: "TaskState") -> "TaskState":
         """Returns a state whose robots at `index` are those of `others`, in their order."""
         theirs = others.as_arrays()

@@ -51,7 +51,11 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return min(2, os.cpu_count() or 1)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: item.path.stem not in LONGEST)
 
 
@@ -124,21 +128,6 @@ def make_policy() -> Callable[..., LinearPolicy]:
     return make
 
 
-@pytest.fixture
-def port_sizes() -> Callable[[LeafSystem], tuple[dict[str, int], dict[str, int]]]:
-    """Lists a system's input and output ports with their sizes."""
-
-    def sizes(system: LeafSystem) -> tuple[dict[str, int], dict[str, int]]:
-        inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-        outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
-        return (
-            {port.get_name(): port.size() for port in inputs},
-            {port.get_name(): port.size() for port in outputs},
-        )
-
-    return sizes
-
-
 @pytest.fixture(scope="session")
 def written_page() -> ControllerSource:
     """The C of the trot's page of formulas."""
@@ -196,21 +185,6 @@ def fix_inputs() -> Callable[..., Context]:
         return context
 
     return fix
-
-
-@pytest.fixture
-def feedthrough() -> Callable[[LeafSystem], set[tuple[str, str]]]:
-    """Lists the pairs of input and output port with direct feedthrough."""
-
-    def pairs(system: LeafSystem) -> set[tuple[str, str]]:
-        return {
-            (system.get_input_port(i).get_name(), system.get_output_port(o).get_name())
-            for i in range(system.num_input_ports())
-            for o in range(system.num_output_ports())
-            if system.HasDirectFeedthrough(i, o)
-        }
-
-    return pairs
 
 
 @pytest.fixture

@@ -215,7 +215,7 @@ def test_files_that_are_shown_are_accepted(page, tmp_path):
                 resolve_name("glassgait.diagrams.scenario:load_scenario")(path)
 
 
-def test_the_gait_of_ones_own_hops():
+def test_the_gait_of_a_user_hops():
     (text,) = blocks("README.md", "yaml")
     assert parse_gait(text, name="hop").transitions[0].when.swing_feet == (True,) * 4
 

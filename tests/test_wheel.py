@@ -117,7 +117,7 @@ def test_the_expert_is_rolled_out_from_the_wheel(installed):
     assert "stayed up after 0.50 s" in installed("glassgait", "view", "--seconds", "0.5")
 
 
-def test_modules_of_ones_own_do_not_pass_for_the_wheels(installed, tmp_path):
+def test_modules_of_a_user_do_not_pass_for_the_wheels(installed, tmp_path):
     for name in OWN:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("raise ImportError('of ones own')")

@@ -240,6 +240,54 @@ class AssuredController:
         return own | {"usual_doubt": doubt.usual.tolist()} if doubt else own
 
 
+@dataclass(frozen=True)
+class WrappedController:
+    """Acts as another controller does; subclasses change what it observes or does.
+
+    Attributes:
+        inner: The other controller.
+    """
+
+    inner: Controller
+
+    @property
+    def expert(self) -> Policy:
+        """The expert."""
+        return self.inner.expert
+
+    @property
+    def student(self) -> Policy | None:
+        """The student, or None."""
+        return self.inner.student
+
+    @property
+    def policies(self) -> Mapping[str, Policy]:
+        """Those of `expert` and `student` that ever act, by these names."""
+        return self.inner.policies
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        return self.inner.estimator
+
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone."""
+        return self.inner.limits_targets
+
+    def begin(self, n_robots: int) -> Any:
+        """Returns the memory at the start of an episode."""
+        return self.inner.begin(n_robots)
+
+    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+        """Acts at a control step."""
+        return self.inner.advance(step, observation, memory)
+
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+        return self.inner.settings()
+
+
 def estimator_in_loop(
     controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:

@@ -2,31 +2,42 @@
 
 import numpy as np
 
-from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
-from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
-from glassgait.studies.distillation.rounds import Round
+from glassgait.studies.common.episode import (
+    BoolArray,
+    ControlStep,
+    Episode,
+    Event,
+    IntArray,
+    Observer,
+    World,
+    episode,
+)
+from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.distillation.students.dataset import Dataset
+
+N_SPEEDS = 4
+"""Forward speeds that robots are given in turn where a policy visits states alone."""
 
 
 def collect(
     gait: Gait,
-    expert: NeuralPolicy,
-    student: Policy,
+    controller: AlternatingController,
     *,
-    plan: Round,
+    episodes: range,
+    n_steps: int,
     speeds: Array,
     worlds: Worlds | Scenario,
     generator: np.random.Generator,
@@ -38,9 +49,9 @@ def collect(
 
     Args:
         gait: The gait.
-        expert: The expert; its estimator observes for both.
-        student: The student.
-        plan: The round.
+        controller: The expert, whose actions are the samples' labels, and the student.
+        episodes: Numbers of the episodes, counted from 1.
+        n_steps: Control steps of each.
         speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
         worlds: The worlds, of which every round draws some anew; or one, but for its commands.
         generator: Source of randomness.
@@ -48,52 +59,100 @@ def collect(
     Raises:
         InputError: if a sample is not finite.
     """
-    n = len(plan.episodes)
-    policy = AlternatingController(expert, student, plan.period)
-    if isinstance(worlds, Scenario):
-        task = TaskConfig.of_scenario(gait, worlds, policy, episode_steps=plan.steps)
-        stations, blind = [worlds.station], not worlds.true_body_state
-    else:
-        task = TaskConfig(
-            gait,
-            worlds.randomization,
-            episode_steps=plan.steps,
-            limit_targets=policy.limits_targets,
-        )
-        drawn, blind = worlds.stations(generator), True
+    n, numbers = len(episodes), np.array(episodes)
+    own_speeds = speeds[(numbers - 1) % len(speeds)]
+    world = worlds if isinstance(worlds, Scenario) else None
+    if isinstance(worlds, Worlds):
+        limited = controller.limits_targets
+        drawn = worlds.stations(generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
-    episodes = np.array(plan.episodes)
-    own_speeds = speeds[(episodes - 1) % len(speeds)]
-    simulator = BatchSimulator(
-        task,
-        make_physics(*stations),
-        n_robots=n,
-        generator=generator,
-        estimator=estimator_in_loop(policy, true_body_state=not blind),
-    )
-    observations, labels = [], []
-    for step in range(plan.steps):
-        if step % COMMAND_STEPS == 0:
+        task = TaskConfig(gait, worlds.randomization, limit_targets=limited)
+        world = World(task, make_physics(*stations))
+    assert world is not None
+    turns = None
+
+    def command(running: Episode, _: BoolArray) -> None:
+        nonlocal turns
+        if turns is None or running.step % COMMAND_STEPS == 0:
             turns = sample_commands(gait, n, generator)
-        simulator.set_command(
-            Command(np.stack([own_speeds, turns.velocity[:, 1]], axis=1), turns.dwell)
-        )
-        observation = simulator.observe()
-        label = expert(observation)
-        _refuse_not_finite(expert, step, observation, label)
-        action = label if expert_acts(step, plan.period) else student(observation)
-        observations.append(observation)
-        labels.append(label)
-        outcome = simulator.step(action)
-        simulator.reset(np.flatnonzero(outcome.terminated))
-    return Dataset(
-        np.swapaxes(observations, 0, 1).reshape(n * plan.steps, -1),
-        np.swapaxes(labels, 0, 1).reshape(n * plan.steps, -1),
-        np.repeat(episodes, plan.steps),
+        velocity = np.stack([own_speeds, turns.velocity[:, 1]], axis=1)
+        # A robot that starts again draws a command of its own.
+        running.simulator.set_command(Command(velocity, turns.dwell))
+
+    samples = _Samples(controller.expert)
+    episode(
+        gait,
+        controller,
+        world,
+        n_robots=n,
+        n_steps=n_steps,
+        seed=generator,
+        observers=[samples],
+        events=[Event(None, None, command)],
+        when_fallen="restart",
+    )
+    return samples.dataset(numbers)
+
+
+def collect_alone(
+    gait: Gait, expert: NeuralPolicy, policy: Policy, *, n_robots: int, n_steps: int, seed: int
+) -> Dataset:
+    """Rolls a policy out alone in the training scenario; a robot that falls starts again.
+
+    Forward speeds are those of a distillation, in turn; yaw rates are drawn to both sides alike.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its estimator observes for the policy.
+        policy: The policy that acts: a student, or the expert.
+        n_robots: Number of robots.
+        n_steps: Control steps of each.
+        seed: Seed of initial states, commands and noise.
+
+    Returns:
+        What the robots observed and the expert would do (n_robots · n_steps samples), each robot
+        an episode.
+
+    Raises:
+        InputError: if a sample is not finite.
+    """
+    return collect(
+        gait,
+        alone(policy, expert),
+        episodes=range(1, n_robots + 1),
+        n_steps=n_steps,
+        speeds=np.linspace(*distilled_speeds(gait), N_SPEEDS),
+        worlds=Scenario(),
+        generator=np.random.default_rng(seed),
     )
 
 
-def _refuse_not_finite(expert: NeuralPolicy, step: int, observation: Array, label: Array) -> None:
+class _Samples(Observer):
+    """Records what is observed, and what the expert would do."""
+
+    def __init__(self, expert: Policy) -> None:
+        self._expert = expert
+        self._observations: list[Array] = []
+        self._labels: list[Array] = []
+
+    def observe(self, step: ControlStep) -> None:
+        # Where the expert acts, what it does is known.
+        by_expert = step.output.expert_acts.all()
+        label = step.output.action if by_expert else self._expert(step.observation)
+        _refuse_not_finite(self._expert, step.step, step.observation, label)
+        self._observations.append(step.observation)
+        self._labels.append(label)
+
+    def dataset(self, episodes: IntArray) -> Dataset:
+        """Returns the samples, one episode after the other."""
+        observations, labels = (
+            np.swapaxes(rows, 0, 1).reshape(len(episodes) * len(rows), -1)
+            for rows in (self._observations, self._labels)
+        )
+        return Dataset(observations, labels, np.repeat(episodes, len(self._labels)))
+
+
+def _refuse_not_finite(expert: Policy, step: int, observation: Array, label: Array) -> None:
     found = first_not_finite(np.concatenate([observation, label], axis=1))
     if found is not None:
         actions = (f"the action of {joint}" for joint in quadruped.JOINTS)

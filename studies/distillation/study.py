@@ -15,6 +15,7 @@ from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import POLICY_CLASSES, policy_path, save_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -196,9 +197,9 @@ class _Distillation:
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
         samples = collect(
             self.gait,
-            self.expert,
-            student,
-            plan=plan,
+            AlternatingController(self.expert, student, plan.period),
+            episodes=plan.episodes,
+            n_steps=plan.steps,
             speeds=np.minimum(config.speeds, self.gait.max_speed),
             worlds=self.worlds,
             generator=np.random.default_rng([config.seed, plan.number]),

@@ -6,18 +6,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
-from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.termination import FAILURES
+from glassgait.studies.common.episode import ControlStep, Observer, World, episode
+from glassgait.studies.common.observers import entered
 
 FIRST_STEPS = 150
 """Control steps from standing until strides are watched."""
@@ -67,32 +65,18 @@ class Pushed(NamedTuple):
     failure: NDArray[np.int64]
 
 
-class _Walk:
-    """One policy in one world."""
+class _Walk(NamedTuple):
+    """One controller in one world."""
 
-    def __init__(self, gait: Gait, policy: AlternatingController, scenario: Scenario, seed: int):
-        self.policy = policy
-        self.generator = np.random.default_rng(seed)
-        self.entered = gait.states.index(gait.initial)
-        self._task = TaskConfig.of_scenario(gait, scenario, policy)
-        self._physics: Physics = make_physics(scenario.station)
-
-    def simulator(self, n_robots: int, state: TaskState | None = None) -> BatchSimulator:
-        simulator = BatchSimulator(
-            self._task,
-            self._physics,
-            n_robots=n_robots,
-            generator=self.generator,
-            estimator=estimator_in_loop(self.policy),
-        )
-        if state is not None:
-            simulator.restore(state)
-        return simulator
+    gait: Gait
+    controller: AlternatingController
+    world: World
+    generator: np.random.Generator
 
 
 def push_everywhere(
     gait: Gait,
-    policy: AlternatingController,
+    controller: AlternatingController,
     scenario: Scenario,
     grid: PushGrid,
     *,
@@ -106,13 +90,14 @@ def push_everywhere(
 
     Args:
         gait: The gait.
-        policy: The controller.
+        controller: The controller.
         scenario: The world, with the command that all follow.
         grid: The pushes.
         n_steps: Control steps from the push to the end.
         seed: Seed of initial states and noise.
     """
-    walk = _Walk(gait, policy, scenario, seed)
+    world = World.of(gait, scenario, controller)
+    walk = _Walk(gait, controller, world, np.random.default_rng(seed))
     walkers, walks = _walkers(walk, grid.n_phases)
     pushes = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), -1).reshape(-1, 3)
     rows = np.flatnonzero(walks[pushes[:, 2]])
@@ -120,12 +105,49 @@ def push_everywhere(
     failure = np.full(len(pushes), -1)
     if len(rows):
         direction, speed, phase = pushes[rows].T
-        state = _picked(walkers, phase)
+        state = walkers.of_robots(phase)
         angle = _headings(state.plant) + grid.directions[direction]
         push = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(rows))], axis=1)
         pushed = state.pushed(grid.speeds[speed][:, None] * push)
         survived[rows], failure[rows] = _walk_on(walk, pushed, n_steps)
     return Pushed(survived.reshape(grid.shape), failure.reshape(grid.shape))
+
+
+class _Caught(Observer):
+    """Catches a robot of each phase in the instant of its phase.
+
+    Attributes:
+        there: Which robots were caught (n,).
+    """
+
+    def __init__(self, entered: int, n_phases: int) -> None:
+        self.there = np.zeros(n_phases, dtype=bool)
+        self._entered = entered
+        self._phases = np.arange(n_phases) / n_phases
+        self._entries = np.full((n_phases, 2), -1)
+        self._states: dict[str, Any] = {}
+
+    def observe(self, step: ControlStep) -> None:
+        if not self._states:
+            before = step.before.as_arrays()
+            self._states = {name: values.copy() for name, values in before.items()}
+        entries, number = self._entries, step.step
+        came = entered(step, self._entered) & (number >= FIRST_STEPS)
+        entries[came & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = number
+        entries[came & (entries[:, 0] < 0), 0] = number
+        due = entries[:, 1] + np.rint(self._phases * (entries[:, 1] - entries[:, 0]))
+        now = (entries[:, 1] >= 0) & (number >= due) & ~step.fallen & ~self.there
+        for name, values in step.after.as_arrays().items():
+            self._states[name][now] = values[now]
+        self.there |= now
+        self.done = bool((self.there | step.fallen).all())
+
+    @property
+    def state(self) -> TaskState:
+        """The robots in these instants."""
+        # The next command comes when the episode is some seconds older than all that follows.
+        steps = np.ones(len(self.there), dtype=np.int64)
+        return TaskState.from_arrays(self._states | {"steps": steps})
 
 
 def _walkers(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
@@ -135,59 +157,58 @@ def _walkers(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
         The robots in these instants, and which of them walk: the others fell before, or never came
         through the machine's states.
     """
-    simulator = walk.simulator(n_phases)
-    caught = {name: values.copy() for name, values in simulator.state.as_arrays().items()}
-    entries = np.full((n_phases, 2), -1)
-    fell, there = np.zeros(n_phases, dtype=bool), np.zeros(n_phases, dtype=bool)
-    for step in range(MOST_STEPS):
-        action = walk.policy.advance(step, simulator.observe(), None).action
-        outcome = simulator.step(np.where(fell[:, None], 0.0, action))
-        fell |= outcome.terminated
-        state = simulator.state
-        came = outcome.fired & (state.machine.state == walk.entered) & (step >= FIRST_STEPS)
-        entries[came & (entries[:, 0] >= 0) & (entries[:, 1] < 0), 1] = step
-        entries[came & (entries[:, 0] < 0), 0] = step
-        length = entries[:, 1] - entries[:, 0]
-        due = entries[:, 1] + np.rint(np.arange(n_phases) / n_phases * length)
-        now = (entries[:, 1] >= 0) & (step >= due) & ~fell & ~there
-        for name, values in state.as_arrays().items():
-            caught[name][now] = values[now]
-        there |= now
-        if (there | fell).all():
-            break
-    # The next command comes when the episode is some seconds older than all that follows.
-    caught["steps"] = np.ones(n_phases, dtype=np.int64)
-    return TaskState.from_arrays(caught), there
+    caught = _Caught(walk.gait.states.index(walk.gait.initial), n_phases)
+    episode(
+        walk.gait,
+        walk.controller,
+        walk.world,
+        n_robots=n_phases,
+        n_steps=MOST_STEPS,
+        seed=walk.generator,
+        observers=[caught],
+    )
+    return caught.state, caught.there
+
+
+class _Survival(Observer):
+    """Records how robots fail first, and the rhythm that they keep in the end.
+
+    Attributes:
+        failure: Index of each robot's first failure in `FAILURES` (n,); -1 for none.
+        served: Control steps of rhythm served in the last steps (n,).
+    """
+
+    def __init__(self, n_robots: int, n_steps: int) -> None:
+        self.failure, self.served = np.full(n_robots, -1), np.zeros(n_robots)
+        self._last = n_steps - LAST_STEPS
+
+    def observe(self, step: ControlStep) -> None:
+        rows = step.robots
+        first = step.outcome.terminated & (self.failure[rows] < 0)
+        self.failure[rows[first]] = step.outcome.failures[first].argmax(axis=1)
+        if step.step >= self._last:
+            self.served[rows] += step.outcome.served_dwell
 
 
 def _walk_on(
     walk: _Walk, state: TaskState, n_steps: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Lets robots walk on, and tells which of them do so in the end and how the others failed."""
+    """Lets robots walk on, and returns which still walk in the end and how the others failed."""
     n = len(state.steps)
-    failure, served = np.full(n, -1), np.zeros(n)
-    rows = np.arange(n)
-    simulator = walk.simulator(n, state)
-    for step in range(n_steps):
-        up = failure[rows] < 0
-        if step % WATCH == 0 and not up.all():
-            rows, state = rows[up], _picked(simulator.state, np.flatnonzero(up))
-            simulator, up = walk.simulator(len(rows), state), up[up]
-        if len(rows) == 0:
-            break
-        action = walk.policy.advance(step, simulator.observe(), None).action
-        outcome = simulator.step(np.where(up[:, None], action, 0.0))
-        first = outcome.terminated & up
-        failure[rows[first]] = outcome.failures[first].argmax(axis=1)
-        if step >= n_steps - LAST_STEPS:
-            served[rows] += outcome.served_dwell
-    rhythm = served / min(n_steps, LAST_STEPS)
-    return (failure < 0) & (rhythm >= WALKS), failure
-
-
-def _picked(state: TaskState, index: NDArray[np.int64]) -> TaskState:
-    arrays: dict[str, Any] = {name: values[index] for name, values in state.as_arrays().items()}
-    return TaskState.from_arrays(arrays)
+    survival = _Survival(n, n_steps)
+    episode(
+        walk.gait,
+        walk.controller,
+        walk.world,
+        n_robots=n,
+        n_steps=n_steps,
+        seed=walk.generator,
+        observers=[survival],
+        start=state,
+        leave_out_every=WATCH,
+    )
+    rhythm = survival.served / min(n_steps, LAST_STEPS)
+    return (survival.failure < 0) & (rhythm >= WALKS), survival.failure
 
 
 def _headings(plant: Array) -> Array:

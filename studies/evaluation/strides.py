@@ -1,25 +1,33 @@
 """The stride map: from one entry of the reward machine's first state to the next."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import sense_feet
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.reward_machine import MachineState
+from glassgait.studies.common.episode import (
+    BoolArray,
+    ControlStep,
+    Episode,
+    Event,
+    Observer,
+    World,
+    episode,
+)
+from glassgait.studies.common.observers import entered
 
 NAMES = (*COORDINATES, *(f"previous action {joint}" for joint in quadruped.JOINTS))
 """What the closed loop remembers from one control step to the next, but for the machine's state.
@@ -74,25 +82,23 @@ class StrideMap:
     counted in `UNITS`. The learned estimator stays in the loop.
     """
 
-    def __init__(self, gait: Gait, policy: AlternatingController, command: Command) -> None:
+    def __init__(self, gait: Gait, controller: AlternatingController, command: Command) -> None:
         """
         Args:
             gait: The gait.
-            policy: The controller.
+            controller: The controller, of one policy.
             command: Velocities (m, 2) and dwells (m,) of m problems.
         """
         self.command = command
-        self.policy = policy
+        self._gait, self.controller = gait, controller
         scenario = replace(Scenario(), sensor_noise=0.0, command=FixedCommand(0.0, 0.0, 8))
-        self._task = TaskConfig.of_scenario(gait, scenario, policy)
-        self._physics = make_physics(scenario.station)
+        self._world = World.of(gait, scenario, controller)
         self._entered = gait.states.index(gait.initial)
 
     @property
     def is_stepwise(self) -> bool:
-        """Whether the policy is constant but for jumps, and the map's derivatives tell nothing."""
-        acting = self.policy.policy
-        return isinstance(acting, BoostedTreesPolicy | AdditivePolicy)
+        """Whether the policy is constant but for jumps, so that the map's derivatives are void."""
+        return isinstance(self.controller.policy, BoostedTreesPolicy | AdditivePolicy)
 
     def first_points(self) -> Array:
         """Lets a robot of each command start from standing, until it enters after some seconds.
@@ -101,10 +107,12 @@ class StrideMap:
             Coordinates (m, 45); NaN where it fell or never entered.
         """
         n = len(self.command.dwell)
-        simulator = self._simulator(n)
         standing = np.tile(kinematics.standing_state(robot.DEFAULT_STANCE), (n, 1))
-        simulator.start_at(standing, self.command)
-        return self._until_entered(simulator, FIRST_STEPS).images
+
+        def stand(running: Episode, _: BoolArray) -> None:
+            running.simulator.start_at(standing, self.command)
+
+        return self._until_entered(n, stand, FIRST_STEPS).images
 
     def stride(self, points: Array, problems: NDArray[np.int64]) -> Stride:
         """Takes a stride from each point.
@@ -117,7 +125,9 @@ class StrideMap:
         images = np.full_like(points, np.nan)
         n_steps = np.zeros(len(points), dtype=np.int64)
         if len(sound):
-            done = self._until_entered(self._started(points[sound], problems[sound]), 0)
+            done = self._until_entered(
+                len(sound), self._entering(points[sound], problems[sound]), not_before=0
+            )
             images[sound], n_steps[sound] = done.images, done.n_steps
         return Stride(images, n_steps)
 
@@ -125,58 +135,77 @@ class StrideMap:
         """Maps points (n, 45) to those one stride later."""
         return self.stride(points, problems).images
 
-    def _simulator(self, n_robots: int) -> BatchSimulator:
-        return BatchSimulator(
-            self._task,
-            self._physics,
-            n_robots=n_robots,
-            generator=np.random.default_rng(0),
-            estimator=estimator_in_loop(self.policy),
-        )
-
-    def _started(self, points: Array, problems: NDArray[np.int64]) -> BatchSimulator:
-        """Returns robots that have just entered the machine's first state."""
+    def _entering(
+        self, points: Array, problems: NDArray[np.int64]
+    ) -> Callable[[Episode, BoolArray], None]:
+        """Returns what lets robots begin as they have just entered the machine's first state."""
         n = len(points)
         coordinates, action = np.split(points * UNITS, [len(COORDINATES)], axis=1)
         plant = from_heading_frame(coordinates)
         command = Command(*(values[problems] for values in self.command))
-        simulator = self._simulator(n)
-        simulator.start_at(plant, command)
-        entered = MachineState(
+        machine = MachineState(
             state=np.full(n, self._entered),
             iterations=np.zeros(n, dtype=np.int64),
             age=np.full(n, LONG_AGO),
         )
         feet = sense_feet(plant, np.zeros((n, quadruped.N_LEGS), dtype=bool))
-        state = replace(
-            simulator.state,
-            machine=entered,
-            touching=feet.touching,
-            action=action,
-            # A new command comes at whole multiples of its period, of which 0 is one.
-            steps=np.ones(n, dtype=np.int64),
-        )
-        simulator.restore(state)
-        # Has the estimator look at what was set.
-        simulator.set_command(command)
-        return simulator
 
-    def _until_entered(self, simulator: BatchSimulator, not_before: int) -> Stride:
-        n = simulator.n_robots
-        images, n_steps = np.full((n, len(NAMES)), np.nan), np.zeros(n, dtype=np.int64)
-        going = np.ones(n, dtype=bool)
-        for step in range(1, not_before + MOST_STEPS + 1):
-            action = self.policy.advance(step, simulator.observe(), None).action
-            outcome = simulator.step(np.where(going[:, None], action, 0.0))
-            going &= ~outcome.terminated
-            state = simulator.state
-            came = going & outcome.fired & (state.machine.state == self._entered)
-            came &= step > not_before
-            if came.any():
-                coordinates = to_heading_frame(state.plant[came])
-                images[came] = np.concatenate([coordinates, state.action[came]], axis=1) / UNITS
-                n_steps[came] = step
-                going &= ~came
-            if not going.any():
-                break
-        return Stride(images, n_steps)
+        def enter(running: Episode, _: BoolArray) -> None:
+            simulator = running.simulator
+            simulator.start_at(plant, command)
+            simulator.restore(
+                replace(
+                    simulator.state,
+                    machine=machine,
+                    touching=feet.touching,
+                    action=action,
+                    # A new command comes at whole multiples of its period, of which 0 is one.
+                    steps=np.ones(n, dtype=np.int64),
+                )
+            )
+            # The estimator must observe what was set.
+            simulator.set_command(command)
+
+        return enter
+
+    def _until_entered(
+        self, n: int, begin: Callable[[Episode, BoolArray], None], not_before: int
+    ) -> Stride:
+        images = _Images(n, self._entered, not_before)
+        episode(
+            self._gait,
+            self.controller,
+            self._world,
+            n_robots=n,
+            n_steps=not_before + MOST_STEPS,
+            seed=0,
+            observers=[images],
+            events=[Event(0, None, begin)],
+        )
+        return images.stride
+
+
+class _Images(Observer):
+    """Records where robots enter a state of the machine again, until none is to come.
+
+    Attributes:
+        stride: Images and control steps of those that came so far.
+    """
+
+    def __init__(self, n_robots: int, state: int, not_before: int) -> None:
+        images = np.full((n_robots, len(NAMES)), np.nan)
+        self.stride = Stride(images, np.zeros(n_robots, dtype=np.int64))
+        self._going = np.ones(n_robots, dtype=bool)
+        self._state, self._not_before = state, not_before
+
+    def observe(self, step: ControlStep) -> None:
+        number, after = step.step + 1, step.after
+        self._going &= ~step.outcome.terminated
+        came = self._going & entered(step, self._state) & (number > self._not_before)
+        if came.any():
+            coordinates = to_heading_frame(after.plant[came])
+            entry = np.concatenate([coordinates, after.action[came]], axis=1)
+            self.stride.images[came] = entry / UNITS
+            self.stride.n_steps[came] = number
+            self._going &= ~came
+        self.done = not self._going.any()

@@ -18,8 +18,8 @@ from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.sweep import gaits_named
 from glassgait.studies.common.tables import json_records
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.registry import student_title
-from glassgait.studies.distillation.visits import visit
 from glassgait.studies.evaluation.symmetry_figures import symmetry_figure
 from glassgait.studies.evaluation.symmetry_measures import (
     drawn_importances,
@@ -78,7 +78,7 @@ class Symmetry(Experiment):
         """
         policy, expert, seed = case.alone.policy, case.alone.expert, case.seed
         assert isinstance(expert, NeuralPolicy)
-        samples = visit(
+        samples = collect_alone(
             case.gait,
             expert,
             expert,

@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from glassgait.diagrams.commands import FixedCommand
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
@@ -20,6 +18,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.reward_machine import BoolArray, IntArray
 from glassgait.models.task.termination import FAILURES
+from glassgait.studies.common.episode import ControlStep, Episode, Event, Observer, episode
 
 FIRST_STEPS = 300
 """Control steps that a robot walks in its first gait before another is requested (6 s)."""
@@ -78,8 +77,7 @@ class Transition:
         return self.patience, self.greatest_change, self.slowdown
 
 
-@dataclass(frozen=True)
-class _Log:
+class _Log(NamedTuple):
     """What n robots did over T control steps.
 
     Attributes:
@@ -112,21 +110,33 @@ def roll_transition(job: Transition) -> pd.DataFrame:
     low, high = switch.gait.dwell
     dwell = generator.integers(low, high + 1, n).astype(float)
     request = FIRST_STEPS + generator.integers(0, SPREAD_STEPS, n)
-    simulator = SwitchingSimulator(
-        switch,
-        replace(job.world, command=FixedCommand(speed=job.speed, dwell=int(low))),
-        make_physics(job.world.station),
-        n_robots=n,
-        generator=generator,
-        estimator=estimator_in_loop(policy, true_body_state=job.world.true_body_state),
-        policy=policy,
-    )
     requests = Requests(request, last=len(job.path) - 1)
-    n_steps = int(request.max()) + AFTER_STEPS
-    log = _advance(simulator, policy, job, dwell, requests, n_steps)
+    recorder = _Recorder(switch, requests)
+
+    def ask(running: Episode, _: BoolArray) -> None:
+        """Requests the gaits that are due, and slows robots down that change theirs."""
+        now = running.switching.running
+        requests.advance(running.step, now)
+        running.switching.requested = requests.number
+        slow = requests.on_the_way(running.step, now)
+        speed = job.speed * np.where(slow, job.slowdown, 1.0)
+        running.simulator.set_command(Command(np.stack([speed, np.zeros(n)], axis=1), dwell))
+
+    episode(
+        switch,
+        policy,
+        replace(job.world, command=FixedCommand(speed=job.speed, dwell=int(low))),
+        n_robots=n,
+        n_steps=int(request.max()) + AFTER_STEPS,
+        seed=generator,
+        observers=[recorder],
+        events=[Event(None, None, ask)],
+    )
+    log = recorder.log
     rows = []
     for i in range(n):
-        own = _Log(*(values[: request[i] + AFTER_STEPS, i] for values in vars(log).values()))
+        parts: list[Any] = [values[: request[i] + AFTER_STEPS, i] for values in log]
+        own = _Log(*parts)
         rows.append(
             {
                 "robot": i,
@@ -192,41 +202,36 @@ class Requests:
         self.asked = np.where(due, step, self.asked)
 
     def note(self, step: int, before: IntArray, after: IntArray) -> None:
-        """Notes who came to another gait in a control step."""
+        """Notes which robots came to another gait in a control step."""
         self._since = np.where(after != before, step + 1, self._since)
 
     def on_the_way(self, step: int, running: IntArray) -> BoolArray:
-        """Tells who changes, or has hardly changed, the gait (n,)."""
+        """Returns which robots change, or have just changed, the gait (n,)."""
         begun = (step >= self._request) & (self._last > 0)
         return begun & ((running < self._last) | (step - self._since < BETWEEN_STEPS))
 
 
-def _advance(
-    simulator: SwitchingSimulator,
-    policy: SwitchedPolicy,
-    job: Transition,
-    dwell: Array,
-    requests: Requests,
-    n_steps: int,
-) -> _Log:
-    n = simulator.n_robots
-    failed = np.zeros(n, dtype=bool)
-    logged: list[tuple[IntArray, Array, Array, BoolArray]] = []
-    for step in range(n_steps):
-        running = simulator.running
-        requests.advance(step, running)
-        simulator.requested = requests.number
-        slow = requests.on_the_way(step, running)
-        speed = job.speed * np.where(slow, job.slowdown, 1.0)
-        simulator.set_command(Command(np.stack([speed, np.zeros(n)], axis=1), dwell))
-        action = np.where(failed[:, None], 0.0, policy(simulator.observe()))
-        outcome = simulator.step(action)
-        requests.note(step, running, simulator.running)
-        failed |= outcome.failures.any(axis=1)
+class _Recorder(Observer):
+    """Records what is scored, and notes changes of the gait for the requests."""
+
+    def __init__(self, switch: GaitSwitch, requests: Requests) -> None:
+        self._switch, self._requests = switch, requests
+        self._rows: list[_Log] = []
+
+    def observe(self, step: ControlStep) -> None:
+        before, after = (
+            self._switch.gait_of(state.machine.state) for state in (step.before, step.after)
+        )
+        self._requests.note(step.step, before, after)
+        outcome = step.outcome
         # A fallen robot counts no more.
-        reward = np.where(failed, 0.0, outcome.reward)
-        logged.append((simulator.running, outcome.served_dwell, reward, outcome.failures))
-    return _Log(*(np.array(values) for values in zip(*logged, strict=True)))
+        reward = np.where(step.fallen, 0.0, outcome.reward)
+        self._rows.append(_Log(after, outcome.served_dwell, reward, outcome.failures))
+
+    @property
+    def log(self) -> _Log:
+        """All steps."""
+        return _Log(*(np.array(values) for values in zip(*self._rows, strict=True)))
 
 
 def settled_from(served: Array, start: int, n_states: int) -> int | None:

@@ -15,12 +15,16 @@ import pandas as pd
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.studies.common.cases import Case
+from glassgait.studies.common.episode import episode, give
 from glassgait.studies.common.experiment import Experiment, Report, run_from_command_line
-from glassgait.studies.common.rollouts.roll_out import log_policy, make_batch
+from glassgait.studies.common.observers import Log
 from glassgait.studies.common.rollouts.scores import interval
 
 STANDS = 0.1
 """Speed below which a robot stands (m/s)."""
+
+WALKS, STOPS = 150, 100
+"""Control steps of walking, and of standing after."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +40,26 @@ class Stopping(Experiment):
     speed: float = 0.5
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Lets robots walk for 3 s and stand for 2 s, and returns a row a robot."""
+        """Lets robots walk and then stand, and returns a row a robot."""
         n, dwell = self.n_robots, np.full(self.n_robots, float(case.gait.dwell[0]))
-        robots = make_batch(case.gait, case.controller, case.scenario, n_robots=n, seed=case.seed)
-        robots.set_command(Command(np.tile([self.speed, 0.0], (n, 1)), dwell))
-        log_policy(robots, case.controller, 150)
-        robots.set_command(Command(np.zeros((n, 2)), dwell))
-        log = log_policy(robots, case.controller, 100)
-        moves = np.abs(log.velocity[..., 0]) >= STANDS
+        walk = Command(np.tile([self.speed, 0.0], (n, 1)), dwell)
+        stand = Command(np.zeros((n, 2)), dwell)
+        log = Log(limited=case.scenario.limits_targets(case.controller))
+        episode(
+            case.gait,
+            case.controller,
+            case.scenario,
+            n_robots=n,
+            n_steps=WALKS + STOPS,
+            seed=case.seed,
+            observers=[log],
+            events=[give(0, walk), give(WALKS, stand)],
+        )
+        found = log.rollout(WALKS + STOPS)
+        moves = np.abs(found.velocity[WALKS:, :, 0]) >= STANDS
         last = len(moves) - moves[::-1].argmax(axis=0)
         seconds = CONTROL_PERIOD * np.where(moves.any(axis=0), last, 0)
-        return pd.DataFrame({"seconds": seconds, "fell": log.failures.any(axis=(0, 2))})
+        return pd.DataFrame({"seconds": seconds, "fell": found.failures.any(axis=(0, 2))})
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports means with 95 % intervals, and falls."""

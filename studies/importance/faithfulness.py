@@ -11,10 +11,9 @@ from scipy import stats
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import (
-    AlternatingController,
     Controller,
     ControllerOutput,
-    Estimator,
+    WrappedController,
     alone,
 )
 from glassgait.models.policies.neural import NeuralPolicy
@@ -39,52 +38,29 @@ WHOLE = "nothing"
 
 
 @dataclass(frozen=True)
-class AblatedController:
-    """A student that acts alone, without some of its observations.
-
-    No system of a diagram acts so: only the batch simulator plays it.
+class AblatedController(WrappedController):
+    """Acts on observations of which some are taken away; no system of a diagram does so.
 
     Attributes:
-        expert: The expert, whose estimator observes.
-        student: The student.
         columns: The observations that are taken away.
         mode: What stands in their place.
         means: Their means (m,).
         seed: Seed of the shuffling.
     """
 
-    expert: Policy
-    student: Policy
     columns: tuple[int, ...] = ()
     mode: AblationMode = "mean"
     means: tuple[float, ...] = ()
     seed: int = 0
 
-    @property
-    def policies(self) -> dict[str, Policy]:
-        """The student, for it alone acts."""
-        return self._whole.policies
+    def begin(self, n_robots: int) -> tuple[Any, Array]:
+        """Returns the other controller's memory, and the observations of the step before: none."""
+        nothing = np.full((n_robots, len(self.expert.observation_names)), np.nan)
+        return self.inner.begin(n_robots), nothing
 
-    @property
-    def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
-        return self._whole.estimator
-
-    @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone."""
-        return self._whole.limits_targets
-
-    @property
-    def _whole(self) -> AlternatingController:
-        return alone(self.student, self.expert)
-
-    def begin(self, n_robots: int) -> Array | None:
-        """Returns the observations of the step before: none."""
-        return None
-
-    def advance(self, step: int, observation: Array, memory: Array | None) -> ControllerOutput:
-        """Acts by the student on observations of which some are replaced."""
+    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+        """Acts at a control step."""
+        inner, before = memory
         ablated = observation.copy()
         columns = np.array(self.columns, dtype=np.int64)
         match self.mode:
@@ -95,14 +71,15 @@ class AblatedController:
                 other = generator.permutation(len(observation))
                 ablated[:, columns] = observation[np.ix_(other, columns)]
             case "delayed":
-                before = observation if memory is None else memory
-                ablated[:, columns] = before[:, columns]
-        return self._whole.advance(step, ablated, None)._replace(memory=observation)
+                known = np.where(np.isnan(before), observation, before)
+                ablated[:, columns] = known[:, columns]
+        output = self.inner.advance(step, ablated, inner)
+        return output._replace(memory=(output.memory, observation))
 
     def settings(self) -> dict[str, Any]:
         """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {
-            **self._whole.settings(),
+            **self.inner.settings(),
             "columns": [int(column) for column in self.columns],
             "mode": self.mode,
             "means": list(self.means),
@@ -137,8 +114,7 @@ def ablation_cases(
         for group, columns in groups.items():
             for mode in MODE_TITLES:
                 policies[group, mode] = AblatedController(
-                    expert,
-                    student,
+                    alone(student, expert),
                     columns=tuple(columns.tolist()),
                     mode=mode,
                     means=tuple(means[kind][columns].tolist()),

@@ -20,11 +20,11 @@ from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.scores import interval
 from glassgait.studies.common.tables import to_latex, write_table
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.distillation.visits import visit
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.interpret_model import interpret_model
@@ -76,7 +76,7 @@ def visited_samples(
     Raises:
         InputError: if a sample is not finite.
     """
-    data = visit(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
+    data = collect_alone(gait, expert, student, n_robots=N_VISITS, n_steps=EPISODE_STEPS, seed=seed)
     return _drawn(data, n_samples, seed)
 
 

@@ -20,9 +20,10 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import progress_bar
+from glassgait.studies.common.episode import episode
+from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.roll_out import make_batch
 from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 
 MARGIN = 0.1
@@ -98,20 +99,18 @@ def _corners(jobs: Sequence[Case], processes: int | None) -> Iterator[tuple[Arra
 
 def _sensed(job: Case) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
-    scenario = job.config.commanding(job.scenario)
-    n_robots = min(job.config.n_robots, scenario.max_robots or job.config.n_robots)
-    simulator = make_batch(
-        job.gait, job.controller, scenario, n_robots=n_robots, seed=job.config.seed
+    scenario, observations = job.config.commanding(job.scenario), Observations()
+    ended = episode(
+        job.gait,
+        job.controller,
+        scenario,
+        n_robots=job.config.robots_in(scenario),
+        n_steps=job.config.n_steps,
+        seed=job.config.seed,
+        observers=[observations],
     )
-    observations, failed = [], np.zeros(simulator.n_robots, dtype=bool)
-    memory = job.controller.begin(simulator.n_robots)
-    for step in range(job.config.n_steps):
-        observations.append(simulator.observe())
-        output = job.controller.advance(step, observations[-1], memory)
-        memory = output.memory
-        action = np.where(failed[:, None], 0.0, output.action)
-        failed |= simulator.step(action).failures.any(axis=-1)
-    if failed.all():
+    up = ended.fell == job.config.n_steps
+    if not up.any():
         return None
-    kept = np.array(observations)[:, ~failed]
+    kept = observations.array[:, up]
     return kept.min(axis=(0, 1)), kept.max(axis=(0, 1))

@@ -47,20 +47,13 @@ def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, told):
 
 def test_drawn_speeds_that_the_gait_is_not_made_for_are_refused(trot):
     scenario = replace(CALM, command=DrawnCommands((0.0, 1.5)))
-    with pytest.raises(
-        InputError, match=r"speed_range is \(0\.0, 1\.5\); name speeds from -1 to 1"
-    ):
+    with pytest.raises(InputError, match="speed_range"):
         MakeLocomotion(trot, scenario)
 
 
 def test_sliders_need_a_meshcat(trot):
     with pytest.raises(ValueError, match="need a Meshcat"):
         MakeLocomotion(trot, replace(CALM, command=SliderCommand()))
-
-
-def test_a_reversed_range_of_speeds_is_refused():
-    with pytest.raises(InputError, match="the least, then the greatest"):
-        DrawnCommands(speed_range=(0.5, 0.1))
 
 
 def start_of(diagram, context):

@@ -166,7 +166,7 @@ def test_pictures_follow_the_render_mode(camera):
     listed.step(np.zeros(12))
     assert len(listed.render()) == 2
     assert env.metadata["render_fps"] == 50
-    with pytest.raises(InputError, match="render_mode is 'ansi'; give 'rgb_array'"):
+    with pytest.raises(InputError, match="ansi"):
         LocomotionEnv(render_mode="ansi")
 
 
@@ -195,7 +195,7 @@ def test_nothing_is_drawn_without_a_render_mode(env):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Drake draws by EGL on Linux alone")
 @pytest.mark.parametrize("make", ["make", "make_vec"])
-def test_a_machine_without_egl_is_told_so(make, tmp_path):
+def test_a_machine_without_egl_is_refused(make, tmp_path):
     code = (
         "import gymnasium\nfrom glassgait.models.errors import InputError\n"
         f"try:\n    gymnasium.{make}('glassgait.diagrams.gym:{ID}', render_mode='rgb_array')\n"

@@ -109,7 +109,7 @@ def test_a_robot_without_a_controller_is_lowered_and_rises_with_the_next(trot, p
     assert ends.robot.output("state")[quadruped.POSITION][0] > walked[0] + 0.1
 
 
-def test_a_robot_on_its_back_is_not_told_to_rise(trot, page):
+def test_a_robot_on_its_back_does_not_rise(trot, page):
     ends = Ends(trot, page, Scenario(command=FixedCommand()))
     ends.run(20)
     ends.run(70, answered=False)

@@ -44,7 +44,7 @@ def test_the_robot_is_placed_and_pushed_in_any_context_that_holds_it(trot, make_
 
 def test_contexts_of_other_diagrams_are_refused(trot, make_policy):
     diagram, other = (MakeLocomotion(trot, CALM, policy=make_policy(trot)) for _ in range(2))
-    with pytest.raises(InputError, match="the context is not of diagram 'Locomotion'"):
+    with pytest.raises(InputError, match="Locomotion"):
         set_plant_state(diagram, other.CreateDefaultContext())
 
 

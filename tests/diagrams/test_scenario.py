@@ -183,34 +183,30 @@ def test_a_bad_file_is_refused_by_its_name_and_key(written, text, told):
     assert message.isprintable()
 
 
-def test_unknown_names_are_told_the_known_ones(tmp_path):
-    with pytest.raises(
-        InputError, match=r"unknown scenario 'ice'; the scenarios are training, cen"
-    ):
+def test_unknown_names_are_refused_with_the_known_ones(tmp_path):
+    with pytest.raises(InputError, match="ice"):
         load_scenario("ice")
-    with pytest.raises(InputError, match=r"icy\.yaml: cannot be read, no such file"):
+    with pytest.raises(InputError, match=r"icy\.yaml"):
         load_scenario(tmp_path / "icy.yaml")
-    with pytest.raises(InputError, match="rename it to printable characters, 80 bytes at most"):
+    with pytest.raises(InputError, match="rename"):
         load_scenario(tmp_path / f"{'a' * 81}.yaml")
 
 
 def test_a_file_named_like_a_shipped_scenario_must_be_it(written):
     whole = (SCENARIO_DIRECTORY / "training.yaml").read_text()
     assert load_scenario(written(whole, "training.yaml")) == Scenario()
-    with pytest.raises(InputError, match="is called like the scenario 'training' that ships"):
+    with pytest.raises(InputError, match="training"):
         load_scenario(written("station: {friction: 0.3}", "training.yaml"))
 
 
-def test_scenarios_are_told_apart_by_their_names(written, tmp_path):
+def test_scenarios_are_distinguished_by_their_names(written, tmp_path):
     icy = written("station: {friction: 0.3}")
     (tmp_path / "other").mkdir()
     other = written("station: {friction: 0.2}", "other/icy.yaml")
     assert list(load_scenarios(["all"])) == list(scenario_names())
     assert list(load_scenarios([str(icy), "training"])) == ["icy", "training"]
     assert list(load_scenarios(["training", "all", str(icy)])) == [*scenario_names(), "icy"]
-    with pytest.raises(
-        InputError, match=r"other/icy\.yaml: is another scenario than the one befor"
-    ):
+    with pytest.raises(InputError, match=r"other/icy\.yaml"):
         load_scenarios([str(icy), str(other)])
 
 
@@ -263,5 +259,5 @@ def test_worlds_that_cannot_be_are_refused(written, text, told):
 def test_scenarios_of_one_title_are_refused(tmp_path):
     for name, friction in (("one", 0.3), ("two", 0.4)):
         (tmp_path / f"{name}.yaml").write_text(f"title: x\nstation: {{friction: {friction}}}\n")
-    with pytest.raises(InputError, match="could not tell them apart; give it another title"):
+    with pytest.raises(InputError, match="title"):
         load_scenarios([str(tmp_path / "one.yaml"), str(tmp_path / "two.yaml")])

@@ -10,7 +10,6 @@ from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
-from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped, robot
 
 
@@ -89,25 +88,6 @@ def test_payload_weighs_on_the_trunk():
     builder = DiagramBuilder()
     plant, *_ = AddA1Station(builder, StationConfig(payload=2.0))
     assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(14.776)
-
-
-def test_station_exports_its_ports():
-    station = MakeA1Station()
-    assert station.GetInputPort("desired_state").size() == 24
-    assert station.GetOutputPort("state").size() == 37
-    assert station.HasOutputPort("contact_results")
-
-
-@pytest.mark.parametrize("field", ["time_step", "friction", "payload", "relaxation_time"])
-def test_negative_settings_are_refused(field):
-    with pytest.raises(InputError, match=f"{field} is -1"):
-        StationConfig(**{field: -1.0})
-
-
-@pytest.mark.parametrize("field", ["time_step", "friction", "payload", "relaxation_time"])
-def test_settings_that_are_not_finite_are_refused(field):
-    with pytest.raises(InputError, match=f"{field} is nan"):
-        StationConfig(**{field: float("nan")})
 
 
 def random_state(station, seed):

@@ -82,7 +82,7 @@ def test_shipped_pages_that_lose_nothing_by_it_are_limited():
     assert not any(load_expert(gait).limits_targets for gait in PAGES)
 
 
-def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, make_policy):
+def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_policy):
     expert, page = load_expert("trot"), load_student("trot", "sparse_formula")
     for policy in (expert, page, alone(expert), alone(page)):
         assert estimator_in_loop(policy) is policy.estimator is not None
@@ -90,7 +90,7 @@ def test_a_loop_takes_the_policys_estimator_or_is_told_to_take_the_truth(trot, m
     bare = make_policy(trot)
     for policy in (bare, AlternatingController(bare, bare, period=2)):
         assert estimator_in_loop(policy, true_body_state=True) is None
-        with pytest.raises(InputError, match=r"linear policy of the trot has no estimator.*true_b"):
+        with pytest.raises(InputError, match="true_b"):
             estimator_in_loop(policy)
 
 
@@ -107,5 +107,5 @@ def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_e
 
 
 def test_a_policy_does_not_observe_by_an_expert_of_another_gait():
-    with pytest.raises(InputError, match="the expert is of the trot and the policy of the bound"):
+    with pytest.raises(InputError, match=r"trot.*bound"):
         load_student("bound", "sparse_formula").with_estimator_of(load_expert("trot"))

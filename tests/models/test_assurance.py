@@ -74,7 +74,7 @@ def test_doubt_counts_in_widths_of_what_is_usual_in_the_machines_state():
     ],
 )
 def test_doubt_that_cannot_be_is_refused(usual):
-    with pytest.raises(InputError, match="give the least of 2 states, then the greatest"):
+    with pytest.raises(InputError, match="2 states"):
         doubtful(usual)
 
 
@@ -112,19 +112,19 @@ def test_robots_are_guarded_each_for_itself():
 
 
 def test_limits_that_cannot_be_are_refused():
-    with pytest.raises(InputError, match=r"return_limit is 0.3; give one of at most limit = 0.2"):
+    with pytest.raises(InputError, match="return_limit"):
         Hysteresis(0.2, 0.3)
-    with pytest.raises(InputError, match="return_steps is 0; it must be 1 or more"):
+    with pytest.raises(InputError, match="return_steps"):
         Hysteresis(0.2, 0.1, return_steps=0)
 
 
 def test_regions_that_cannot_be_are_refused():
     corner = np.zeros((2, 49))
-    with pytest.raises(InputError, match="give 2 states of 49 observations"):
+    with pytest.raises(InputError, match="49 observations"):
         Region(NAMES, corner[:1], corner[:1])
     upper = corner.copy()
     upper[1, HIP] = -1.0
-    with pytest.raises(InputError, match="'DoF Pos FL Hip' in state 1 goes from 0 to -1"):
+    with pytest.raises(InputError, match="DoF Pos FL Hip"):
         Region(NAMES, corner, upper)
 
 
@@ -136,7 +136,7 @@ def assured(trot, make_policy):
     )
 
 
-def test_each_robot_is_moved_by_whom_its_own_observations_call(assured):
+def test_each_robot_is_moved_by_the_policy_that_its_observations_call(assured):
     first = np.array([observing(0.0), observing(5.0), observing(0.5)])
     output = assured.advance(0, first, assured.begin(3))
     assert output.expert_acts.tolist() == [False, True, False]
@@ -159,7 +159,7 @@ def test_the_same_guards_give_the_same_turn(assured):
     assert not memory.expert_acts.any() and not memory.calm_steps.any()
 
 
-def test_settings_tell_regions_and_limits_apart(assured):
+def test_settings_distinguish_regions_and_limits(assured):
     region = region_of_two()
     other = Region(NAMES, region.lower - 1.0, region.upper)
     told = [
@@ -184,11 +184,11 @@ def test_a_student_that_doubts_gives_way_where_nothing_is_out_of_range(assured):
 
 def test_a_region_of_another_gait_is_refused(assured, make_policy):
     walk = make_policy(load_gait("walk"))
-    with pytest.raises(InputError, match="other observations than the student's"):
+    with pytest.raises(InputError, match="observations"):
         AssuredController(walk, walk, assured.region, assured.hysteresis)
 
 
-def test_a_schedule_tells_who_acts(trot, make_policy):
+def test_a_schedule_chooses_the_acting_policy(trot, make_policy):
     policy = AlternatingController(make_policy(trot, 1), make_policy(trot, 2), period=2)
     observation, memory = np.array([observing(0.0)] * 2), policy.begin(2)
     outputs = [policy.advance(step, observation, memory) for step in range(2)]

@@ -112,7 +112,7 @@ def test_a_stuck_sensor_is_measured_by_the_physical_box(policy, refuted):
     np.testing.assert_allclose(found.distances, [shares[0] / shares[1]], rtol=1e-6)
 
 
-def test_overruns_tell_what_is_outside_of_the_box_and_by_how_much():
+def test_overruns_are_of_observations_outside_of_the_box():
     box = BOXES["operating"]
     inside = box.random(20, np.random.default_rng(2))
     assert not overruns(box, inside).any()

@@ -152,9 +152,9 @@ def test_the_same_question_has_the_same_answer(kind, observations):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_cannot_be_reached_is_told_with_the_most(kind, observations):
+def test_what_cannot_be_reached_is_reported_with_the_most(kind, observations):
     question = ask(load_student("trot", kind), observations, by=30.0)
-    with pytest.raises(InputError, match="the most that was found is") as refusal:
+    with pytest.raises(InputError, match="most") as refusal:
         answer(question)
     most = float(str(refusal.value).split("found is ")[1].split(" rad")[0])
     assert most == pytest.approx(search_of(question).reach(), abs=6e-4)
@@ -165,7 +165,7 @@ def test_what_cannot_be_reached_is_told_with_the_most(kind, observations):
 
 def test_commands_vary_when_they_are_let(observations):
     policy = linear({"Command X": 1.0})
-    with pytest.raises(InputError, match=r"most that was found is 0\.000 rad"):
+    with pytest.raises(InputError, match=r"0\.000 rad"):
         answer(ask(policy, observations))
     room = Room.of(NAMES, observations, load_gait("trot"))
     found = answer(Question(policy, CALF, observations[60], 0.1, room)).nearest
@@ -174,7 +174,7 @@ def test_commands_vary_when_they_are_let(observations):
 
 
 def test_networks_are_refused(observations):
-    with pytest.raises(InputError, match="kind 'neural' cannot be searched"):
+    with pytest.raises(InputError, match="neural"):
         answer(ask(load_expert("trot"), observations))
 
 

@@ -238,7 +238,7 @@ def test_no_line_before_the_numbers_is_long(written_by_a_short_name):
     assert len(readable.splitlines()) < 510
 
 
-def test_the_header_tells_what_the_file_was_made_of(written_page):
+def test_the_header_reports_what_the_file_was_made_of(written_page):
     gait, policy = load_gait("trot"), load_student("trot", "sparse_formula")
     for digest in (gait.digest(), policy.digest()):
         assert digest in written_page.header
@@ -247,7 +247,7 @@ def test_the_header_tells_what_the_file_was_made_of(written_page):
 
 @pytest.mark.parametrize("name", ["", "Trot", "9lives", "a-b", "for", "trot\n", "x" * 41, "é"])
 def test_names_that_c_cannot_have_are_refused(name, trot, make_policy, small_expert):
-    with pytest.raises(InputError, match="the controller's name is"):
+    with pytest.raises(InputError, match="name"):
         write_controller(
             trot, make_policy(trot), small_expert(trot), name=name, policy_name="", version=""
         )
@@ -259,7 +259,7 @@ def test_a_policy_of_another_gait_is_refused(trot, make_policy, small_expert):
         (make_policy(pace), small_expert(trot)),
         (make_policy(trot), small_expert(pace)),
     ]:
-        with pytest.raises(InputError, match="made for gait 'pace', not 'trot'"):
+        with pytest.raises(InputError, match="pace"):
             write_controller(trot, policy, expert, name="a", policy_name="", version="")
 
 

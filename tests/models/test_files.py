@@ -44,7 +44,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     ("code", "remedy"), [(errno.ENOSPC, "free some space"), (errno.EIO, "choose another place")]
 )
-def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path, monkeypatch, code, remedy):
+def test_a_full_disk_is_refused_and_leaves_the_old_file(tmp_path, monkeypatch, code, remedy):
     path = tmp_path / "file"
     write_atomically(path, "old")
 
@@ -69,7 +69,7 @@ def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_places_that_cannot_be_written_are_told_in_one_sentence(tmp_path):
+def test_places_that_cannot_be_written_are_refused_in_one_sentence(tmp_path):
     file = tmp_path / "file"
     file.write_text("kept")
     folder = tmp_path / "folder"
@@ -180,7 +180,7 @@ def test_every_cut_and_every_flipped_byte_of_a_record_is_noticed(tmp_path):
 def test_records_of_other_kinds_are_damaged(tmp_path, text):
     path = tmp_path / "record.json"
     path.write_text(text)
-    with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
+    with pytest.raises(InputError, match="damaged"):
         read_record(path)
 
 
@@ -198,5 +198,5 @@ def test_texts_may_be_as_long_as_the_bound(tmp_path):
     path = tmp_path / "file.txt"
     path.write_text("é" * 50)
     assert read_text(path, limit=100) == "é" * 50
-    with pytest.raises(InputError, match="larger than 99 bytes"):
+    with pytest.raises(InputError, match="99 bytes"):
         read_text(path, limit=99)

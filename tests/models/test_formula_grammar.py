@@ -183,8 +183,8 @@ def test_mutated_files_are_seen_alike():
 
 
 @pytest.mark.slow
-def test_ten_thousand_mutated_files_are_seen_alike():
-    assert_all_seen_alike(1, 10_000)
+def test_thousands_of_mutated_files_are_seen_alike():
+    assert_all_seen_alike(1, 4_000)
 
 
 @pytest.mark.slow
@@ -206,10 +206,10 @@ def test_files_that_ship_are_seen_alike(path):
 @pytest.mark.parametrize(
     "sign", ["\u2028", "\u2029", "\x85", "\r", "\v", "\f", "\x1c", "\t", "\ufeff"]
 )
-def test_no_reader_takes_what_nobody_sees(sign, tmp_path):
+def test_invisible_signs_are_refused_by_both_readers(sign, tmp_path):
     hidden = SMALL.replace("# Two", f"# Two{sign}state 1{sign}FL_hip = 50*q.FL_hip + 9{sign}#")
     for text in (hidden, sign + SMALL):
-        with pytest.raises(InputError, match=r"line \d+, column \d+: .* does not belong"):
+        with pytest.raises(InputError, match=r"line \d+, column \d+"):
             read_formulas(text)
         with pytest.raises(RefusedError):
             FormulaText.read(text)

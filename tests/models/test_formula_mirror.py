@@ -144,9 +144,9 @@ def defined(*texts):
 
 
 def test_a_definition_without_mirror_image_is_refused():
-    with pytest.raises(InputError, match="d1 has no mirror image among the definitions"):
+    with pytest.raises(InputError, match="d1"):
         FormulaMirror.of(defined("t", "q.FL_calf"), (1, 0))
-    with pytest.raises(InputError, match="d0 has no mirror image"):
+    with pytest.raises(InputError, match="d0"):
         FormulaMirror.of(defined("s0"), (1, 0))
     FormulaMirror.of(defined("s0"), (0, 1))
 
@@ -160,5 +160,5 @@ def test_a_definition_may_be_its_own_image_or_the_negative_of_one():
 
 
 def test_unknown_observations_have_no_mirror_image():
-    with pytest.raises(InputError, match="no observation is called 'Clock'"):
+    with pytest.raises(InputError, match="Clock"):
         FormulaMirror.of(Vocabulary(("Clock",)), (1, 0))

@@ -93,7 +93,7 @@ def test_a_number_keeps_all_its_digits(value):
         (np.float64(0.25), "0.25"),
     ],
 )
-def test_a_number_has_as_few_digits_as_tell_it(value, text):
+def test_a_number_has_no_more_digits_than_it_needs(value, text):
     assert written_number(value) == text
 
 
@@ -217,7 +217,7 @@ def test_lines_are_filled():
         ("tanh(" * 150 + "t" + ")" * 150, 1, 1, "nested more than 100 deep"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(text, line, column, told):
+def test_what_is_wrong_is_refused_with_its_place(text, line, column, told):
     with pytest.raises(TextError, match=told) as refused:
         read(text)
     assert (refused.value.line, refused.value.column) == (line, column)
@@ -262,13 +262,13 @@ def test_the_place_of_what_is_wrong_is_within_the_text(text):
         ("t +\n    s0)", 2, 7),
     ],
 )
-def test_a_bracket_that_was_never_opened_is_told(text, line, column):
+def test_a_bracket_that_was_never_opened_is_refused(text, line, column):
     with pytest.raises(TextError, match="never opened") as refused:
         read(text)
     assert (refused.value.line, refused.value.column) == (line, column)
 
 
 @pytest.mark.parametrize("text", ["2*(t + 1", "((t", "sin(t + (s0", "(t +\n    s0", "2*(t + foo"])
-def test_a_bracket_that_is_never_closed_is_told(text):
+def test_a_bracket_that_is_never_closed_is_refused(text):
     with pytest.raises(TextError, match=r"never closed|ends before it is complete"):
         read(text)

@@ -96,7 +96,7 @@ def test_a_leap_of_any_length_is_counted_at_once():
     assert counted(0, 2**60)["lost"] == 2**60 - 1
 
 
-def test_a_share_of_messages_is_lost_and_a_seed_tells_which(generator):
+def test_a_share_of_messages_is_lost_by_the_seed(generator):
     loss = Loss(share=0.2)
     lost = loss.draw(20_000, 2, generator)
     np.testing.assert_allclose(lost.mean(axis=0), 0.2, atol=0.02)

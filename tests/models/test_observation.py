@@ -169,7 +169,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
         ("Foot Height RL", "foot height", "RL", "h.RL", r"\hat h_{\mathrm{RL}}", "m"),
     ],
 )
-def test_entries_tell_what_a_number_is(name, group, leg, symbol, latex, scaled_unit):
+def test_entries_describe_each_number(name, group, leg, symbol, latex, scaled_unit):
     entry = entry_of(name)
     assert (entry.name, entry.group, entry.leg) == (name, group, leg)
     assert (entry.symbol, entry.latex, entry.scaled_unit) == (symbol, latex, scaled_unit)
@@ -190,7 +190,7 @@ def test_names_are_merged_over_legs_and_states(name, merged):
     assert entry_of(name).merged_name == merged
 
 
-def test_symbols_tell_entries_apart():
+def test_symbols_of_entries_are_distinct():
     entries = ObservationLayout(4).entries
     assert len({entry.symbol for entry in entries}) == len({entry.latex for entry in entries}) == 51
 
@@ -209,5 +209,5 @@ def test_names_of_no_entry_are_refused(name):
 
 
 def test_observations_without_the_machine_have_no_state_to_find():
-    with pytest.raises(InputError, match="no observation tells the machine's state"):
+    with pytest.raises(InputError, match="state"):
         machine_state_entries(("Command X", "RM Iters"))

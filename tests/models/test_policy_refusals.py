@@ -20,11 +20,11 @@ N = len(NAMES)
 def test_policies_refuse_another_gait_or_layout(linear):
     policy = linear
     policy.check(gait="trot", observation_names=NAMES)
-    with pytest.raises(InputError, match="made for gait 'trot', not 'pace'"):
+    with pytest.raises(InputError, match="trot"):
         policy.check(gait="pace", observation_names=NAMES)
-    with pytest.raises(InputError, match="'Command X' instead of 'Speed'"):
+    with pytest.raises(InputError, match="Command X"):
         policy.check(gait="trot", observation_names=("Speed", *NAMES[1:]))
-    with pytest.raises(InputError, match="49 entries instead of 51"):
+    with pytest.raises(InputError, match=r"49.*51"):
         policy.check(gait="trot", observation_names=(*NAMES, "a", "b"))
 
 
@@ -33,13 +33,13 @@ def test_files_of_unknown_kind_or_with_parts_missing_are_refused(linear, tmp_pat
     linear.save(path)
     arrays, header = load_arrays(path)
     save_arrays(path, arrays, header | {"kind": "oracle"})
-    with pytest.raises(InputError, match="unknown kind of policy, 'oracle'"):
+    with pytest.raises(InputError, match="oracle"):
         load_policy(path)
     save_arrays(path, {}, header)
-    with pytest.raises(InputError, match="linear policy: lacks the array 'weights'"):
+    with pytest.raises(InputError, match="weights"):
         load_policy(path)
     save_arrays(path, arrays, header | {"format": 99})
-    with pytest.raises(InputError, match="not a policy of format 1"):
+    with pytest.raises(InputError, match="format"):
         load_policy(path)
 
 
@@ -49,9 +49,9 @@ def test_experts_must_be_neural_and_of_the_gait(linear, neural, tmp_path):
     with pytest.raises(InputError, match="an expert is neural"):
         load_expert("trot", path)
     neural.save(path)
-    with pytest.raises(InputError, match="is an expert for gait 'trot', not 'walk'"):
+    with pytest.raises(InputError, match="trot"):
         load_expert("walk", path)
-    with pytest.raises(InputError, match="unknown gait 'amble'"):
+    with pytest.raises(InputError, match="amble"):
         load_expert("amble")
 
 
@@ -118,9 +118,9 @@ def test_names_that_no_policy_can_have_are_refused(open_loop, symbolic):
         with pytest.raises(InputError, match=told):
             LinearPolicy(gait, names, weights, intercepts)
     without = (*NAMES[:iterations], "Clock", *NAMES[iterations + 1 :])
-    with pytest.raises(InputError, match="does not observe 'RM Iters', which it needs"):
+    with pytest.raises(InputError, match="RM Iters"):
         OpenLoopPolicy("trot", without, open_loop.table)
-    with pytest.raises(InputError, match="no observation is called 'Clock'"):
+    with pytest.raises(InputError, match="Clock"):
         SymbolicPolicy("trot", without, symbolic.expressions)
 
 
@@ -147,8 +147,6 @@ def test_an_expert_of_a_gait_that_has_other_states_now_is_refused(tmp_path):
     text = whole.replace("states: [q0, q1]", "states: [q0, q1, q2]")
     text += "  - {from: q0, to: q2, when: FL & FR & RL & RR}\n"
     gait = parse_gait(text, name="trot")
-    with pytest.raises(
-        InputError, match=r"trot\.safetensors: was trained for a trot of other states"
-    ):
+    with pytest.raises(InputError, match=r"trot\.safetensors"):
         load_expert(gait, EXPERT_DIRECTORY / "trot.safetensors")
     assert load_expert(load_gait("trot")).gait == "trot"

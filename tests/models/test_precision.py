@@ -111,7 +111,7 @@ def test_compact_exact_trees_take_every_branch_as_before():
 
 
 @given(arrays(np.float64, 3, elements=st.one_of(st.floats(-1e30, 1e30), st.just(np.inf))))
-def test_thresholds_of_exact_trees_are_told_by_single_precision(thresholds):
+def test_thresholds_of_exact_trees_need_no_more_than_single_precision(thresholds):
     cuts = single_precision_cuts(thresholds)
     lower = lower_neighbours(cuts)
     assert lower is not None

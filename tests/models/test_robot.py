@@ -17,11 +17,6 @@ def test_stance_is_inside_the_limits():
     assert np.all(robot.DEFAULT_STANCE < robot.UPPER_LIMITS)
 
 
-def test_constants_cannot_be_overwritten():
-    with pytest.raises(ValueError, match="read-only"):
-        robot.DEFAULT_STANCE[0] = 1.0
-
-
 def test_zero_action_asks_for_the_stance():
     np.testing.assert_array_equal(robot.joint_targets(np.zeros(12)), robot.DEFAULT_STANCE)
 
@@ -53,5 +48,5 @@ def test_joints_are_found_by_name_and_by_index():
         == quadruped.joint_index(np.int64(2))
     )
     for bad in ("FL_knee", "", 12, -1, 2.0, True, None, ["FL_hip"], np.zeros(2)):
-        with pytest.raises(InputError, match=r"unknown joint .*; the joints are FL_hip, "):
+        with pytest.raises(InputError, match="unknown joint"):
             quadruped.joint_index(bad)

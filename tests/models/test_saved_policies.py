@@ -65,7 +65,7 @@ def registered(monkeypatch):
         monkeypatch.setitem(POLICY_CLASSES, one.kind, one)
 
 
-def test_a_class_of_ones_own_is_saved_and_loaded_by_one_line(tmp_path, weights, samples):
+def test_a_class_of_a_user_is_saved_and_loaded_by_one_line(tmp_path, weights, samples):
     policy, path = StoredWaves("trot", NAMES, weights), tmp_path / "waves.safetensors"
     save_policy(policy, path, samples)
     loaded = load_policy(path)
@@ -75,7 +75,7 @@ def test_a_class_of_ones_own_is_saved_and_loaded_by_one_line(tmp_path, weights, 
 
 def test_a_file_without_the_weights_is_refused_and_deleted(tmp_path, weights, samples):
     path = tmp_path / "waves.safetensors"
-    with pytest.raises(InputError, match=r"waves\.safetensors: does not hold the Waves.*to_arrays"):
+    with pytest.raises(InputError, match="to_arrays"):
         save_policy(Waves("trot", NAMES, weights), path, samples)
     assert not path.exists()
 
@@ -85,12 +85,12 @@ def test_a_policy_that_acts_otherwise_once_loaded_is_refused(tmp_path, weights, 
     policy = ForgetfulPolicy("trot", NAMES, weights, np.zeros(12))
     save_policy(policy, path, samples)
     policy.more = 0.25  # pyright: ignore[reportAttributeAccessIssue]
-    with pytest.raises(InputError, match=r"its actions differ by up to 0\.25"):
+    with pytest.raises(InputError, match=r"0\.25"):
         save_policy(policy, path, samples)
     assert not path.exists()
 
 
-def test_a_class_that_is_not_registered_is_told(tmp_path, weights, samples, monkeypatch):
+def test_a_class_that_is_not_registered_is_refused(tmp_path, weights, samples, monkeypatch):
     monkeypatch.delitem(POLICY_CLASSES, "stored_waves")
-    with pytest.raises(InputError, match=r"unknown kind of policy, 'stored_waves'.*POLICY_CLASSES"):
+    with pytest.raises(InputError, match="stored_waves"):
         save_policy(StoredWaves("trot", NAMES, weights), tmp_path / "own.safetensors", samples)

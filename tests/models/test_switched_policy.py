@@ -90,9 +90,9 @@ def test_digests_differ_by_policy_estimator_and_order(switch, walkers):
 
 def test_what_cannot_act_is_refused(switch, walkers, make_policy, tmp_path):
     walk, trot = walkers
-    with pytest.raises(InputError, match="1 policies cannot act in 2 gaits"):
+    with pytest.raises(InputError, match="1 policies"):
         SwitchedPolicy(switch, [walk])
-    with pytest.raises(InputError, match="made for gait 'trot', not 'walk'"):
+    with pytest.raises(InputError, match="trot"):
         SwitchedPolicy(switch, [trot, trot])
     blind = alone(make_policy(load_gait("trot")))
     with pytest.raises(InputError, match="has no estimator"):

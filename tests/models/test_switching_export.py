@@ -146,7 +146,7 @@ def test_a_request_for_no_gait_is_bad_input_and_changes_nothing(switched, tmp_pa
 
 
 @needs_compiler
-def test_it_begins_in_the_first_gait_and_tells_which_one_runs(switched, tmp_path):
+def test_it_begins_in_the_first_gait_and_reports_the_running_one(switched, tmp_path):
     policy = switched(("walk", "trot", "half_bound"))
     _, compiled = both(policy, tmp_path)
     memory = compiled.initial()
@@ -178,7 +178,7 @@ def test_no_readable_line_is_long(written_pages):
     assert max(map(len, lines)) <= 100
 
 
-def test_the_header_tells_what_the_file_was_made_of(switched):
+def test_the_header_reports_what_the_file_was_made_of(switched):
     policy = switched(("trot", "walk"))
     written = write_switching_controller(policy, **WRITTEN)
     own = [*policy.switch.gaits, *policy.policies, *policy.experts]
@@ -195,10 +195,10 @@ def test_an_estimator_that_is_no_network_is_refused(trot, make_policy, small_exp
     policy = make_policy(trot)
     policy.__class__ = Estimating
     switched = SwitchedPolicy(GaitSwitch([trot]), [alone(policy)])
-    with pytest.raises(InputError, match="no C for the estimator of a linear policy"):
+    with pytest.raises(InputError, match="estimator"):
         write_switching_controller(switched, **WRITTEN)
 
 
 def test_a_name_that_c_cannot_have_is_refused(switched):
-    with pytest.raises(InputError, match="the controller's name is 'Two'"):
+    with pytest.raises(InputError, match="Two"):
         write_switching_controller(switched(("trot", "walk")), **(WRITTEN | {"name": "Two"}))

@@ -176,5 +176,5 @@ def test_a_saved_expert_is_still_mirrored(generator, tmp_path):
 
 @pytest.mark.parametrize("states", [(0,), (1, 1), (1, 2), "10", (1.0, 0.0), 5])
 def test_states_that_are_no_mirror_images_are_refused(generator, states):
-    with pytest.raises(InputError, match="neural policy: mirrored_states is"):
+    with pytest.raises(InputError, match="mirrored_states"):
         _expert(generator, states)

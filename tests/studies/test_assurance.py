@@ -15,16 +15,15 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scores import SCORES
-from glassgait.studies.evaluation.assurance.calibration import guarded
+from glassgait.studies.evaluation.assurance.calibration import Visits, guarded, visit
+from glassgait.studies.evaluation.assurance.fall_prediction import LEADS, rescues, warnings_of
 from glassgait.studies.evaluation.assurance.figures import draw_calls
-from glassgait.studies.evaluation.assurance.foretelling import LEADS, rescues, warnings_of
 from glassgait.studies.evaluation.assurance.study import Calibration, Pair, period_of, roll_out_all
 from glassgait.studies.evaluation.assurance.tables import (
     acting_title,
     assurance_table,
     readable_table,
 )
-from glassgait.studies.evaluation.assurance.visits import Visits, visit
 
 NAMES = ObservationLayout(2).names
 HIP, SPEED = NAMES.index("DoF Pos FL Hip"), NAMES.index("Base Lin Vel Y")
@@ -36,7 +35,7 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
     observation[1, 0, HIP] = 3.0
     observation[6:, 0, SPEED] = 3.0
     observation[6:, 1, SPEED] = 3.0
-    visits = Visits(observation, [], np.array([8, 10, 5]))
+    visits = Visits(observation, np.array([8, 10, 5]))
     found = warnings_of(visits, region, Hysteresis(0.5, 0.2, return_steps=2))
     assert found.to_numpy().tolist() == [[0, 8, 3, "base velocity"], [2, 5, 0, "none"]]
     doubting = replace(

@@ -12,14 +12,15 @@ from glassgait.models.task.assurance import Hysteresis
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.evaluation.assurance.calibration import (
+    Visits,
     choose_hysteresis,
     guarded,
     has_bags,
+    joined,
     make_region,
     make_regions,
 )
 from glassgait.studies.evaluation.assurance.study import Calibration
-from glassgait.studies.evaluation.assurance.visits import Visits, joined
 
 NAMES = ObservationLayout(2).names
 STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]
@@ -32,7 +33,7 @@ def seen(hip, state):
     observation[..., HIP] = hip
     for index, entry in enumerate(STATES):
         observation[..., entry] = state == index
-    return Visits(observation, [], np.full(hip.shape[1], len(hip)))
+    return Visits(observation, np.full(hip.shape[1], len(hip)))
 
 
 def test_a_region_bounds_each_state_but_leaves_commands_their_range(trot, generator):
@@ -138,6 +139,6 @@ def test_the_walk_has_a_box_for_each_of_its_states():
     for step in range(8):
         observation[step, 0, first + step % 4] = 1.0
     observation[..., names.index("Command RM Iters")] = 0.8
-    region = make_region(walk, Visits(observation, [], np.array([8])), quantile=0.0)
+    region = make_region(walk, Visits(observation, np.array([8])), quantile=0.0)
     assert region.lower.shape == (4, 51)
     np.testing.assert_array_equal(region.overrun(observation), np.zeros((8, 1)))

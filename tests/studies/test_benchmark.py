@@ -53,6 +53,7 @@ def test_single_row_time_counts_calls():
     assert len(calls) == 320
 
 
+@pytest.mark.slow
 def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
     expert = load_expert("trot")
     samples = expert_samples(expert, n_steps=40)
@@ -122,7 +123,7 @@ def test_controllers_of_several_gaits_are_timed_as_a_whole(monkeypatch):
     assert "estimator (µs)" not in row
 
 
-def test_of_several_repetitions_the_quietest_is_told():
+def test_of_several_repetitions_the_quietest_is_reported():
     drawn = iter([5.0, 2.0, 3.0, 4.0, 6.0])
     (times,), load = quietest(lambda: [Times(own := next(drawn), 10.0 * own)])
     assert times == Times(2.0, 20.0)

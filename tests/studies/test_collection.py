@@ -8,9 +8,9 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.rounds import Round
 from glassgait.studies.distillation.students.linear import untrained_student
 
 
@@ -19,9 +19,9 @@ def test_labels_are_the_experts_whoever_acts(expert):
     student = untrained_student("trot", expert.observation_names)
     samples = collect(
         gait,
-        expert,
-        student,
-        plan=Round(number=2, period=3, episodes=range(1, 3), steps=20),
+        AlternatingController(expert, student, period=3),
+        episodes=range(1, 3),
+        n_steps=20,
         speeds=np.array([0.0, 0.5]),
         worlds=Scenario(),
         generator=np.random.default_rng(0),
@@ -53,9 +53,9 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
     with pytest.raises(InputError, match=f"{told} at control step 0 of its episode"):
         collect(
             load_gait("trot"),
-            broken,
-            untrained_student("trot", expert.observation_names),
-            plan=Round(number=1, period=1, episodes=range(1, 3), steps=3),
+            alone(broken),
+            episodes=range(1, 3),
+            n_steps=3,
             speeds=np.array([0.0, 0.5]),
             worlds=Scenario(),
             generator=np.random.default_rng(0),

@@ -96,12 +96,12 @@ def test_a_run_cut_short_and_resumed_ends_the_same(finished, expert, tmp_path):
     assert (tmp_path / "metrics.json").read_text() == (folder / "metrics.json").read_text()
 
 
-def test_a_damaged_student_beside_a_good_record_is_told(finished, expert, tmp_path):
+def test_a_damaged_student_beside_a_good_record_is_refused(finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / "linear.safetensors"
     path.write_bytes(path.read_bytes()[:-9] + b"nonsense!")
-    with pytest.raises(InputError, match=r"linear\.safetensors: is not what the run wrote; delete"):
+    with pytest.raises(InputError, match=r"linear\.safetensors"):
         distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
     (tmp_path / "linear" / "record.json").unlink()
     distill(TINY, GAIT, expert, tmp_path, lambda line: None, resume=True)
@@ -110,7 +110,7 @@ def test_a_damaged_student_beside_a_good_record_is_told(finished, expert, tmp_pa
 
 def test_another_expert_is_not_mixed_in(finished, other_expert):
     folder, _ = finished
-    with pytest.raises(InputError, match="was made with another expert"):
+    with pytest.raises(InputError, match="another expert"):
         distill(TINY, GAIT, other_expert, folder, lambda line: None, resume=True)
 
 
@@ -133,12 +133,12 @@ def test_files_of_another_run_or_round_are_not_mixed_in(finished, expert, tmp_pa
         (other / "linear" / "round_01.safetensors", "linear/round_01.safetensors"),
         (folder / "linear" / "round_01.safetensors", "linear/round_02.safetensors"),
     ):
-        with pytest.raises(InputError, match="is of another run, or of another part"):
+        with pytest.raises(InputError, match="another run"):
             resumed(source, target)
 
 
 @pytest.mark.parametrize("name", ["linear/record.json", "linear/round_01.safetensors"])
-def test_damaged_work_is_told(name, finished, expert, tmp_path):
+def test_damaged_work_is_refused(name, finished, expert, tmp_path):
     folder, _ = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     if "round" in name:
@@ -163,9 +163,9 @@ def test_formulas_are_written_for_people(finished):
 
 def test_a_finished_folder_is_not_overwritten(finished, expert):
     folder, _ = finished
-    with pytest.raises(InputError, match="continue it with --resume"):
+    with pytest.raises(InputError, match="--resume"):
         distill(TINY, GAIT, expert, folder, lambda line: None)
-    with pytest.raises(InputError, match="made with seed = 0, not 1"):
+    with pytest.raises(InputError, match="seed"):
         distill(replace(TINY, seed=1), GAIT, expert, folder, lambda line: None, resume=True)
 
 
@@ -214,7 +214,7 @@ def test_bands_come_with_the_last_fit_alone(finished):
         assert trees.for_rounds().n_trees == min(trees.n_trees, 150)
 
 
-def test_the_simplest_good_one_is_taken_and_the_others_are_told(finished):
+def test_the_simplest_good_one_is_taken_and_the_others_are_reported(finished):
     folder, _ = finished
     ranked = pd.read_csv(folder / "symbolic_candidates.csv")
     shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]

@@ -51,7 +51,7 @@ def test_the_speeds_are_drawn_where_asked(tmp_path):
     assert (tmp_path / "speed.png").stat().st_size > 1000
 
 
-def test_the_robot_of_ones_own_diagram_comes_forward_on_its_feet(printed):
+def test_the_robot_of_a_users_diagram_comes_forward_on_its_feet(printed):
     out = printed("policy_in_own_diagram")
     ((ahead, aside, height),) = numbers(r"(\S+) m ahead, (\S+) m aside, (\S+) m high", out)
     assert 1.5 < ahead < 3.0
@@ -82,6 +82,15 @@ def test_the_planner_sends_the_robot_round_its_corners(printed):
     ((time, x, y),) = numbers(r"after (\S+) s at (\S+) m, (\S+) m", out)
     assert time == 10.0
     assert np.hypot(x - 2.5, y - 2.5) < 0.5
+
+
+def test_harder_pushes_fell_more_robots(printed):
+    rows = numbers(r"(\S+) m/s: (\d+) of 8 fall, (\S+) degrees", printed("push_robots"))
+    assert [row[0] for row in rows] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    falls = [row[1] for row in rows]
+    assert falls == sorted(falls) and falls[0] == 0.0
+    # Pushes that all survive make them lean.
+    assert falls[1] == 0.0 and rows[1][2] > rows[0][2] > 0.0
 
 
 def test_transport_costs_what_legged_robots_cost(printed):

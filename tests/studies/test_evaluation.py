@@ -26,12 +26,12 @@ from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.common.rollouts.scores import (
-    RolloutLog,
     interval,
     reward_shares,
     score_rollouts,
@@ -355,7 +355,7 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
 
 
 def test_a_continuous_scenario_refuses_ablations(expert):
-    policy = AblatedController(expert, expert, columns=(0,), means=(0.0,))
+    policy = AblatedController(alone(expert), columns=(0,), means=(0.0,))
     with pytest.raises(InputError, match="AblatedController"):
         roll_out(load_gait("trot"), policy, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=1))
 

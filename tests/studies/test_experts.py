@@ -22,7 +22,7 @@ BUDGET = 10e6
 
 
 @pytest.mark.parametrize("gait", shipped_experts())
-def test_records_tell_how_the_expert_was_made(gait):
+def test_records_hold_how_the_expert_was_made(gait):
     record = read_yaml(EXPERT_DIRECTORY / f"{gait}.yaml")
     config = read_config(EXPERT_DIRECTORY / f"{gait}.yaml")
     curve = pd.read_csv(EXPERT_DIRECTORY / f"{gait}.csv")
@@ -46,7 +46,9 @@ def test_experts_treat_left_and_right_alike(gait, generator):
     np.testing.assert_allclose(image, expert(observations), atol=1e-9)
 
 
-@pytest.mark.parametrize("scenario", ["training", "latency_20ms"])
+@pytest.mark.parametrize(
+    "scenario", ["training", pytest.param("latency_20ms", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("gait", shipped_experts())
 def test_experts_stay_up_and_keep_their_gait(gait, scenario):
     config = RolloutConfig(n_robots=6, n_steps=250, seed=7)

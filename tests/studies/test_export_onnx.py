@@ -25,8 +25,8 @@ from glassgait.studies.deployment.export.exported import Acting  # noqa: E402
 from glassgait.studies.deployment.export.graph_agreement import (  # noqa: E402
     check_graph,
     compare_graph,
-    random_observations,
-    recorded_observations,
+    random_rows,
+    recorded_rows,
 )
 from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: E402
 
@@ -54,7 +54,7 @@ def loaded(gait, kind, real="double"):
 )
 def test_shipped_policies_agree(gait, kind):
     graph, policy, expert = loaded(gait, kind)
-    rows = random_observations(load_gait(gait), 500, 1)
+    rows = random_rows(load_gait(gait), 500, 1)
     found = compare_graph(graph, policy, expert, rows)
     assert found.rows == 500
     assert max(found.target, found.estimate) < 1e-12
@@ -62,14 +62,14 @@ def test_shipped_policies_agree(gait, kind):
 
 def test_single_precision_agrees_but_for_rounding():
     graph, policy, expert = loaded("trot", "ebm", "float")
-    rows = recorded_observations(load_gait("trot"), policy, expert, 60, 1)
+    rows = recorded_rows(load_gait("trot"), policy, expert, 60, 1)
     found = compare_graph(graph, policy, expert, rows)
     assert found.rows == 60
     assert 0.0 < found.target < 1e-6
 
 
-def test_random_observations_are_of_robots_within_their_ranges(trot):
-    rows = random_observations(trot, 400, 0)
+def test_random_rows_are_of_robots_within_their_ranges(trot):
+    rows = random_rows(trot, 400, 0)
     layout = ObservationLayout(trot.n_states)
     assert rows.shape == (400, layout.n_proprioceptive)
     named = dict(zip(layout.names, rows.T, strict=False))
@@ -115,7 +115,7 @@ def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refus
 
 def test_another_policy_is_told_apart(trot):
     graph, policy, expert = loaded("trot", "sparse_formula")
-    rows = {"random": random_observations(trot, 50, 0)}
+    rows = {"random": random_rows(trot, 50, 0)}
     assert len(check_graph(graph, policy, expert, rows)) == 1
     with pytest.raises(InputError, match="nothing was written"):
         check_graph(graph, load_student("trot", "symbolic"), expert, rows)
@@ -123,7 +123,7 @@ def test_another_policy_is_told_apart(trot):
 
 def test_what_is_not_finite_on_one_side_alone_is_told(trot):
     graph, policy, expert = loaded("trot", "statewise_linear")
-    rows = random_observations(trot, 5, 0)
+    rows = random_rows(trot, 5, 0)
 
     def broken(observation):
         action = policy(observation)
@@ -205,5 +205,5 @@ def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
     expert = load_expert("trot")
     own = type(expert)("hop", expert.observation_names, *expert._networks)
     file = OnnxFile(Acting(odd, policy, own, "hop_mine", "mine"), "double")
-    rows = random_observations(odd, 20, 0)
+    rows = random_rows(odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12

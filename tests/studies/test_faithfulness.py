@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.task.observation import ObservationLayout
@@ -16,19 +17,24 @@ N = len(NAMES)
 def ablated(mode, **settings):
     expert = load_expert("trot")
     student = LinearPolicy("trot", NAMES, np.eye(12, N, k=2), np.zeros(12))
-    return AblatedController(expert, student, columns=(2, 4), mode=mode, **settings)
+    return AblatedController(alone(student, expert), columns=(2, 4), mode=mode, **settings)
+
+
+def act(controller, observations):
+    memory = controller.begin(len(observations))
+    return controller.advance(0, observations, memory).action
 
 
 def test_means_stand_in_for_what_is_taken_away(generator):
     observations = generator.normal(size=(3, N))
-    action = ablated("mean", means=(0.5, -0.5)).advance(0, observations, None).action
+    action = act(ablated("mean", means=(0.5, -0.5)), observations)
     np.testing.assert_array_equal(action[:, [0, 2]], [[0.5, -0.5]] * 3)
     np.testing.assert_array_equal(action[:, 1], observations[:, 3])
 
 
 def test_shuffled_observations_are_another_robots(generator):
     observations = generator.normal(size=(20, N))
-    action = ablated("shuffled").advance(0, observations, None).action
+    action = act(ablated("shuffled"), observations)
     assert sorted(action[:, 0]) == sorted(observations[:, 2])
     assert not np.array_equal(action[:, 0], observations[:, 2])
     order = [int(np.flatnonzero(observations[:, 2] == value)[0]) for value in action[:, 0]]

@@ -85,6 +85,7 @@ def of_others():
     return run(OF_OTHERS)
 
 
+@pytest.mark.slow
 def test_importing_a_module_changes_nothing_of_the_process(of_others):
     assert "numpy" in of_others.split()
     assert run(CHANGES, of_others) == ""

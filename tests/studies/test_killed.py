@@ -23,6 +23,9 @@ DRIVER = """
 import sys
 from glassgait.studies.cli import main
 
+if sys.argv[1] == "importance":
+    import glassgait.studies.importance.study
+    glassgait.studies.importance.study.EPISODE_STEPS = 20
 if sys.argv[1] == "demo":
     sys.path.insert(0, sys.argv.pop())
     import glassgait.studies.reproduction.demo.command, test_demo

@@ -62,15 +62,15 @@ def test_results_come_in_the_order_of_the_calls():
     assert sorted(loose) == list(range(9))
 
 
-def test_results_that_nobody_waits_for_are_left_in_silence():
+def test_abandoned_results_raise_no_warning():
     results = run_parallel((delayed(time.sleep)(0.1) for _ in range(9)), 2)
     next(results)
     with warnings.catch_warnings(action="error"):
         results.close()
 
 
-def test_a_worker_that_is_killed_is_told():
-    with pytest.raises(InputError, match="a worker process was ended from outside"):
+def test_a_worker_that_is_killed_is_reported():
+    with pytest.raises(InputError, match="worker process"):
         list(run_parallel((delayed(os._exit)(1) for _ in range(4)), 2))
 
 
@@ -127,11 +127,11 @@ def test_workers_leave_signals_to_their_parent(parent, number):
     assert told.strip().endswith("KeyboardInterrupt")
 
 
-def test_a_ray_cluster_that_is_not_there_is_told_at_once(monkeypatch):
+def test_a_ray_cluster_that_is_not_there_is_refused_at_once(monkeypatch):
     pytest.importorskip("ray", reason="Ray is not installed: pip install 'glassgait[ray]'")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         # Bound, so that nobody else takes the port, but nothing listens there.
         monkeypatch.setenv("RAY_ADDRESS", f"127.0.0.1:{free.getsockname()[1]}")
-        with pytest.raises(InputError, match="nothing answers at RAY_ADDRESS='127"):
+        with pytest.raises(InputError, match="RAY_ADDRESS"):
             list(run_parallel([delayed(abs)(-1)], 1, backend="ray"))

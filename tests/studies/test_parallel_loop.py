@@ -81,7 +81,7 @@ def test_a_large_array_is_sent_once_for_all_calls():
     assert len(cluster.arrays) == 1
 
 
-def test_calls_that_nobody_waits_for_are_cancelled():
+def test_abandoned_calls_are_cancelled():
     cluster = Fake()
     results = run_on_cluster(cluster, _calls(9), 3, in_order=False)
     next(results)
@@ -90,7 +90,7 @@ def test_calls_that_nobody_waits_for_are_cancelled():
 
 
 @pytest.mark.parametrize(("backend", "module"), [("ray", "ray"), ("dask", "distributed")])
-def test_an_extra_that_is_missing_is_told_with_the_command_that_installs_it(
+def test_an_extra_that_is_missing_is_refused_with_the_command_that_installs_it(
     backend, module, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, module, None)

@@ -124,7 +124,7 @@ def test_missing_samples_are_told(tmp_path, refused):
     )
 
 
-def test_fewer_terms_than_formulas_are_told(samples, tmp_path, refused):
+def test_fewer_terms_than_formulas_are_refused(samples, tmp_path, refused):
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     few = ["--terms", "5", "--samples", str(tmp_path / "rounds"), "--output", str(tmp_path / "out")]
     assert "terms is (5,)" in refused(["distill", "--sweep", "terms", *few])

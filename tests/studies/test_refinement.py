@@ -16,6 +16,7 @@ from glassgait.models.robots import robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.refinement import study
 from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import (
@@ -25,7 +26,6 @@ from glassgait.studies.distillation.refinement.formula_network import (
 )
 from glassgait.studies.distillation.refinement.study import RefinementRun
 from glassgait.studies.distillation.students.formula_fit import short_numbers
-from glassgait.studies.distillation.visits import visit
 from glassgait.studies.training.config import PpoConfig
 
 PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)
@@ -44,7 +44,7 @@ PAGE = load_student("trot", "sparse_formula")
 
 
 def seen(gait, policy, n_robots=6, n_steps=30):
-    data = visit(
+    data = collect_alone(
         load_gait(gait), load_expert(gait), policy, n_robots=n_robots, n_steps=n_steps, seed=3
     )
     return data.observations, torch.from_numpy(data.observations).float()
@@ -236,7 +236,7 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
         (["--gait", "walk", "--policy", str(__file__)], "unknown policy"),
     ],
 )
-def test_what_cannot_be_refined_is_told(arguments, told, refused, tmp_path):
+def test_what_cannot_be_refined_is_refused(arguments, told, refused, tmp_path):
     folder = tmp_path / "refined"
     assert told in refused(["refine", *arguments, "--output", str(folder)])
     assert not folder.exists()

@@ -175,14 +175,14 @@ def test_settings_that_are_none_are_refused(tmp_path, refused):
     assert "unknown settings 'papper'; name paper" in refused(["reproduce", "papper"])
     path = tmp_path / "mine.yaml"
     path.write_text("training: {n_robot: 5}\n")
-    with pytest.raises(InputError, match=r"mine\.yaml: unknown key 'training\.n_robot'"):
+    with pytest.raises(InputError, match="n_robot"):
         load_settings(path)
     path.write_text("training: {n_robots: 32}\n")
     assert load_settings(path).training.n_robots == 32
     message = refused(["reproduce", str(path), "--quick"])
     assert f"{path}: has no settings under the key 'quick'" in message
     path.write_text("- trot\n")
-    with pytest.raises(InputError, match="is not a mapping of settings"):
+    with pytest.raises(InputError, match="mapping"):
         load_settings(path)
 
 

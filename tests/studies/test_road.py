@@ -38,7 +38,7 @@ ROAD = {
 
 
 @pytest.mark.slow
-def test_a_gait_of_ones_own_goes_the_whole_road(tmp_path):
+def test_a_gait_of_a_user_goes_the_whole_road(tmp_path):
     (tmp_path / "gaits").mkdir()
     (tmp_path / "gaits" / "hop.yaml").write_text(HOP)
     expert = ["--expert", "runs/training/hop/hop.safetensors"]

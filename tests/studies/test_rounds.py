@@ -71,7 +71,7 @@ def test_episodes_of_one_ratio_may_have_a_student_each():
     assert [own.number for own in planned] == [1, 2, 3, 4, 5]
     assert [own.period for own in planned] == [1, 1, 2, 2, 0]
     assert [list(own.episodes) for own in planned[:4]] == [[1, 2], [3, 4], [5, 6], [7]]
-    with pytest.raises(InputError, match="episodes_per_fit is 3"):
+    with pytest.raises(InputError, match="episodes_per_fit"):
         DistillationConfig(episodes_per_round=4, episodes_per_fit=3)
 
 

@@ -121,7 +121,7 @@ def test_other_studies_and_other_files_are_left_alone(run, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "[", "study: distill", "3", "study: &a [*a]", "\0", "a: {b"])
-def test_a_damaged_record_is_told(run, text):
+def test_a_damaged_record_is_refused(run, text):
     (run / CONFIG_NAME).write_text(text)
     assert str(run) in refusal(run)
 
@@ -185,7 +185,7 @@ def test_hidden_files_of_a_persons_own_are_left(tmp_path):
     assert (tmp_path / ".git" / "HEAD").read_text() == "mine"
 
 
-def test_a_refusal_is_told_whatever_the_folder_is(tmp_path):
+def test_a_refusal_is_reported_whatever_the_folder_is(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "folder")
     with pytest.raises(InputError, match="no"), opened(tmp_path / "link"):
@@ -200,7 +200,7 @@ def test_a_refused_continuation_leaves_the_record_as_it_was(run):
     assert (run / CONFIG_NAME).read_text() == before
 
 
-def test_runs_are_told_apart_by_all_but_what_is_free(run, tmp_path):
+def test_runs_are_distinguished_by_all_but_what_is_free(run, tmp_path):
     identities = []
     for folder, settings in (
         (run, Run()),
@@ -227,13 +227,13 @@ def test_what_a_killed_process_half_wrote_is_removed(run):
         assert not litter.exists()
 
 
-def test_a_place_that_cannot_be_written_to_is_told(tmp_path):
+def test_a_place_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     assert "file" in refusal(tmp_path / "file" / "run")
     assert "file" in refusal(tmp_path / "file")
 
 
-def test_files_are_told_apart_by_name_and_contents(tmp_path):
+def test_files_are_distinguished_by_name_and_contents(tmp_path):
     paths = [tmp_path / name for name in ("a", "b")]
     for path in paths:
         path.write_text(path.name)

@@ -25,8 +25,6 @@ from glassgait.studies.common.rollouts.play import pusher
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.rounds import Round
-from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.view.command import OwnCommand
 
 EXPERT_ALONE = ["evaluate", "worlds", "--policy", "expert"]
@@ -139,7 +137,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         (["distill", "--scenario", "cenic_1e-5"], "time_step is 0.0; it must divide the control"),
     ],
 )
-def test_bad_scenarios_are_told_before_anything_is_written(
+def test_bad_scenarios_are_refused_before_anything_is_written(
     arguments, told, refused, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -192,7 +190,7 @@ def test_a_command_is_laid_over_the_scenarios():
     assert OwnCommand(dwell=7).over(drawn).command == FixedCommand(dwell=7)
 
 
-def test_a_rollout_tells_in_which_world_it_was(icy, tmp_path):
+def test_a_rollout_records_its_world(icy, tmp_path):
     shown = tmp_path / "shown"
     command = ["view", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
@@ -223,9 +221,9 @@ def test_a_robot_that_is_watched_is_pushed(expert):
 def samples_in(scenario, expert):
     return collect(
         TROT,
-        expert,
-        untrained_student("trot", expert.observation_names),
-        plan=Round(number=1, period=1, episodes=range(1, 3), steps=20),
+        alone(expert),
+        episodes=range(1, 3),
+        n_steps=20,
         speeds=np.array([0.0, 0.5]),
         worlds=scenario,
         generator=np.random.default_rng(0),

@@ -12,9 +12,9 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS, command_class
+from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import selection
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import RolloutLog
 from glassgait.studies.common.rollouts.scoring import for_selection, rollout_cases
 from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
 from glassgait.studies.distillation.pareto.command import smallest_that_walk
@@ -98,7 +98,7 @@ def test_what_selects_is_not_reported(expert, refused):
 
 
 def test_a_reported_seed_calibrates_nothing():
-    with pytest.raises(InputError, match="calibration_seed is or leads to 1003, but 1000 to 1004"):
+    with pytest.raises(InputError, match="calibration_seed"):
         Assurance(calibration_seed=1003, rollouts=RolloutConfig(seed=2000, n_seeds=1))
 
 

@@ -108,6 +108,6 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
 
 def test_fewer_terms_than_formulas_are_refused(generator):
     samples = samples_of_a_sparse_law(generator, MIRRORS["trot"])
-    with pytest.raises(InputError, match="the trot has 24 formulas with a term each"):
+    with pytest.raises(InputError, match="24 formulas"):
         condense(samples, 23, mirrored=False)
     assert condense(samples, 12, mirrored=True).n_terms() == 12

@@ -163,7 +163,7 @@ def run(tmp_path, monkeypatch, records):
             asked.append(strides)
             if len(asked) > last:
                 raise KeyboardInterrupt
-            return found[strides.policy.student is None]
+            return found[strides.controller.student is None]
 
         monkeypatch.setattr("glassgait.studies.evaluation.stability.analyse", again)
         folder = tmp_path / output

@@ -51,13 +51,13 @@ def test_each_gait_and_seed_has_its_folder(names, seeds, output, folders):
 
 def test_all_stands_for_every_gait_that_ships():
     assert gaits_named(["all"]) == gait_names()
-    with pytest.raises(InputError, match="leave the others out"):
+    with pytest.raises(InputError, match="others"):
         gaits_named(["all", "trot"])
 
 
 def test_two_gaits_of_one_name_are_refused():
     Path("trot.yaml").write_text((GAIT_DIRECTORY / "trot.yaml").read_text())
-    with pytest.raises(InputError, match="two gaits are called trot"):
+    with pytest.raises(InputError, match="trot"):
         gaits_named(["trot", "trot.yaml"])
 
 
@@ -68,7 +68,7 @@ def test_a_job_that_is_refused_stops_no_other(capsys):
         (job.folder / "result").write_text(job.title)
 
     jobs = _jobs()
-    with pytest.raises(InputError, match=r"^1 of 4 jobs were refused, .* walk, seed 0: the walk: "):
+    with pytest.raises(InputError, match=r"^1 of 4 .* seed 0: the walk: "):
         run_sweep(jobs, run, HERE)
     assert [(job.folder / "result").exists() for job in jobs] == [True, True, False, True]
     assert not jobs[2].folder.exists()

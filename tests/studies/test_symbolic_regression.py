@@ -219,7 +219,7 @@ def test_what_pysr_finds_is_read(monkeypatch, generator):
         (MemoryError(), r"\(MemoryError\)"),
     ],
 )
-def test_an_error_of_pysrs_search_is_told_in_one_sentence(error, told, monkeypatch, generator):
+def test_an_error_of_pysrs_search_is_reported_in_one_sentence(error, told, monkeypatch, generator):
     use_pysr_that_finds(monkeypatch, error)
     with pytest.raises(InputError, match=f"engine 'pysr' ended with an error {told}") as raised:
         fit_by_pysr(generator)

@@ -17,8 +17,8 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.cli import main
+from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.visits import visit
 from glassgait.studies.evaluation.symmetry_measures import (
     drawn_importances,
     left_right_table,
@@ -153,7 +153,7 @@ def test_importances_are_of_the_policys_own_actions_and_repeat_with_their_seed(g
 
 def test_the_expert_visits_what_is_measured():
     expert = load_expert("trot")
-    samples = visit(load_gait("trot"), expert, expert, n_robots=4, n_steps=6, seed=1)
+    samples = collect_alone(load_gait("trot"), expert, expert, n_robots=4, n_steps=6, seed=1)
     assert np.unique(samples.episodes, return_counts=True)[1].tolist() == [6] * 4
     np.testing.assert_allclose(samples.actions, expert(samples.observations), atol=1e-12)
     speeds = samples.observations[::6, expert.observation_names.index("Command X")]

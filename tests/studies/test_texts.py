@@ -36,7 +36,7 @@ def test_gait_command_takes_files_named_like_markup(tmp_path, capsys):
     assert output.read_text().startswith("```mermaid\nstateDiagram-v2\n")
 
 
-def test_paths_that_are_not_utf_8_are_told_by_their_codes(tmp_path, capsys):
+def test_paths_that_are_not_utf_8_are_reported_by_their_codes(tmp_path, capsys):
     main(["gait", "trot", "--output", str(tmp_path / "\udcff.md")])
     assert r"\udcff.md" in capsys.readouterr().out
 

@@ -186,7 +186,7 @@ def test_a_gait_that_favours_a_side_trains_without_a_mirror(tmp_path):
     assert load_policy(tmp_path / "run" / "lopsided.safetensors").mirrored_states is None
 
 
-def test_the_record_tells_how_the_expert_was_trained(tmp_path):
+def test_the_record_reports_how_the_expert_was_trained(tmp_path):
     training_run(replace(TINY, updates=2), tmp_path).run(silent)
     record = yaml.safe_load((tmp_path / "trot.yaml").read_text())
     assert record["control_steps"] == 2 * 8 * 8

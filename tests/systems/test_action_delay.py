@@ -11,12 +11,6 @@ def passed_on(system, context):
     return system.get_delayed_action_output_port().Eval(context)[0]
 
 
-def test_ports_and_no_feedthrough(port_sizes, feedthrough):
-    system = ActionDelay(0.01, 0.01)
-    assert port_sizes(system) == ({"held_action": 12}, {"delayed_action": 12})
-    assert feedthrough(system) == set()
-
-
 @pytest.mark.parametrize(
     ("latency", "time_step"), [(0.01, 0.01), (0.01, 0.0025), (0.0075, 0.0025), (0.013, 0.0)]
 )
@@ -66,7 +60,3 @@ def test_clones_delay_their_own(fix_inputs, latch):
 def test_refuses_latencies_that_cannot_be(latency, time_step, told):
     with pytest.raises(ValueError, match=told):
         ActionDelay(latency, time_step)
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(ActionDelay(0.01, 0.01))

@@ -13,12 +13,6 @@ def held(system, context):
     )
 
 
-def test_ports_and_no_feedthrough(port_sizes, feedthrough):
-    system = ActionHold()
-    assert port_sizes(system) == ({"action": 12}, {"held_action": 12, "previous_action": 12})
-    assert feedthrough(system) == set()
-
-
 def test_holds_the_latest_and_the_one_before(fix_inputs):
     system = ActionHold()
     context = fix_inputs(system, action=np.full(12, 1.0))
@@ -41,7 +35,3 @@ def test_clones_hold_their_own(fix_inputs, latch):
     latch(system, context)
     assert held(system, context)[0] == 1
     assert held(system, clone)[0] == 0
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(ActionHold())

@@ -20,13 +20,8 @@ def test_selects_the_expert_every_nth_control_step(period, acts):
     assert chosen == acts
 
 
-def test_has_one_abstract_output_and_no_input():
-    system = AlternationSchedule(2, EXPERT, STUDENT)
-    assert (system.num_input_ports(), system.num_output_ports()) == (0, 1)
-
-
 def test_refuses_a_negative_period():
-    with pytest.raises(ValueError, match="period is -1"):
+    with pytest.raises(ValueError, match="period"):
         AlternationSchedule(-1, EXPERT, STUDENT)
 
 

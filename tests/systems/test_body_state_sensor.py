@@ -6,12 +6,6 @@ from glassgait.models.task.observation import body_state
 from glassgait.systems.body_state_sensor import BodyStateSensor
 
 
-def test_ports(port_sizes, feedthrough):
-    system = BodyStateSensor()
-    assert port_sizes(system) == ({"state": 37}, {"body_state": 7})
-    assert feedthrough(system) == {("state", "body_state")}
-
-
 def test_gives_the_true_values(random_states, fix_inputs):
     system = BodyStateSensor()
     (state,) = random_states(1)
@@ -29,7 +23,3 @@ def test_clones_see_their_own_robot(random_states, fix_inputs):
     port = system.get_body_state_output_port()
     np.testing.assert_array_equal(port.Eval(clone), body_state(second))
     np.testing.assert_array_equal(port.Eval(context), body_state(first))
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(BodyStateSensor())

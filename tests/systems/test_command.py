@@ -16,12 +16,6 @@ def command_at(system, time, seed=0.5):
     )
 
 
-def test_ports(trot, port_sizes, feedthrough):
-    system = RandomCommand(trot)
-    assert port_sizes(system) == ({"seed": 1}, {"command": 2, "commanded_dwell": 1})
-    assert feedthrough(system) == {("seed", "command"), ("seed", "commanded_dwell")}
-
-
 def test_changes_every_ten_seconds(trot):
     system = RandomCommand(trot)
     assert command_at(system, 0.0) == command_at(system, 9.98)
@@ -60,10 +54,6 @@ def test_clones_draw_by_their_own_seed_and_time(trot):
     port = system.get_command_output_port()
     assert port.Eval(clone).tolist() == command_at(system, 10.0, 1.0)[0]
     assert port.Eval(context).tolist() == command_at(system, 0.0, 1.0)[0]
-
-
-def test_refuses_wrong_sizes(trot, assert_sizes_are_checked):
-    assert_sizes_are_checked(RandomCommand(trot))
 
 
 @pytest.mark.parametrize("speeds", [(0.6, 0.5), (float("nan"), 0.5)])

@@ -25,12 +25,6 @@ def received(trot):
     return read
 
 
-def test_ports_and_feedthrough(trot, port_sizes, feedthrough):
-    system = CommandReceiver(trot)
-    assert port_sizes(system)[1] == {"command": 2, "commanded_dwell": 1}
-    assert feedthrough(system) == {("message", "command"), ("message", "commanded_dwell")}
-
-
 def test_gives_the_command(received):
     assert received() == [0.5, -0.2, 8.0]
 

@@ -3,13 +3,6 @@
 from glassgait.systems.command_sender import CommandSender
 
 
-def test_ports_and_feedthrough(port_sizes, feedthrough):
-    system = CommandSender(session=3)
-    inputs = {"command": 2, "commanded_dwell": 1}
-    assert port_sizes(system)[0] == inputs
-    assert feedthrough(system) == {(name, "message") for name in inputs}
-
-
 def test_sends_the_command_of_an_instant(fix_inputs):
     system = CommandSender(session=3)
     context = fix_inputs(system, command=[0.5, -0.2], commanded_dwell=8)
@@ -20,7 +13,3 @@ def test_sends_the_command_of_an_instant(fix_inputs):
     assert (message.session, message.sequence, message.utime) == (3, 2, 40_000)
     assert (message.speed, message.yaw_rate, message.dwell) == (0.5, -0.2, 8.0)
     assert system.get_message_output_port().Eval(clone).dwell == 9.0
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(CommandSender(session=3))

@@ -19,13 +19,6 @@ def outputs(system, context):
     return [system.GetOutputPort(name).Eval(context) for name in ports]
 
 
-def test_ports_and_feedthrough(system, port_sizes, feedthrough):
-    inputs = {"state": 37, "command": 2, "commanded_dwell": 1}
-    given = {"action": 12, "targets": 12, "status": 1}
-    assert port_sizes(system) == (inputs, given)
-    assert feedthrough(system) == {(source, target) for source in inputs for target in given}
-
-
 def test_takes_the_controllers_step_and_remembers(
     system, compiled_page, fix_inputs, latch, standing
 ):
@@ -65,20 +58,9 @@ def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch
     np.testing.assert_array_equal(action, before)
 
 
-def test_refuses_wrong_sizes(system, assert_sizes_are_checked):
-    assert_sizes_are_checked(system)
-
-
 @pytest.fixture
 def changing(compiled_pages) -> CompiledController:
     return CompiledController(compiled_pages)
-
-
-def test_of_several_gaits_one_is_requested_by_a_port(changing, port_sizes, feedthrough):
-    inputs = {"state": 37, "command": 2, "commanded_dwell": 1, "requested_gait": 1}
-    given = {"action": 12, "targets": 12, "status": 1}
-    assert port_sizes(changing) == (inputs, given)
-    assert feedthrough(changing) == {(source, target) for source in inputs for target in given}
 
 
 @pytest.mark.parametrize("requested", [None, 0, 1])

@@ -6,12 +6,6 @@ from glassgait.systems.contact_memory import ContactMemory
 from glassgait.systems.foot_sensor import FootSensor
 
 
-def test_ports(port_sizes, feedthrough):
-    system = ContactMemory()
-    assert port_sizes(system) == ({"touching": 4}, {"foot_contact": 4})
-    assert feedthrough(system) == {("touching", "foot_contact")}
-
-
 def test_contact_outlasts_the_touch_by_one_control_step(fix_inputs, latch):
     system = ContactMemory()
     port = system.get_foot_contact_output_port()
@@ -26,7 +20,7 @@ def test_contact_outlasts_the_touch_by_one_control_step(fix_inputs, latch):
     np.testing.assert_array_equal(port.Eval(clone), [1, 1, 0, 1])
 
 
-def test_tells_what_the_foot_sensor_tells(fix_inputs, latch, standing):
+def test_equals_the_foot_sensors_contact(fix_inputs, latch, standing):
     memory, sensor = ContactMemory(), FootSensor()
     contexts = [memory.CreateDefaultContext(), sensor.CreateDefaultContext()]
     for lift in (-0.012, 0.05, 0.05, -0.012):
@@ -41,7 +35,3 @@ def test_tells_what_the_foot_sensor_tells(fix_inputs, latch, standing):
         np.testing.assert_array_equal(*told)
         latch(memory, contexts[0])
         latch(sensor, contexts[1])
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(ContactMemory())

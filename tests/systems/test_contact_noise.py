@@ -10,13 +10,6 @@ def sensed(system, context):
     return system.get_sensed_contact_output_port().Eval(context).tolist()
 
 
-def test_ports_and_feedthrough(port_sizes, feedthrough):
-    system = ContactNoise(0.1)
-    inputs = {"foot_contact": 4, "uniform_noise": 4}
-    assert port_sizes(system) == (inputs, {"sensed_contact": 4})
-    assert feedthrough(system) == {(name, "sensed_contact") for name in inputs}
-
-
 def test_flips_where_the_noise_is_below_the_share(fix_inputs):
     system = ContactNoise(0.1)
     context = fix_inputs(system, foot_contact=[1, 1, 0, 0], uniform_noise=[0.05, 0.1, 0.09, 0.5])
@@ -35,7 +28,3 @@ def test_contexts_share_nothing(fix_inputs):
 def test_refuses_what_is_no_share(share):
     with pytest.raises(ValueError, match="must be from 0 to 1"):
         ContactNoise(share)
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(ContactNoise(0.1))

@@ -7,14 +7,6 @@ from glassgait.models.task.termination import FAILURES, TerminationLimits
 from glassgait.systems.fall_monitor import FallMonitor
 
 
-def test_ports(port_sizes, feedthrough):
-    system = FallMonitor()
-    found, outputs = port_sizes(system)
-    assert found == {"state": 37, "action": 12, "previous_action": 12}
-    assert outputs == {"failures": 6}
-    assert feedthrough(system) == {(name, "failures") for name in found}
-
-
 def test_flags_the_failures(standing, fix_inputs):
     system = FallMonitor()
     values = {"state": standing, "action": np.full(12, 3.0), "previous_action": np.zeros(12)}
@@ -51,7 +43,3 @@ def test_clones_watch_their_own_robot(standing, fix_inputs):
     port = system.get_failures_output_port()
     assert port.Eval(clone).any()
     assert not port.Eval(context).any()
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(FallMonitor())

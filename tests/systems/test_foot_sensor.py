@@ -12,12 +12,6 @@ def sensed(system, context):
     )
 
 
-def test_ports(port_sizes, feedthrough):
-    system = FootSensor()
-    assert port_sizes(system) == ({"state": 37}, {"foot_contact": 4, "foot_height": 4})
-    assert feedthrough(system) == {("state", "foot_contact"), ("state", "foot_height")}
-
-
 def test_senses_contact_and_height(standing, fix_inputs):
     system = FootSensor()
     standing[6] += 0.05
@@ -51,7 +45,3 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
     fix_inputs(system, clone, state=lifted)
     np.testing.assert_array_equal(sensed(system, context)[0], 1)
     np.testing.assert_array_equal(sensed(system, clone)[0], 0)
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(FootSensor())

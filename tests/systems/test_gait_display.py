@@ -39,11 +39,6 @@ def inputs(standing):
     return {"state": standing, "rm_state": [0.0, 1.0], "foot_contact": [1.0, 0.0, 0.0, 1.0]}
 
 
-def test_ports(trot, meshcat, port_sizes):
-    found = port_sizes(GaitDisplay(trot, meshcat))
-    assert found == ({"state": 37, "rm_state": 2, "foot_contact": 4}, {})
-
-
 def test_has_an_object_for_every_state_and_foot(trot, meshcat):
     GaitDisplay(trot, meshcat)
     states = [f"gait/state/{i}" for i in range(trot.n_states)]
@@ -92,10 +87,6 @@ def test_colours_start_again_for_machines_of_many_states(trot, meshcat):
     states = tuple(f"q{i}" for i in range(40))
     GaitDisplay(replace(trot, states=states), meshcat)
     assert len(meshcat.objects) == 44
-
-
-def test_refuses_wrong_sizes(trot, meshcat, assert_sizes_are_checked):
-    assert_sizes_are_checked(GaitDisplay(trot, meshcat))
 
 
 def test_publishes_every_32nd_of_a_second(trot, meshcat, inputs, fix_inputs):

@@ -50,14 +50,6 @@ def advance(system):
     return run
 
 
-def test_ports_without_feedthrough(system, port_sizes):
-    # A port of messages has no size.
-    inputs, outputs = port_sizes(system)
-    assert inputs["state"] == 37
-    assert outputs == {"targets": 12, "phase": 1, "followed": 1}
-    assert not system.HasAnyDirectFeedthrough()
-
-
 def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
     def told(context):
         return [
@@ -81,7 +73,7 @@ def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
     np.testing.assert_array_equal(told(clone)[0], TARGETS)
 
 
-def test_a_robot_on_its_side_is_not_told_to_rise(system, advance):
+def test_a_robot_on_its_side_does_not_rise(system, advance):
     advance(0.005, answer(0.0))
     advance(3.005, answer(0.0))
     for state, expected in ((ON_ITS_SIDE, Phase.TIPPED), (LEVEL, Phase.STANDING)):
@@ -112,5 +104,5 @@ def test_numbers_stand_for_a_watch_and_back():
 
 
 def test_refuses_a_plant_without_steps():
-    with pytest.raises(ValueError, match="time_step is 0"):
+    with pytest.raises(ValueError, match="time_step"):
         LinkWatchdog(Watchdog(), session=SESSION, time_step=0.0)

@@ -35,11 +35,6 @@ def move(meshcat, *values):
         meshcat.SetSliderValue(name, value)
 
 
-def test_ports(trot, port_sizes, meshcat):
-    system = MeshcatCommand(trot, meshcat)
-    assert port_sizes(system) == ({}, {"command": 2, "commanded_dwell": 1})
-
-
 def test_sliders_span_the_gaits_ranges(trot, meshcat):
     MeshcatCommand(trot, meshcat)
     for values, reached in (((9, 9, 99), (1, 1, 11)), ((-9, -9, 0), (-1, -1, 6))):

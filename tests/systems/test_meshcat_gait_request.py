@@ -38,10 +38,6 @@ def requested(system, context):
     return system.get_requested_gait_output_port().Eval(context).tolist()
 
 
-def test_ports(port_sizes, meshcat):
-    assert port_sizes(MeshcatGaitRequest(GAITS, meshcat)) == ({}, {"requested_gait": 1})
-
-
 def test_every_gait_has_a_button(meshcat):
     MeshcatGaitRequest(GAITS, meshcat)
     for name in ("walk *", "trot", "half-bound"):

@@ -16,11 +16,6 @@ def given(system, context):
     return system.get_given_observation_output_port().Eval(context)
 
 
-def test_ports_and_feedthrough(system, port_sizes, feedthrough):
-    assert port_sizes(system) == ({"observation": 3}, {"given_observation": 3})
-    assert feedthrough(system) == {("observation", "given_observation")}
-
-
 def test_the_offset_is_there_while_the_intervention_lasts(system, fix_inputs):
     context = fix_inputs(system, observation=np.arange(3.0))
     for step in range(6):
@@ -35,8 +30,3 @@ def test_clones_go_by_their_own_time(system, fix_inputs):
     clone.SetTime(0.04)
     np.testing.assert_array_equal(given(system, context), np.zeros(3))
     np.testing.assert_array_equal(given(system, clone), [0.5, -1.0, 0.0])
-
-
-def test_another_size_is_refused(system, fix_inputs):
-    with pytest.raises(Exception, match="size"):
-        fix_inputs(system, observation=np.zeros(4))

@@ -15,12 +15,6 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.systems.policy import PolicySystem
 
 
-def test_ports(trot, make_policy, port_sizes, feedthrough):
-    system = PolicySystem(make_policy(trot))
-    assert port_sizes(system) == ({"observation": 49}, {"action": 12})
-    assert feedthrough(system) == {("observation", "action")}
-
-
 def test_gives_the_policys_action(trot, make_policy, fix_inputs, generator):
     policy = make_policy(trot)
     system = PolicySystem(policy)
@@ -60,7 +54,3 @@ def test_an_observation_that_is_not_finite_is_passed_on(trot, make_policy, fix_i
     system = PolicySystem(make_policy(trot))
     context = fix_inputs(system, observation=np.full(49, np.nan))
     assert np.isnan(system.get_action_output_port().Eval(context)).all()
-
-
-def test_refuses_wrong_sizes(trot, make_policy, assert_sizes_are_checked):
-    assert_sizes_are_checked(PolicySystem(make_policy(trot)))

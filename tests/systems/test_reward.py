@@ -19,25 +19,6 @@ def inputs(state, **changes):
     return values | changes
 
 
-def test_ports(port_sizes, feedthrough):
-    system = RewardSystem()
-    found, outputs = port_sizes(system)
-    assert found == {
-        "state": 37,
-        "command": 2,
-        "action": 12,
-        "previous_action": 12,
-        "foot_contact": 4,
-        "reward_multiplier": 1,
-    }
-    assert outputs == {"reward": 1, "plain_reward": 1, "reward_terms": 9}
-    pairs = feedthrough(system)
-    assert pairs == {(name, port) for name in found for port in outputs} - {
-        ("reward_multiplier", "plain_reward"),
-        ("reward_multiplier", "reward_terms"),
-    }
-
-
 def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     system = RewardSystem()
     standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
@@ -97,7 +78,3 @@ def test_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
     reached = 0.4 * (1 - np.exp(-5 * 0.02 / 0.1))
     terms = system.get_reward_terms_output_port().Eval(context)
     np.testing.assert_allclose(terms[0], np.exp(-np.square(0.3 - reached) / 0.25), rtol=1e-12)
-
-
-def test_refuses_wrong_sizes(assert_sizes_are_checked):
-    assert_sizes_are_checked(RewardSystem())

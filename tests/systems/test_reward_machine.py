@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from pydrake.systems.analysis import Simulator
 
-from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 FL_RR = np.array([1.0, 0, 0, 1])
@@ -21,21 +19,6 @@ def outputs(system, context):
         system.get_served_dwell_output_port(),
     )
     return [port.Eval(context).tolist() for port in ports]
-
-
-@pytest.mark.parametrize("name", gait_names())
-def test_ports(name, port_sizes, feedthrough):
-    gait = load_gait(name)
-    system = RewardMachineSystem(gait)
-    inputs, found = port_sizes(system)
-    assert inputs == {"foot_contact": 4, "foot_height": 4, "commanded_dwell": 1}
-    assert found == {
-        "rm_state": gait.n_states,
-        "rm_iterations": 1,
-        "reward_multiplier": 1,
-        "served_dwell": 1,
-    }
-    assert feedthrough(system) == {(i, o) for i in inputs for o in found}
 
 
 def test_outputs_are_those_after_this_instants_propositions(trot, fix_inputs):
@@ -75,7 +58,3 @@ def test_serves_the_share_of_the_edge_that_fires(trot, fix_inputs):
     assert system.get_served_dwell_output_port().Eval(context) == [1.0]
     fix_inputs(system, context, foot_contact=1 - FL_RR, foot_height=0.04 - HEIGHT)
     assert system.get_served_dwell_output_port().Eval(context) == [0.0]
-
-
-def test_refuses_wrong_sizes(trot, assert_sizes_are_checked):
-    assert_sizes_are_checked(RewardMachineSystem(trot))

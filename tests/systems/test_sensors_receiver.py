@@ -11,12 +11,6 @@ from glassgait.models.robots import quadruped
 from glassgait.systems.sensors_receiver import SensorsReceiver
 
 
-def test_ports_and_feedthrough(port_sizes, feedthrough):
-    system = SensorsReceiver()
-    assert port_sizes(system)[1] == {"state": 37, "touching": 4}
-    assert feedthrough(system) == {("message", "state"), ("message", "touching")}
-
-
 def test_gives_joints_and_feet_and_no_trunk(generator):
     system = SensorsReceiver()
     context = system.CreateDefaultContext()

@@ -6,13 +6,6 @@ import pytest
 from glassgait.systems.state_estimator import StateEstimator
 
 
-def test_ports(port_sizes, feedthrough):
-    system = StateEstimator(lambda own: own[:7], 42)
-    outputs = {"body_state": 7, "previous_foot_height": 4}
-    assert port_sizes(system) == ({"proprioception": 42}, outputs)
-    assert feedthrough(system) == {("proprioception", "body_state")}
-
-
 def test_gives_what_its_function_estimates(fix_inputs):
     system = StateEstimator(lambda own: 2 * own[:7], 42)
     context = fix_inputs(system, proprioception=np.arange(42.0))
@@ -38,14 +31,6 @@ def test_contexts_share_the_function_but_not_the_observation(fix_inputs):
     port = system.get_body_state_output_port()
     np.testing.assert_array_equal(port.Eval(clone), 0.0)
     np.testing.assert_array_equal(port.Eval(context), 1.0)
-
-
-def test_refuses_wrong_sizes(fix_inputs, assert_sizes_are_checked):
-    system = StateEstimator(lambda own: own[:6], 42)
-    assert_sizes_are_checked(system)
-    context = fix_inputs(system, proprioception=np.zeros(42))
-    with pytest.raises(IndexError, match="size 6 does not match"):
-        system.get_body_state_output_port().Eval(context)
 
 
 @pytest.mark.parametrize("length", [0, -1])

@@ -1,7 +1,6 @@
 """What is sent of joint targets."""
 
 import numpy as np
-import pytest
 from pydrake.common.value import AbstractValue
 
 from glassgait.models.link.messages import sensors_t
@@ -15,12 +14,6 @@ def sensors(sequence):
     return AbstractValue.Make(message)
 
 
-def test_ports_and_feedthrough(port_sizes, feedthrough):
-    system = TargetsSender()
-    assert port_sizes(system)[0]["action"] == 12
-    assert feedthrough(system) == {("action", "message"), ("sensors", "message")}
-
-
 def test_answers_the_sensors(fix_inputs, generator):
     system, action = TargetsSender(), generator.normal(size=12, scale=5.0)
     context = fix_inputs(system, action=action)
@@ -31,10 +24,3 @@ def test_answers_the_sensors(fix_inputs, generator):
     assert (message.session, message.sequence, message.utime) == (3, 5, 100_000)
     np.testing.assert_array_equal(message.joint_position, robot.joint_targets(action, limited=True))
     assert system.get_message_output_port().Eval(clone).sequence == 6
-
-
-@pytest.mark.parametrize("size", [11, 13])
-def test_refuses_an_action_of_another_size(size):
-    system = TargetsSender()
-    with pytest.raises(RuntimeError, match="port 'action'"):
-        system.get_action_input_port().FixValue(system.CreateDefaultContext(), np.zeros(size))

@@ -60,6 +60,10 @@ class RolloutConfig(Settings):
             return scenario
         return replace(scenario, command=DrawnCommands(self.speed_range))
 
+    def robots_in(self, scenario: Scenario) -> int:
+        """Returns how many robots are rolled out in a scenario."""
+        return min(self.n_robots, scenario.max_robots or self.n_robots)
+
     def refuse_speeds_beyond(self, gait: Gait) -> None:
         """Refuses commanded speeds that the gait is not made for.
 

@@ -1,11 +1,9 @@
 """Scores of rollouts, and their means with intervals."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
 from glassgait.models.arrays import Array
@@ -13,6 +11,7 @@ from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.termination import FAILURES
+from glassgait.studies.common.observers import RolloutLog
 
 WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
 """Tracking is judged by averages over 1 s, since a gait sways within its cycle."""
@@ -31,33 +30,6 @@ SPEED_ERROR_TITLE = "speed error, told to go (m/s)"
 
 GRAVITY = 9.81
 """Acceleration by which energy is made comparable (m/s²)."""
-
-
-@dataclass(frozen=True)
-class RolloutLog:
-    """What rollouts of n robots over T control steps did.
-
-    Attributes:
-        velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
-        command: Commanded ones (T, n, 2).
-        power: Absolute mechanical power of all joints at the control instants (T, n; W).
-        action: Actions (T, n, 12); 0 after a failure.
-        expert_acts: Whether the expert acted (T, n).
-        reward: Reward with the machine's factor (T, n).
-        plain_reward: Reward without it (T, n).
-        served_dwell: Control steps of rhythm served by transitions (T, n).
-        failures: Flags in the order of `FAILURES` (T, n, 6).
-    """
-
-    velocity: Array
-    command: Array
-    power: Array
-    action: Array
-    expert_acts: NDArray[np.bool_]
-    reward: Array
-    plain_reward: Array
-    served_dwell: Array
-    failures: NDArray[np.bool_]
 
 
 def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:

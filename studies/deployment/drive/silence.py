@@ -7,19 +7,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.arrays import Array
 from glassgait.models.link.watchdog import Phase, Watchdog, initial_watch, step_watch
-from glassgait.models.policies.controller import Controller, estimator_in_loop
+from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.episode import ControlStep, Observer, episode, give
 from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.deployment.drive.losses import OVERTURNED
 
@@ -61,7 +60,7 @@ class Lowered(NamedTuple):
 
 
 def walk_until_silent(
-    gait: Gait, policy: Controller, scenario: Scenario, *, n_moments: int, seed: int
+    gait: Gait, controller: Controller, scenario: Scenario, *, n_moments: int, seed: int
 ) -> Left:
     """Lets robots walk at three speeds, each until a moment of its own.
 
@@ -70,7 +69,7 @@ def walk_until_silent(
 
     Args:
         gait: The gait.
-        policy: The controller.
+        controller: The controller.
         scenario: The world; its commands are left out.
         n_moments: Robots of each speed.
         seed: Seed of all that is drawn.
@@ -85,36 +84,43 @@ def walk_until_silent(
     generator = np.random.default_rng(seed)
     drawn = sample_commands(gait, len(speed), generator)
     command = Command(np.stack([speed, drawn.velocity[:, 1]], axis=1), drawn.dwell)
-    task = TaskConfig.of_scenario(gait, replace(scenario, command=DrawnCommands()), policy)
-    simulator = BatchSimulator(
-        task,
-        make_physics(scenario.station),
+    world = replace(scenario, command=DrawnCommands())
+    last = _LastAnswers(speed, moment, limited=world.limits_targets(controller))
+    episode(
+        gait,
+        controller,
+        world,
         n_robots=len(speed),
-        generator=generator,
-        estimator=estimator_in_loop(policy),
+        n_steps=int(moment.max()) + 1,
+        seed=generator,
+        observers=[last],
+        events=[give(0, command)],
     )
-    simulator.set_command(command)
-    states, targets = (
-        np.empty_like(simulator.state.plant),
-        np.empty((len(speed), quadruped.N_JOINTS)),
-    )
-    fallen, walked = np.zeros(len(speed), dtype=bool), np.zeros(len(speed), dtype=bool)
-    memory = policy.begin(len(speed))
-    for step in range(moment.max() + 1):
-        output = policy.advance(step, simulator.observe(), memory)
-        memory = output.memory
-        now = moment == step
-        states[now] = simulator.state.plant[now]
-        targets[now] = robot.joint_targets(output.action[now], limited=task.limit_targets)
-        walked[now] = ~fallen[now]
-        fallen |= simulator.step(np.where(fallen[:, None], 0.0, output.action)).terminated
-        # Every 10 s another one would be drawn.
-        simulator.set_command(command)
-    return Left(speed, states, targets, walked)
+    return last.left
+
+
+class _LastAnswers(Observer):
+    """Records each robot at a moment of its own."""
+
+    def __init__(self, speed: Array, moment: NDArray[np.int64], *, limited: bool) -> None:
+        n = len(speed)
+        states = np.empty((n, quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
+        targets, walked = np.empty((n, quadruped.N_JOINTS)), np.zeros(n, dtype=bool)
+        self.left = Left(speed, states, targets, walked)
+        self._moment, self._limited = moment, limited
+        self._fallen = np.zeros(n, dtype=bool)
+
+    def observe(self, step: ControlStep) -> None:
+        now = self._moment == step.step
+        self.left.states[now] = step.before.plant[now]
+        action = step.output.action[now]
+        self.left.targets[now] = robot.joint_targets(action, limited=self._limited)
+        self.left.walked[now] = ~self._fallen[now]
+        self._fallen = step.fallen
 
 
 def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float) -> Lowered:
-    """Leaves robots to their watchdogs.
+    """Advances robots that their watchdogs alone move.
 
     Args:
         left: The robots.

@@ -6,23 +6,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import MACHINE, LoadedController, Sensors
 from glassgait.models.export.reference import PythonController
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.episode import ControlStep, IntArray, Observer, episode
+from glassgait.studies.common.observers import Observations
 
 COMMAND_STEPS = 50
 """Control steps between two commands of random sequences."""
+
+UNLIMITED = Scenario(limit_targets=False)
+"""The training world, in which joints follow any target."""
 
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
@@ -123,39 +126,74 @@ def recorded_sequences(
     Args:
         gait: The gait.
         policy: The policy, in Python.
-        expert: Whose estimator observes.
+        expert: The expert whose estimator observes.
         n_steps: Control steps of all robots together.
         seed: Seed of initial states, commands and noise.
     """
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    simulator = robots_at_home(gait, expert, n_robots, seed)
-    sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
-    for _ in range(n_steps // n_robots):
-        for sequence, moment in zip(sequences, moments(simulator), strict=True):
-            sequence.append(moment)
-        simulator.step(policy(simulator.observe()))
-    return sequences
-
-
-def robots_at_home(gait: Gait, expert: NeuralPolicy, n_robots: int, seed: int) -> BatchSimulator:
-    """Returns robots in the training world that observe by the expert's estimator."""
-    return BatchSimulator(
-        TaskConfig.of_scenario(gait, Scenario()),
-        make_physics(Scenario().station),
+    recorded = RecordedMoments(n_robots)
+    episode(
+        gait,
+        alone(policy, expert),
+        UNLIMITED,
         n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=expert.estimator,
+        n_steps=n_steps // n_robots,
+        seed=seed,
+        observers=[recorded],
+        when_fallen="go on",
     )
+    return recorded.sequences
 
 
-def moments(simulator: BatchSimulator) -> Iterator[Moment]:
-    """Returns what each robot senses now, and what it is told to do; see `Moment`."""
-    state = simulator.state
-    several = isinstance(simulator, SwitchingSimulator)
-    requested = simulator.requested if several else np.zeros(simulator.n_robots, dtype=np.int64)
+class RecordedMoments(Observer):
+    """Records what each robot senses.
+
+    Attributes:
+        sequences: Moments of each robot.
+    """
+
+    def __init__(self, n_robots: int, requested: IntArray | None = None) -> None:
+        """
+        Args:
+            n_robots: Number of robots.
+            requested: Gaits that are requested in each control step (T, n), of several gaits.
+        """
+        self.sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
+        self._requested = requested
+
+    def observe(self, step: ControlStep) -> None:
+        """Records a control step."""
+        asked = self._requested
+        # What is requested in a step is read in the next one.
+        now = None if asked is None or step.step == 0 else asked[step.step - 1]
+        for sequence, moment in zip(self.sequences, moments(step.before, now), strict=True):
+            sequence.append(moment)
+
+
+def recorded_observations(
+    gait: Gait, policy: Policy, expert: NeuralPolicy, n_robots: int, n_steps: int, seed: int
+) -> Array:
+    """Records what robots observe (m, n) that the policy moves in the training world."""
+    observations = Observations()
+    episode(
+        gait,
+        alone(policy, expert),
+        UNLIMITED,
+        n_robots=n_robots,
+        n_steps=n_steps,
+        seed=seed,
+        observers=[observations],
+        when_fallen="go on",
+    )
+    return np.concatenate(observations.array)
+
+
+def moments(state: TaskState, requested: IntArray | None = None) -> Iterator[Moment]:
+    """Returns what each robot senses and is asked for in a state; see `Moment`."""
+    gaits = np.zeros(len(state.steps), dtype=np.int64) if requested is None else requested
     measured = joint_readings(state.plant, state.joint_noise)
     for row, touching, velocity, dwell, gait in zip(
-        measured, state.touching, *state.command, requested, strict=True
+        measured, state.touching, *state.command, gaits, strict=True
     ):
         position, speed = np.split(row, 2)
         yield Moment(Sensors(position, speed, touching), Command(velocity, dwell), int(gait))

@@ -1,33 +1,37 @@
 """Whether what was exported moves robots as the Python policy does, in two engines."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import load_scenario
-from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, LoadedController
-from glassgait.models.policies.controller import alone
+from glassgait.models.policies.controller import (
+    Controller,
+    ControllerOutput,
+    WrappedController,
+    alone,
+)
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.command import Command, sample_commands
+from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.studies.common.episode import BoolArray, Episode, Event, World, episode
+from glassgait.studies.common.observers import Log
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.roll_out import log_batch
 from glassgait.studies.common.rollouts.scores import score_rollouts
-from glassgait.studies.deployment.export.agreement import moments
+from glassgait.studies.deployment.export.agreement import Moment, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
 """Scenario of each engine."""
 
-Maker = Callable[[BatchSimulator], Callable[[int], Array]]
-"""Makes what acts in a simulator: at each control step it returns the actions of all robots."""
+Maker = Callable[[Controller], tuple[Controller, Sequence[Event]]]
+"""Returns a controller that acts in place of Python's, and the events by which it senses."""
 
 
 def walk_both(
@@ -49,7 +53,7 @@ def walk_both(
     Args:
         gait: The gait.
         policy: The policy, in Python.
-        expert: Whose estimator observes.
+        expert: The expert whose estimator observes.
         exported: Makes what acts instead, such as `by_controller` returns.
         title: What the table calls it.
         n_robots: Number of robots.
@@ -61,64 +65,89 @@ def walk_both(
         robot's return (share of it).
     """
     command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
-    rows = []
-    controller = alone(policy, expert)
+
+    def begin(running: Episode, _: BoolArray) -> None:
+        simulator = running.simulator
+        simulator.start_at(simulator.state.plant, command)
+        # The simulator would draw another command after 10 s.
+        simulator.set_command(command)
+
+    rows, controller = [], alone(policy, expert)
     for engine, name in WORLDS.items():
-        task = TaskConfig.of_scenario(gait, load_scenario(name), controller, episode_steps=n_steps)
-        physics = make_physics(load_scenario(name).station)
+        world = World.of(gait, load_scenario(name), controller)
         scores = []
-        for make in (by_policy(policy), exported):
-            simulator = BatchSimulator(
-                task,
-                physics,
+        for make in (by_policy, exported):
+            acting, senses = make(controller)
+            log = Log(limited=world.task.limit_targets)
+            episode(
+                gait,
+                acting,
+                world,
                 n_robots=n_robots,
-                generator=np.random.default_rng(seed),
-                estimator=expert.estimator,
+                n_steps=n_steps,
+                seed=seed,
+                observers=[log],
+                events=[Event(0, None, begin), *senses],
             )
-            simulator.start_at(simulator.state.plant, command)
-            log = log_batch(simulator, n_steps, _as_told(simulator, command, make(simulator)))
-            scores.append(score_rollouts(log))
+            scores.append(score_rollouts(log.rollout(n_steps)))
         rows.append(compared(engine, title, *scores))
     return pd.DataFrame(rows)
 
 
-def _as_told(
-    simulator: BatchSimulator, command: Command, act: Callable[[int], Array]
-) -> Callable[[int], tuple[Array, NDArray[np.bool_]]]:
-    """Keeps each robot's command, where the simulator would draw another one after 10 s."""
-    alone = np.zeros(simulator.n_robots, dtype=bool)
-
-    def act_as_told(step: int) -> tuple[Array, NDArray[np.bool_]]:
-        simulator.set_command(command)
-        return act(step), alone
-
-    return act_as_told
-
-
-def by_policy(policy: Policy) -> Maker:
+def by_policy(controller: Controller) -> tuple[Controller, Sequence[Event]]:
     """Returns what acts by all that the simulator observes."""
-    return lambda simulator: lambda step: policy(simulator.observe())
+    return controller, ()
 
 
 def by_graph(graph: Callable[[Array], tuple[Array, Array]]) -> Maker:
     """Returns what acts by proprioception, and estimates the rest by its own estimator."""
-    return lambda simulator: lambda step: graph(simulator.observe()[:, :-N_ESTIMATED])[0]
+    return lambda controller: (_GraphController(controller, graph), ())
 
 
 def by_controller(compiled: LoadedController) -> Maker:
     """Returns what makes a controller for each robot, which acts by what the robot senses alone."""
 
-    def make(simulator: BatchSimulator) -> Callable[[int], Array]:
-        memories = [compiled.initial() for _ in range(simulator.n_robots)]
-
-        def act(step: int) -> Array:
-            for i, moment in enumerate(moments(simulator)):
-                memories[i] = compiled.step(memories[i], *moment).memory
-            return np.array(memories)[:, ACTION]
-
-        return act
+    def make(controller: Controller) -> tuple[Controller, Sequence[Event]]:
+        acting = _CompiledController(controller, compiled)
+        return acting, [Event(None, None, acting.sense)]
 
     return make
+
+
+@dataclass(frozen=True)
+class _GraphController(WrappedController):
+    """Acts by a graph."""
+
+    graph: Callable[[Array], tuple[Array, Array]]
+
+    def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
+        action = self.graph(observation[:, :-N_ESTIMATED])[0]
+        return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)
+
+
+@dataclass(frozen=True)
+class _CompiledController(WrappedController):
+    """Acts by a compiled controller for each robot, whose sensors an event reads."""
+
+    compiled: LoadedController
+    _sensed: list[Moment] = field(default_factory=list)
+
+    def sense(self, running: Episode, _: BoolArray) -> None:
+        """Reads what each robot senses now."""
+        simulator = running.simulator
+        several = isinstance(simulator, SwitchingSimulator)
+        self._sensed[:] = moments(simulator.state, simulator.requested if several else None)
+
+    def begin(self, n_robots: int) -> list[Array]:
+        return [self.compiled.initial() for _ in range(n_robots)]
+
+    def advance(self, step: int, observation: Array, memory: list[Array]) -> ControllerOutput:
+        memory = [
+            self.compiled.step(own, *moment).memory
+            for own, moment in zip(memory, self._sensed, strict=True)
+        ]
+        action = np.array(memory)[:, ACTION]
+        return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)
 
 
 def compared(

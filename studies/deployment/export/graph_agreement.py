@@ -1,6 +1,6 @@
 """Whether a policy's ONNX graph acts as the policy does in Python."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
-from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, robots_at_home
+from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, recorded_observations
 
 MOST = 1e-6
 """Greatest difference of a joint target (rad), or of an estimate, with which a graph is written."""
@@ -70,23 +70,17 @@ def check_graph(
     return pd.DataFrame({"observations": name, **asdict(one)} for name, one in found.items())
 
 
-def recorded_observations(
+def recorded_rows(
     gait: Gait, policy: Policy, expert: NeuralPolicy, n_rows: int, seed: int
 ) -> Array:
-    """Records proprioception (m, 40 + n_states) of robots that the policy moves at home."""
+    """Records proprioception (m, 40 + n_states) of robots that the policy moves."""
     n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
-    simulator = robots_at_home(gait, expert, n_robots, seed)
-
-    def observed() -> Iterator[Array]:
-        for _ in range(-(-n_rows // n_robots)):
-            observation = simulator.observe()
-            yield observation[:, :-N_ESTIMATED]
-            simulator.step(policy(observation))
-
-    return np.concatenate([*observed()])[:n_rows]
+    n_steps = -(-n_rows // n_robots)
+    observations = recorded_observations(gait, policy, expert, n_robots, n_steps, seed)
+    return observations[:n_rows, :-N_ESTIMATED]
 
 
-def random_observations(gait: Gait, n_rows: int, seed: int) -> Array:
+def random_rows(gait: Gait, n_rows: int, seed: int) -> Array:
     """Draws proprioception (m, 40 + n_states): joints and last targets anywhere in their ranges."""
     generator = np.random.default_rng(seed)
     command = sample_commands(gait, n_rows, generator)

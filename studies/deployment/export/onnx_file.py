@@ -15,8 +15,8 @@ from glassgait.studies.deployment.export.closed_loop import by_graph
 from glassgait.studies.deployment.export.exported import Acting, Effort, ExportedPolicy
 from glassgait.studies.deployment.export.graph_agreement import (
     check_graph,
-    random_observations,
-    recorded_observations,
+    random_rows,
+    recorded_rows,
 )
 
 
@@ -51,8 +51,8 @@ class OnnxFile(ExportedPolicy):
         graph, recorded, seed = LoadedGraph(self.model), effort.n_recorded, effort.seed
         say(f"acting on {effort.n_steps} observations, in Python and by ONNX Runtime")
         rows = {
-            "recorded": recorded_observations(gait, policy, expert, recorded, seed),
-            "random": random_observations(gait, effort.n_steps - recorded, seed),
+            "recorded": recorded_rows(gait, policy, expert, recorded, seed),
+            "random": random_rows(gait, effort.n_steps - recorded, seed),
         }
         agreement = check_graph(graph, policy, expert, rows)
         return {"agreement": agreement} | self._walked(by_graph(graph), effort)

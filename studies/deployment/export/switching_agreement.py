@@ -3,15 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.common.episode import BoolArray, Episode, Event, episode
 from glassgait.studies.deployment.export.agreement import (
     SEQUENCE_STEPS,
     Moment,
-    moments,
+    RecordedMoments,
     random_sequences,
 )
 
@@ -66,21 +65,29 @@ def recorded_switching_sequences(
     """
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     own_steps = n_steps // n_robots
-    simulator = SwitchingSimulator(
+    requested = drawn_requests(switched.switch, n_robots, own_steps, REQUEST_STEPS, seed)
+    recorded = RecordedMoments(n_robots, requested)
+    episode(
         switched.switch,
+        switched,
         Scenario(),
-        make_physics(Scenario().station),
         n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=switched.estimator,
-        policy=switched,
+        n_steps=own_steps,
+        seed=seed,
+        observers=[recorded],
+        events=[asking(requested)],
+        when_fallen="go on",
     )
-    sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
-    for requested in drawn_requests(switched.switch, n_robots, own_steps, REQUEST_STEPS, seed):
-        for sequence, moment in zip(sequences, moments(simulator), strict=True):
-            sequence.append(moment)
-        action = switched(simulator.observe())
-        # What is requested while a step goes on is read at its end, with what is sensed then.
-        simulator.requested = requested
-        simulator.step(action)
-    return sequences
+    return recorded.sequences
+
+
+def asking(requested: NDArray[np.int64]) -> Event:
+    """Returns the event that requests gaits in each control step (T, n).
+
+    What is requested while a step goes on is read at its end, with what is sensed then.
+    """
+
+    def ask(running: Episode, _: BoolArray) -> None:
+        running.switching.requested = requested[running.step]
+
+    return Event(None, None, ask)

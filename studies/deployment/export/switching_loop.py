@@ -8,14 +8,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands
-from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import load_scenario
-from glassgait.diagrams.switching_batch import SwitchingSimulator
-from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.studies.common.episode import episode
+from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.roll_out import log_batch
 from glassgait.studies.common.rollouts.scores import score_rollouts
 from glassgait.studies.deployment.export.closed_loop import (
     WORLDS,
@@ -24,7 +23,7 @@ from glassgait.studies.deployment.export.closed_loop import (
     by_policy,
     compared,
 )
-from glassgait.studies.deployment.export.switching_agreement import drawn_requests
+from glassgait.studies.deployment.export.switching_agreement import asking, drawn_requests
 
 REQUEST_STEPS = 150
 """Control steps from one request to the next (3 s)."""
@@ -73,7 +72,7 @@ def change_both(
     for engine, world in WORLDS.items():
         python, other = (
             _changing(switched, make, world, requested, seed)
-            for make in (by_policy(switched), by_controller(compiled))
+            for make in (by_policy, by_controller(compiled))
         )
         apart = np.any(python.states != other.states, axis=0)
         rows.append(
@@ -98,26 +97,20 @@ def _changing(
     n_steps, n_robots = requested.shape
     speeds = DrawnCommands(distilled_speeds(switched.switch.gait))
     scenario = replace(load_scenario(world), command=speeds)
-    simulator = SwitchingSimulator(
+    controller, senses = make(alone(switched))
+    log, snapshots = Log(limited=scenario.limits_targets(switched)), Snapshots()
+    episode(
         switched.switch,
+        controller,
         scenario,
-        make_physics(scenario.station),
         n_robots=n_robots,
-        generator=np.random.default_rng(seed),
-        estimator=switched.estimator,
-        policy=switched,
+        n_steps=n_steps,
+        seed=seed,
+        observers=[log, snapshots],
+        events=[*senses, asking(requested)],
     )
-    act, alone = make(simulator), np.zeros(n_robots, dtype=bool)
-    visited = []
-
-    def act_as_asked(step: int) -> tuple[Array, NDArray[np.bool_]]:
-        visited.append(simulator.state.machine.state)
-        action = act(step)
-        simulator.requested = requested[step]
-        return action, alone
-
-    scores = score_rollouts(log_batch(simulator, n_steps, act_as_asked))
-    states = np.array(visited)
+    scores = score_rollouts(log.rollout(n_steps))
+    states = np.array([state.machine.state for state in snapshots.states])
     upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
     running = switched.switch.gait_of(states)
     changes = (running[1:] != running[:-1]) & upright[1:]

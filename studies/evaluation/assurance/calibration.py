@@ -1,11 +1,13 @@
 """Choosing the region and the limits from what robots observe at home."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.observation_box import (
     BOX_DIRECTORY,
@@ -14,11 +16,14 @@ from glassgait.models.certificates.observation_box import (
     operating_box,
 )
 from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_monitor, step_monitor
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
-from glassgait.studies.evaluation.assurance.visits import Visits
+from glassgait.studies.common.episode import episode
+from glassgait.studies.common.observers import Observations, Snapshots
+from glassgait.studies.common.rollouts.config import RolloutConfig
 
 BoxKind = Literal["states", "whole", "operating"]
 RegionKind = Literal[BoxKind, "bags", "states_and_bags"]
@@ -39,6 +44,52 @@ RETURN_SHARE = 0.5
 
 HALVINGS = 30
 """Of the interval that a limit is sought in."""
+
+
+@dataclass(frozen=True)
+class Visits:
+    """What n robots observed in T control steps.
+
+    Attributes:
+        observation: Observations before each step (T, n, N).
+        fell: The step that each robot fell in (n); T where it did not.
+        snapshots: All robots' states before each step; none of joined visits.
+    """
+
+    observation: Array
+    fell: NDArray[np.int64]
+    snapshots: Snapshots | None = None
+
+    @property
+    def alive(self) -> NDArray[np.bool_]:
+        """Whether each robot was up before each step (T, n)."""
+        return np.arange(len(self.observation))[:, None] <= self.fell
+
+    @property
+    def fallen(self) -> NDArray[np.int64]:
+        """The robots that fell."""
+        return np.flatnonzero(self.fell < len(self.observation))
+
+
+def joined(parts: Sequence[Visits]) -> Visits:
+    """Puts robots of several episodes of as many steps side by side."""
+    observation = np.concatenate([own.observation for own in parts], axis=1)
+    return Visits(observation, np.concatenate([own.fell for own in parts]))
+
+
+def visit(gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig) -> Visits:
+    """Lets the robots of the first seed walk, at the speeds of distillation."""
+    observations, snapshots = Observations(), Snapshots()
+    ended = episode(
+        gait,
+        controller,
+        config.at_distilled_speeds(gait, scenario).commanding(scenario),
+        n_robots=config.n_robots,
+        n_steps=config.n_steps,
+        seed=config.seed,
+        observers=[observations, snapshots],
+    )
+    return Visits(observations.array, ended.fell, snapshots)
 
 
 def has_bags(student: Policy) -> bool:

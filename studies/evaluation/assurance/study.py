@@ -28,11 +28,17 @@ from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollo
 from glassgait.studies.evaluation.assurance.calibration import (
     REGION_TITLES,
     RegionKind,
+    Visits,
     choose_hysteresis,
+    joined,
     make_regions,
+    visit,
 )
-from glassgait.studies.evaluation.assurance.foretelling import foretelling_row, rescues, warnings_of
-from glassgait.studies.evaluation.assurance.visits import Visits, joined, visit
+from glassgait.studies.evaluation.assurance.fall_prediction import (
+    foretelling_row,
+    rescues,
+    warnings_of,
+)
 
 
 @dataclass(frozen=True)

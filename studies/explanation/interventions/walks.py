@@ -1,6 +1,6 @@
 """Walks: robots that a policy drives alone, what they saw, and how they followed commands."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import AlternatingController, ControllerOutput
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import indices_of, machine_state_entries
 from glassgait.models.task.symmetry import reflect_observation
+from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.common.rollouts.scores import score_rollouts
@@ -49,17 +50,6 @@ class Walk:
         return int(self.scores["fell"].sum())
 
 
-@dataclass(frozen=True)
-class _Watched(AlternatingController):
-    """A policy that keeps what it observed."""
-
-    observed: list[Array] = field(default_factory=list, compare=False, repr=False)
-
-    def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
-        self.observed.append(observation)
-        return super().advance(step, observation, memory)
-
-
 def walk(
     gait: Gait,
     expert: NeuralPolicy,
@@ -82,9 +72,10 @@ def walk(
         seed: Seed of starts, commands and noise.
     """
     config = RolloutConfig(n_robots=n_robots, n_steps=n_steps, seed=seed, n_seeds=1)
-    watched = _Watched(expert, policy, period=0)
-    log = roll_out(gait, watched, Scenario(), config.at_distilled_speeds(gait))
-    observed = np.array(watched.observed)
+    controller, observations = alone(policy, expert), Observations()
+    config = config.at_distilled_speeds(gait)
+    log = roll_out(gait, controller, Scenario(), config, observers=[observations])
+    observed = observations.array
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
     return seen_by(policy, observed, ~fell[: len(observed)], score_rollouts(log))
 

@@ -13,16 +13,15 @@ from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import read_record
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.rounds import Round
 from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset
-from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
@@ -68,9 +67,9 @@ def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
     config = DistillationConfig(gait=expert.gait)
     return collect(
         load_gait(expert.gait),
-        expert,
-        untrained_student(expert.gait, expert.observation_names),
-        plan=Round(number=1, period=1, episodes=range(1, 5), steps=n_steps),
+        alone(expert),
+        episodes=range(1, 5),
+        n_steps=n_steps,
         speeds=np.array(config.speeds),
         worlds=Scenario(),
         generator=np.random.default_rng(0),

@@ -13,7 +13,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.console import say
-from glassgait.studies.deployment.export.agreement import robots_at_home
+from glassgait.studies.deployment.export.agreement import recorded_observations
 from glassgait.studies.deployment.export.exported import Acting
 from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
 from glassgait.studies.reproduction.benchmark.quietest import call_times, quietest
@@ -22,17 +22,12 @@ COUNT = 3000
 """Calls that are timed."""
 
 N_ROBOTS, N_STEPS = 4, 250
-"""Robots that the expert moves at home, and control steps: what they observe is acted on."""
+"""Robots that the expert moves, and control steps: what they observe is acted on."""
 
 
 def observed(gait: Gait, expert: NeuralPolicy) -> Array:
-    """Records observations (m, n) of robots that the expert moves at home."""
-    simulator = robots_at_home(gait, expert, N_ROBOTS, 0)
-    rows = []
-    for _ in range(N_STEPS):
-        rows.append(simulator.observe())
-        simulator.step(expert(rows[-1]))
-    return np.concatenate(rows)
+    """Records observations (m, n) of robots that the expert moves."""
+    return recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
 
 
 def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:

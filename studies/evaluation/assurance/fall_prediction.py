@@ -1,22 +1,18 @@
 """Whether overruns foretell falls, and how late the expert can still take over."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Pushes, Scenario
-from glassgait.diagrams.task_state import TaskState
-from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.controller import Controller
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
-from glassgait.studies.common.rollouts.roll_out import make_batch
-from glassgait.studies.evaluation.assurance.calibration import guarded
-from glassgait.studies.evaluation.assurance.visits import Visits
+from glassgait.studies.common.episode import episode
+from glassgait.studies.evaluation.assurance.calibration import Visits, guarded
 
 LEADS = (1, 2, 4, 8, 12, 16, 24, 32)
 """Control steps before a fall at which the expert takes over."""
@@ -66,14 +62,14 @@ def foretelling_row(
 
 
 def rescues(
-    gait: Gait, policy: AlternatingController, scenario: Scenario, visits: Visits, seed: int
+    gait: Gait, controller: Controller, scenario: Scenario, visits: Visits, seed: int
 ) -> pd.DataFrame:
-    """Takes every fall back by some steps and lets another policy go on, without more pushes.
+    """Takes every fall back by some steps and lets another controller go on, without more pushes.
 
     Args:
         gait: The gait.
-        policy: Who goes on.
-        scenario: The world that they fell in.
+        controller: The other controller.
+        scenario: The world that robots fell in.
         visits: Where robots were until they fell.
         seed: Seed of the noise.
 
@@ -81,30 +77,22 @@ def rescues(
         A row a lead: `lead` in control steps, the `falls` that were so late in the episode, and of
         these the `rescued`, which stay up for `RESCUE_STEPS`.
     """
+    assert visits.snapshots is not None
     calm = replace(scenario, pushes=Pushes(speed=0.0))
     rows = []
     for lead in LEADS:
         robots = visits.fallen[visits.fell[visits.fallen] + 1 >= lead]
-        begun = visits.fell[robots] + 1 - lead
-        up = np.ones(len(robots), dtype=bool)
-        if len(robots):
-            simulator = make_batch(gait, policy, calm, n_robots=len(robots), seed=seed)
-            simulator.restore(_gathered(visits, robots, begun))
-            memory = policy.begin(len(robots))
-            for step in range(RESCUE_STEPS):
-                output = policy.advance(step, simulator.observe(), memory)
-                memory = output.memory
-                action = np.where(up[:, None], output.action, 0.0)
-                up &= ~simulator.step(action).failures.any(axis=-1)
-        rows.append({"lead": lead, "falls": len(robots), "rescued": int(up.sum())})
+        n, rescued = len(robots), 0
+        if n:
+            ended = episode(
+                gait,
+                controller,
+                calm,
+                n_robots=n,
+                n_steps=RESCUE_STEPS,
+                seed=seed,
+                start=visits.snapshots.at(robots, visits.fell[robots] + 1 - lead),
+            )
+            rescued = int(np.sum(ended.fell == RESCUE_STEPS))
+        rows.append({"lead": lead, "falls": n, "rescued": rescued})
     return pd.DataFrame(rows)
-
-
-def _gathered(visits: Visits, robots: NDArray[np.int64], steps: NDArray[np.int64]) -> TaskState:
-    """Returns the states of robots, each at a step of its own."""
-    own: list[Mapping[str, Any]] = [visits.states[step].as_arrays() for step in steps]
-    arrays = {
-        name: np.stack([arrays[name][robot] for arrays, robot in zip(own, robots, strict=True)])
-        for name in own[0]
-    }
-    return TaskState.from_arrays(arrays)

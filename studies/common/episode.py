@@ -1,0 +1,339 @@
+"""Episodes: the one loop over control steps in which controllers move robots in batch.
+
+Other loops over time are of another kind: reinforcement learning draws its actions from a
+distribution that it changes (`glassgait.studies.training`), `drive` waits for messages, and one
+robot's diagram is advanced by Drake (`glassgait.diagrams.rollout.record`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.diagrams.batch import BatchSimulator, BatchStep
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.physics import Physics
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.switching_batch import SwitchingSimulator
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.diagrams.task_state import TaskState
+from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import (
+    Controller,
+    ControllerOutput,
+    alone,
+    estimator_in_loop,
+)
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+
+class World(NamedTuple):
+    """A task with its physics, made once for many episodes, or of stations that training draws.
+
+    Attributes:
+        task: The task.
+        physics: The stepper.
+        true_body_state: Whether controllers observe the true body state.
+    """
+
+    task: TaskConfig
+    physics: Physics
+    true_body_state: bool = False
+
+    @classmethod
+    def of(cls, gait: Gait, scenario: Scenario, controller: Controller) -> "World":
+        """Makes the world of a scenario.
+
+        Raises:
+            InputError: if commands come from sliders, or the gait is not made for them.
+        """
+        task = TaskConfig.of_scenario(gait, scenario, controller)
+        return cls(task, make_physics(scenario.station), scenario.true_body_state)
+
+
+class ControlStep(NamedTuple):
+    """What an observer sees of a control step of n robots, once it is over.
+
+    Attributes:
+        step: Number of the step, counted from 0.
+        robots: Numbers of the robots (n,); all, but for those that were left out.
+        before: The task's state before the step.
+        observation: Observations (n, n_obs).
+        output: What the controller returned.
+        action: Actions (n, 12) that were taken: 0 of fallen robots.
+        outcome: What the simulator returned.
+        after: The task's state after the step.
+        fallen: Which robots had fallen by the end of the step (n,).
+    """
+
+    step: int
+    robots: IntArray
+    before: TaskState
+    observation: Array
+    output: ControllerOutput
+    action: Array
+    outcome: BatchStep
+    after: TaskState
+    fallen: BoolArray
+
+
+class Observer:
+    """Records an episode.
+
+    Attributes:
+        done: Whether the episode may end, because the observer needs no more of it.
+    """
+
+    done: bool = False
+
+    def observe(self, step: ControlStep) -> None:
+        """Records a control step."""
+        raise NotImplementedError
+
+
+@dataclass
+class Episode:
+    """An episode that is going on, as events find it between two control steps.
+
+    Attributes:
+        simulator: The simulator.
+        robots: Numbers of its robots (n,); all, but for those that were left out.
+        step: Number of the control step that comes next.
+        silent: Whether each robot's controller is silent (n,): the joints keep their targets.
+    """
+
+    simulator: BatchSimulator
+    robots: IntArray
+    step: int
+    silent: BoolArray
+
+    @property
+    def switching(self) -> SwitchingSimulator:
+        """The robots of an episode of several gaits."""
+        assert isinstance(self.simulator, SwitchingSimulator)
+        return self.simulator
+
+
+class Event(NamedTuple):
+    """Changes an episode between two control steps, before robots are observed.
+
+    Attributes:
+        step: Control step that it comes before, or each robot's own (n,); None for every step.
+        mask: Robots that it comes to (n,); None for all.
+        apply: Changes the episode of those of its robots that are in a mask.
+    """
+
+    step: int | IntArray | None
+    mask: BoolArray | None
+    apply: Callable[[Episode, BoolArray], None]
+
+    def happen(self, episode: Episode) -> None:
+        """Applies it if it is due."""
+        everyone = np.ones(len(episode.robots), dtype=bool)
+        due = everyone if self.mask is None else self.mask[episode.robots]
+        if self.step is not None:
+            due = due & (_own(self.step, 1, episode) == episode.step)
+        if due.any():
+            self.apply(episode, due)
+
+
+def push(step: int | IntArray, velocity: Array, mask: BoolArray | None = None) -> Event:
+    """Returns a push, which adds a velocity (3,) or (n, 3) to the trunks' (m/s, world frame)."""
+
+    def apply(episode: Episode, robots: BoolArray) -> None:
+        added = np.where(robots[:, None], _own(velocity, 2, episode), 0.0)
+        episode.simulator.restore(episode.simulator.state.pushed(added))
+
+    return Event(step, mask, apply)
+
+
+def give(step: int | None, command: Command) -> Event:
+    """Returns a command (n, 2), (n,) to all robots, which holds from then on."""
+
+    def apply(episode: Episode, _: BoolArray) -> None:
+        episode.simulator.set_command(Command(*(own[episode.robots] for own in command)))
+
+    return Event(step, None, apply)
+
+
+def request(step: int | IntArray, gait: int | IntArray, mask: BoolArray | None = None) -> Event:
+    """Returns a request of another gait, by its number; for episodes of several gaits."""
+
+    def apply(episode: Episode, robots: BoolArray) -> None:
+        simulator = episode.switching
+        simulator.requested = np.where(robots, _own(gait, 1, episode), simulator.requested)
+
+    return Event(step, mask, apply)
+
+
+def dropout(step: int | IntArray, mask: BoolArray | None = None) -> Event:
+    """Returns the end of controllers' answers: from then on joints keep their last targets."""
+
+    def apply(episode: Episode, robots: BoolArray) -> None:
+        episode.silent = episode.silent | robots
+
+    return Event(step, mask, apply)
+
+
+class Ended(NamedTuple):
+    """What became of the n robots of an episode.
+
+    Attributes:
+        fell: Control step in which each fell first (n,); the number of steps where it did not.
+        state: The state in the end, of those robots that were not left out.
+    """
+
+    fell: IntArray
+    state: TaskState
+
+
+def episode(
+    gait: Gait | GaitSwitch,
+    controller: Controller | Policy,
+    scenario: Scenario | World,
+    *,
+    n_robots: int,
+    n_steps: int,
+    seed: int | np.random.Generator,
+    observers: Sequence[Observer] = (),
+    events: Sequence[Event] = (),
+    start: TaskState | None = None,
+    when_fallen: Literal["rest", "restart", "go on"] = "rest",
+    leave_out_every: int | None = None,
+) -> Ended:
+    """Lets a controller move robots, each control step alike: events, observe, act, step, record.
+
+    Equal seeds give equal starts, commands and noise, whatever the controller does.
+
+    Args:
+        gait: The gait, or several that change on request.
+        controller: The controller, or a policy that acts alone.
+        scenario: The world.
+        n_robots: Number of robots.
+        n_steps: Control steps; fewer are taken once an observer is done.
+        seed: Seed of starts, commands and noise, or the generator that draws them.
+        observers: What records the steps.
+        events: What happens between them, in this order at each step.
+        start: A state to go on from; near the default stance by default.
+        when_fallen: What a robot does after a fall: `rest` with actions of 0, since a policy may
+            well diverge on the ground; `restart` its episode; or `go on` as if nothing was.
+        leave_out_every: Control steps after which fallen robots are left out, so that they cost
+            nothing more; by default none is. Others draw other noise from then on.
+
+    Raises:
+        InputError: if commands come from sliders, or the gait is not made for them; or the
+            controller has no estimator, and the scenario does not ask for the true body state.
+    """
+    controller = alone(controller) if isinstance(controller, Policy) else controller
+    make = _maker(gait, controller, scenario, np.random.default_rng(seed))
+    everyone = np.arange(n_robots)
+    running = Episode(make(n_robots), everyone, 0, np.zeros(n_robots, dtype=bool))
+    if start is not None:
+        running.simulator.restore(start)
+    fell = np.full(n_robots, n_steps)
+    memory = controller.begin(n_robots)
+    for step in range(n_steps):
+        robots = running.robots
+        fallen = fell[robots] < n_steps
+        if leave_out_every and step % leave_out_every == 0 and fallen.any():
+            up = np.flatnonzero(~fallen)
+            running, memory = _left(running, memory, up, make(len(up)))
+            robots, fallen = robots[up], fallen[up]
+        if len(robots) == 0:
+            break
+        running.step, simulator = step, running.simulator
+        for event in events:
+            event.happen(running)
+        before, observation = simulator.state, simulator.observe()
+        output = controller.advance(step, observation, memory)
+        memory, action = output.memory, output.action
+        if when_fallen == "rest":
+            action = np.where(fallen[:, None], 0.0, action)
+        if running.silent.any():
+            action = np.where(running.silent[:, None], before.action, action)
+        outcome = simulator.step(action)
+        fell[robots[outcome.terminated & ~fallen]] = step
+        fallen = fallen | outcome.terminated
+        after = simulator.state
+        for observer in observers:
+            observer.observe(
+                ControlStep(
+                    step, robots, before, observation, output, action, outcome, after, fallen
+                )
+            )
+        if any(observer.done for observer in observers):
+            break
+        if when_fallen == "restart" and outcome.terminated.any():
+            index = np.flatnonzero(outcome.terminated)
+            simulator.reset(index)
+            memory = _restarted(memory, controller.begin(len(robots)), index)
+    return Ended(fell, running.simulator.state)
+
+
+def _maker(
+    gait: Gait | GaitSwitch,
+    controller: Controller,
+    scenario: Scenario | World,
+    generator: np.random.Generator,
+) -> Callable[[int], BatchSimulator]:
+    """Returns what makes a simulator of some robots, closed on what the controller observes."""
+    shared: dict[str, Any] = {
+        "generator": generator,
+        "estimator": estimator_in_loop(controller, true_body_state=scenario.true_body_state),
+    }
+    if isinstance(gait, GaitSwitch):
+        assert isinstance(scenario, Scenario)
+        switch, world, physics = gait, scenario, make_physics(scenario.station)
+        return lambda n: SwitchingSimulator(
+            switch, world, physics, n_robots=n, policy=controller, **shared
+        )
+    if isinstance(scenario, Scenario):
+        scenario = World.of(gait, scenario, controller)
+    task, physics, _ = scenario
+    return lambda n: BatchSimulator(task, physics, n_robots=n, **shared)
+
+
+def _left(
+    running: Episode, memory: Any, up: IntArray, simulator: BatchSimulator
+) -> tuple[Episode, Any]:
+    """Returns an episode of the robots at some places alone, and their controllers' memory."""
+    simulator.restore(running.simulator.state.of_robots(up))
+    if isinstance(simulator, SwitchingSimulator):
+        simulator.requested = running.switching.requested[up]
+    left = Episode(simulator, running.robots[up], running.step, running.silent[up])
+    return left, _each(lambda own: own[up], memory)
+
+
+def _restarted(memory: Any, fresh: Any, index: IntArray) -> Any:
+    """Returns the memory of controllers of which those at some places begin."""
+
+    def change(own: Array, new: Array) -> Array:
+        changed = own.copy()
+        changed[index] = new[index]
+        return changed
+
+    return _each(change, memory, fresh)
+
+
+def _own(values: Any, ndim: int, running: Episode) -> Any:
+    """Returns the values of an episode's robots, where there is one for each."""
+    return np.asarray(values)[running.robots] if np.ndim(values) == ndim else values
+
+
+def _each(change: Callable[..., Array], *memories: Any) -> Any:
+    """Changes every array of a controller's memory, which may be a tuple of such, or None."""
+    first = memories[0]
+    if first is None:
+        return None
+    if isinstance(first, tuple):
+        parts = [_each(change, *own) for own in zip(*memories, strict=True)]
+        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+    return change(*memories)

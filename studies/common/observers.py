@@ -1,0 +1,147 @@
+"""What records episodes: whole logs, observations and states."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.diagrams.task_state import TaskState
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.studies.common.episode import BoolArray, ControlStep, IntArray, Observer
+
+
+@dataclass(frozen=True)
+class RolloutLog:
+    """What rollouts of n robots over T control steps did.
+
+    Attributes:
+        velocity: Forward speed and yaw rate in the trunk's frame (T, n, 2; m/s, rad/s).
+        command: Commanded ones (T, n, 2).
+        power: Absolute mechanical power of all joints at the control instants (T, n; W).
+        action: Actions (T, n, 12); 0 after a failure.
+        expert_acts: Whether the expert acted (T, n).
+        reward: Reward with the machine's factor (T, n).
+        plain_reward: Reward without it (T, n).
+        served_dwell: Control steps of rhythm served by transitions (T, n).
+        failures: Flags in the order of `FAILURES` (T, n, 6).
+    """
+
+    velocity: Array
+    command: Array
+    power: Array
+    action: Array
+    expert_acts: NDArray[np.bool_]
+    reward: Array
+    plain_reward: Array
+    served_dwell: Array
+    failures: NDArray[np.bool_]
+
+    def padded(self, n_steps: int) -> "RolloutLog":
+        """Returns the log with its last step repeated, which leaves scores of the fallen alone."""
+        missing = n_steps - len(self.reward)
+        return RolloutLog(
+            **{
+                name: np.concatenate([values, np.repeat(values[-1:], missing, axis=0)])
+                for name, values in vars(self).items()
+            }
+        )
+
+
+class Log(Observer):
+    """Records all that is scored, until every robot has fallen.
+
+    Attributes:
+        limited: Whether joints follow targets within their ranges alone.
+    """
+
+    def __init__(self, *, limited: bool) -> None:
+        self._limited = limited
+        self._values: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
+
+    def observe(self, step: ControlStep) -> None:
+        """Records a control step."""
+        plant, outcome, values = step.after.plant, step.outcome, self._values
+        values["velocity"].append(forward_and_yaw(plant))
+        values["command"].append(step.before.command.velocity)
+        values["power"].append(joint_power(plant, step.after.action, limited=self._limited))
+        values["action"].append(step.action)
+        values["expert_acts"].append(step.output.expert_acts)
+        values["reward"].append(outcome.reward)
+        values["plain_reward"].append(outcome.plain_reward)
+        values["served_dwell"].append(outcome.served_dwell)
+        values["failures"].append(outcome.failures)
+        self.done = bool(step.fallen.all())
+
+    def rollout(self, n_steps: int) -> RolloutLog:
+        """Returns the log of an episode of so many control steps."""
+        arrays: dict[str, Any] = {name: np.array(own) for name, own in self._values.items()}
+        return RolloutLog(**arrays).padded(n_steps)
+
+
+class Observations(Observer):
+    """Records what is observed before each control step."""
+
+    def __init__(self) -> None:
+        self._rows: list[Array] = []
+
+    def observe(self, step: ControlStep) -> None:
+        """Records a control step."""
+        self._rows.append(step.observation)
+
+    @property
+    def array(self) -> Array:
+        """Observations (T, n, n_obs)."""
+        return np.array(self._rows)
+
+
+class Snapshots(Observer):
+    """Records the task's state before each control step, to go on from.
+
+    Attributes:
+        states: The states (T).
+    """
+
+    def __init__(self) -> None:
+        self.states: list[TaskState] = []
+
+    def observe(self, step: ControlStep) -> None:
+        """Records a control step."""
+        self.states.append(step.before)
+
+    def at(self, robots: IntArray, steps: IntArray) -> TaskState:
+        """Returns the states of robots (m), each before a control step of its own (m)."""
+        rows = [self.states[step].as_arrays() for step in steps]
+        return TaskState.from_arrays(
+            {
+                name: np.stack([row[name][i] for row, i in zip(rows, robots, strict=True)])
+                for name in rows[0]
+            }
+        )
+
+
+def entered(step: ControlStep, state: int) -> BoolArray:
+    """Returns which robots' reward machines entered a state in a control step (n,)."""
+    return step.outcome.fired & (step.after.machine.state == state)
+
+
+def forward_and_yaw(plant: Array) -> Array:
+    """Returns forward speed and yaw rate in the trunk's frame (..., 2; m/s, rad/s)."""
+    linear, angular = kinematics.base_velocity(plant)
+    return np.stack([linear[..., 0], angular[..., 2]], axis=-1)
+
+
+def joint_power(plant: Array, action: Array, *, limited: bool) -> Array:
+    """Returns the absolute mechanical power of all joints (...; W).
+
+    Args:
+        plant: Plant states x (..., 37).
+        action: Actions that the joints follow (..., 12).
+        limited: Whether they follow targets within their ranges alone.
+    """
+    velocity = plant[..., quadruped.JOINT_VELOCITY]
+    targets = robot.joint_targets(action, limited=limited)
+    position = plant[..., quadruped.JOINT_POSITION]
+    torque = robot.joint_torque(target=targets, position=position, velocity=velocity)
+    return np.abs(torque * velocity).sum(axis=-1)

@@ -1,0 +1,201 @@
+"""The one loop over control steps: what observers see, what events do, and that it stays alone."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glassgait import studies
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.policies.controller import (
+    AssuredController,
+    ControllerOutput,
+    WrappedController,
+    alone,
+)
+from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.task.assurance import Hysteresis, Region
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.common.episode import Event, Observer, dropout, episode, give, push, request
+from glassgait.studies.common.observers import Observations, Snapshots
+
+CALM = Scenario(sensor_noise=0.0, command=FixedCommand(0.5))
+
+
+class Steps(Observer):
+    """Keeps everything."""
+
+    def __init__(self):
+        self.steps = []
+
+    def observe(self, step):
+        self.steps.append(step)
+
+
+def play(controller, scenario=CALM, *, n_robots=3, n_steps=6, **more):
+    recorded = Steps()
+    more["observers"] = [recorded, *more.get("observers", ())]
+    gait = more.pop("gait", load_gait("trot"))
+    more = {"seed": 1} | more
+    ended = episode(gait, controller, scenario, n_robots=n_robots, n_steps=n_steps, **more)
+    return recorded.steps, ended
+
+
+def far(step, robots):
+    """An event that throws robots beyond what is survived."""
+
+    def throw(running, mask):
+        plant = running.simulator.state.plant.copy()
+        plant[mask, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+        running.simulator.restore(replace(running.simulator.state, plant=plant))
+
+    return Event(step, np.isin(np.arange(3), robots), throw)
+
+
+def test_observers_see_each_step_from_its_state_to_the_next(expert):
+    steps, ended = play(expert)
+    assert [step.step for step in steps] == list(range(6))
+    for one, other in pairwise(steps):
+        assert one.after is other.before
+        np.testing.assert_array_equal(one.action, expert(one.observation))
+    assert steps[-1].after is ended.state
+    assert ended.fell.tolist() == [6, 6, 6]
+
+
+def test_an_episode_goes_on_from_a_snapshot_as_it_went(expert):
+    snapshots, observations = Snapshots(), Observations()
+    _, whole = play(expert, observers=[snapshots, observations])
+    start = snapshots.at(np.array([2, 0]), np.array([4, 4]))
+    steps, ended = play(expert, n_robots=2, n_steps=2, start=start)
+    np.testing.assert_array_equal(steps[0].observation, observations.array[4, [2, 0]])
+    np.testing.assert_array_equal(ended.state.plant, whole.state.plant[[2, 0]])
+
+
+def test_a_fallen_robot_rests_and_the_others_go_on(expert):
+    steps, ended = play(expert, events=[far(2, [1])])
+    assert ended.fell.tolist() == [6, 2, 6]
+    assert steps[2].action[1].any() and not steps[3].action[1].any()
+    assert steps[3].action[0].any()
+    steps, _ = play(expert, events=[far(2, [1])], when_fallen="go on")
+    assert steps[3].action[1].any()
+
+
+def test_a_robot_that_restarts_is_on_its_feet_and_its_monitor_is_calm(expert):
+    names = expert.observation_names
+    student = load_student("trot", "sparse_formula")
+    everywhere = np.full((2, len(names)), 1e3)
+    region = Region(names, -everywhere, everywhere)
+    assured = AssuredController(expert, student, region, Hysteresis(0.1, 0.1, 50))
+
+    class Called(WrappedController):
+        """The monitor of robot 1 has called the expert."""
+
+        def advance(self, step, observation, memory):
+            if step == 1:
+                acts = memory.expert_acts.copy()
+                acts[1] = True
+                memory = memory._replace(expert_acts=acts)
+            return self.inner.advance(step, observation, memory)
+
+    steps, ended = play(Called(assured), events=[far(2, [1])], when_fallen="restart")
+    assert ended.fell.tolist() == [6, 2, 6]
+    called = [bool(step.output.expert_acts[1]) for step in steps]
+    assert called == [
+        False,
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
+    assert steps[3].before.steps[1] == 0 and steps[3].before.steps[0] == 3
+
+
+def test_robots_that_fell_are_left_out_from_time_to_time(expert):
+    steps, ended = play(expert, events=[far(0, [1])], leave_out_every=2)
+    assert [step.robots.tolist() for step in steps] == [[0, 1, 2]] * 2 + [[0, 2]] * 4
+    assert ended.fell.tolist() == [6, 0, 6] and len(ended.state.steps) == 2
+    steps, ended = play(expert, events=[far(0, [0, 1, 2])], leave_out_every=2)
+    assert len(steps) == 2 and ended.fell.tolist() == [0, 0, 0]
+
+
+def test_an_episode_ends_with_an_observer_that_needs_no_more(expert):
+    class Twice(Observer):
+        def observe(self, step):
+            self.done = step.step == 1
+
+    assert len(play(expert, observers=[Twice()])[0]) == 2
+
+
+def test_pushes_come_to_robots_of_a_mask_each_at_its_step(expert):
+    plain, _ = play(expert)
+    mask, when = np.array([True, True, False]), np.array([1, 3, 3])
+    pushed, _ = play(expert, events=[push(when, np.array([0.0, 0.4, 0.0]), mask)])
+    speeds = [
+        [step.before.plant[i, quadruped.LINEAR_VELOCITY][1] for step in (plain[at], pushed[at])]
+        for i, at in enumerate(when)
+    ]
+    difference = np.diff(speeds, axis=1)[:, 0]
+    assert difference == pytest.approx([0.4, 0.4, 0.0], abs=1e-12)
+    np.testing.assert_array_equal(pushed[-1].after.plant[2], plain[-1].after.plant[2])
+
+
+def test_a_command_holds_from_its_step_on(expert):
+    command = Command(np.full((3, 2), 0.3), np.full(3, 9.0))
+    steps, _ = play(expert, events=[give(2, command)])
+    assert [float(step.before.command.velocity[0, 1]) for step in steps] == [0, 0, *[0.3] * 4]
+
+
+def test_joints_keep_their_targets_where_a_controller_is_silent(expert):
+    steps, _ = play(expert, events=[dropout(2, np.array([False, True, False]))])
+    actions = np.array([step.action for step in steps])
+    assert (actions[2:, 1] == actions[1, 1]).all()
+    assert not (actions[2:, 0] == actions[1, 0]).any()
+
+
+def test_gaits_change_on_request():
+    gaits = [load_gait(name) for name in ("walk", "trot")]
+    switch = GaitSwitch(gaits)
+    policy = SwitchedPolicy(switch, [alone(load_expert(gait)) for gait in gaits])
+    steps, _ = play(
+        policy,
+        Scenario(command=FixedCommand(0.3)),
+        gait=switch,
+        n_steps=60,
+        events=[request(10, 1, np.array([True, False, True]))],
+    )
+    assert switch.gait_of(steps[9].after.machine.state).tolist() == [0, 0, 0]
+    assert switch.gait_of(steps[-1].after.machine.state).tolist() == [1, 0, 1]
+
+
+def test_memory_goes_from_step_to_step(expert):
+    class Counting(WrappedController):
+        def begin(self, n_robots):
+            return np.zeros(n_robots)
+
+        def advance(self, step, observation, memory):
+            action = self.inner.advance(step, observation, None).action
+            return ControllerOutput(action, np.ones(len(action), dtype=bool), memory + 1.0)
+
+    steps, _ = play(Counting(alone(expert)), events=[far(0, [1])], leave_out_every=3)
+    assert [step.output.memory.tolist() for step in steps][2:4] == [[3.0] * 3, [4.0] * 2]
+
+
+def test_no_other_module_of_studies_loops_over_control_steps():
+    """Reinforcement learning's environment takes one step at a time, with what it explores."""
+    folder = Path(studies.__path__[0])
+    stepping = re.compile(r"simulator\.(step|observe)\(|\b(BatchSimulator|SwitchingSimulator)\(")
+    found = {
+        str(path.relative_to(folder))
+        for path in folder.rglob("*.py")
+        if stepping.search(path.read_text())
+    }
+    assert found == {"common/episode.py", "training/environment.py"}
