@@ -41,7 +41,7 @@ class AssuranceMonitor(LeafSystem):
     Inputs: observation (47 + n_states), in the order of the region's names.
     Outputs: port_selector (abstract, InputPortIndex), the expert's port or the student's, and
     expert_acts (1, {0, 1}), after this instant's observation. overrun (1), widths of the range that
-    the observation is farthest outside of; doubt is such a range, where the region has it.
+    the observation is farthest outside of; a student's disagreement counts as one, if watched.
     State: the monitor's state after the previous control step, latched every 20 ms (unrestricted
     update). Feedthrough: observation to all outputs.
     """

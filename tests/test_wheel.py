@@ -12,6 +12,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.students.library import default_student
 
 ROOT = Path(__file__).parents[1]
@@ -123,7 +125,7 @@ def test_modules_of_a_user_do_not_pass_for_the_wheels(installed, tmp_path):
         (tmp_path / name).write_text("raise ImportError('of ones own')")
     # Unlike the installed command, `-m` searches the folder it is called in first.
     program = ("python", "-m", "glassgait.studies.cli")
-    told = installed(*program, "rollout", "--seconds", "0.5", where=tmp_path)
+    told = installed(*program, "view", "--seconds", "0.5", where=tmp_path)
     assert "stayed up after 0.50 s" in told
 
 
@@ -142,7 +144,8 @@ def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
     told = installed(
         "glassgait", "explain", "page", "--gait", gait, "--seconds", "1", "--step", "20"
     )
-    assert f"page written to runs/explanation/{gait}/{default_student(gait)}/index.html" in told
+    kind = default_student(find_policies(load_gait(gait)))
+    assert f"page written to runs/explanation/{gait}/{kind}/index.html" in told
 
 
 def test_the_report_is_written_from_the_wheel(installed, tmp_path):

@@ -52,8 +52,9 @@ class FormulaTargets:
         self._polynomial = cache(self._of)
 
     @classmethod
-    def of_formulas(cls, policy: FormulaPolicy, n_states: int) -> "FormulaTargets":
+    def of_formulas(cls, policy: FormulaPolicy) -> "FormulaTargets":
         """Takes the formulas of a policy."""
+        n_states = _n_states(policy.observation_names)
         rows = [
             [policy.vocabulary.expanded(formula) for formula in row]
             for row in policy.formulas_by_state
@@ -61,10 +62,9 @@ class FormulaTargets:
         return cls(rows if len(rows) > 1 else rows * n_states, policy.observation_names)
 
     @classmethod
-    def of_linear(
-        cls, policy: LinearPolicy | StatewiseLinearPolicy, n_states: int
-    ) -> "FormulaTargets":
+    def of_linear(cls, policy: LinearPolicy | StatewiseLinearPolicy) -> "FormulaTargets":
         """Writes weighted sums of observations as formulas of quantities."""
+        n_states = _n_states(policy.observation_names)
         shape = (-1, quadruped.N_JOINTS)
         intercepts = np.tile(policy.intercepts.reshape(shape), (n_states, 1))
         weights = np.tile(
@@ -150,6 +150,10 @@ class FormulaTargets:
             case "effect":
                 other = _renamed(formula, _observation_of(question), self._n)
                 return Expression("sub", (formula, other))
+
+
+def _n_states(names: Sequence[str]) -> int:
+    return max(1, len(indices_of("machine state", names)))
 
 
 def _observation_of(question: Question) -> int:

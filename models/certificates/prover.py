@@ -16,10 +16,9 @@ from glassgait.models.certificates.observation_box import (
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import Of, Question, counted_of, region_of
+from glassgait.models.certificates.question import Of, Question, counted_of, region_of, targets_of
 from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
 from glassgait.models.certificates.statement import Place, Statement
-from glassgait.models.certificates.targets import targets_of
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped, robot

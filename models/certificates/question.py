@@ -9,6 +9,8 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.maximum import Maximum, Region
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
+from glassgait.models.errors import InputError
+from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import entries_of
 
 Of = Literal["target", "offset", "slope", "effect"]
@@ -68,6 +70,21 @@ class Targets(Protocol):
     def used(self, state: int, joint: int) -> frozenset[int]:
         """Returns the observations that a joint's target may depend on."""
         ...
+
+
+def targets_of(policy: Policy) -> Targets:
+    """Returns the targets of a policy.
+
+    Raises:
+        InputError: if nothing can be proved of this kind of policy.
+    """
+    make = policy.capabilities.function("targets")
+    if make is None:
+        raise InputError(
+            f"of a policy of kind {policy.kind!r} nothing is proved; name formulas, a linear, an "
+            "additive or a boosted one"
+        )
+    return make(policy)
 
 
 def region_of(box: ObservationBox, state: int) -> Region:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.projection import shortest_steps
 from glassgait.models.counterfactuals.question import TOLERANCE, Answer, Question, answered, moved
-from glassgait.models.counterfactuals.smooth import SmoothTarget
+from glassgait.models.counterfactuals.smooth import AffineTarget, FormulaTarget, SmoothTarget
 
 _BATCH = 128
 """Boxes that are bounded at once."""
@@ -60,6 +60,16 @@ class SmoothSearch:
         self._question = question
         self._target = target
         self._down, self._up = question.room.limits(question.observation)
+
+    @classmethod
+    def of_linear(cls, question: Question) -> "SmoothSearch":
+        """Searches a linear law."""
+        return cls(question, AffineTarget(question))
+
+    @classmethod
+    def of_formula(cls, question: Question) -> "SmoothSearch":
+        """Searches a formula."""
+        return cls(question, FormulaTarget(question))
 
     def nearest(self, masks: NDArray[np.bool_] | None = None) -> Answer | None:
         """Returns the nearest answer, with a bound of how near another might be.

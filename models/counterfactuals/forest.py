@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,7 @@ class Forest:
     """The trees of one joint, for one question."""
 
     def __init__(self, question: Question) -> None:
-        policy, joint = question.policy, question.joint
-        assert isinstance(policy, BoostedTreesPolicy)
+        policy, joint = cast(BoostedTreesPolicy, question.policy), question.joint
         self._question, self._depth = question, policy.depth
         self._features = policy.features[joint]
         self._thresholds = policy.thresholds[joint]

@@ -3,17 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from glassgait.models.counterfactuals.branching import SmoothSearch
 from glassgait.models.counterfactuals.question import Answer, Question
-from glassgait.models.counterfactuals.smooth import AffineTarget, FormulaTarget
-from glassgait.models.counterfactuals.tables import AdditiveSearch
-from glassgait.models.counterfactuals.trees import TreeSearch
 from glassgait.models.errors import InputError
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 
 
@@ -72,15 +64,7 @@ def search_of(question: Question) -> Search:
         InputError: if policies of this kind are not searched.
     """
     refuse_unsearched(question.policy)
-    match question.policy:
-        case LinearPolicy() | StatewiseLinearPolicy():
-            return SmoothSearch(question, AffineTarget(question))
-        case FormulaPolicy():
-            return SmoothSearch(question, FormulaTarget(question))
-        case AdditivePolicy():
-            return AdditiveSearch(question)
-        case _:
-            return TreeSearch(question)
+    return question.policy.capabilities.function("search")(question)
 
 
 def refuse_unsearched(policy: Policy) -> None:
@@ -89,8 +73,7 @@ def refuse_unsearched(policy: Policy) -> None:
     Raises:
         InputError: if this is one.
     """
-    searched = (LinearPolicy, StatewiseLinearPolicy, FormulaPolicy, AdditivePolicy)
-    if not isinstance(policy, (*searched, BoostedTreesPolicy)):
+    if policy.capabilities.search is None:
         raise InputError(
             f"policies of kind {policy.kind!r} cannot be searched for counterfactuals; take a "
             "linear or symbolic one, an additive one, or a GBM"

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,13 +53,12 @@ class AffineTarget(SmoothTarget):
     """The target of a linear law: no observation is curved."""
 
     def __init__(self, question: Question) -> None:
-        policy, room = question.policy, question.room
-        if isinstance(policy, StatewiseLinearPolicy):
+        policy, room = cast(LinearPolicy | StatewiseLinearPolicy, question.policy), question.room
+        if policy.weights.ndim == 3:
             one_hot = list(indices_of("machine state", policy.observation_names))
             state = int(np.argmax(question.observation[one_hot]))
             weights = policy.weights[state, question.joint]
         else:
-            assert isinstance(policy, LinearPolicy)
             weights = policy.weights[question.joint]
         scale = question.sign * robot.ACTION_SCALE
         self._slopes = scale * (weights * room.spread)[room.free]
@@ -77,8 +77,7 @@ class FormulaTarget(SmoothTarget):
     """The target of a formula, that of the machine's state."""
 
     def __init__(self, question: Question) -> None:
-        policy, room = question.policy, question.room
-        assert isinstance(policy, FormulaPolicy)
+        policy, room = cast(FormulaPolicy, question.policy), question.room
         names = policy.observation_names
         units = RobotUnits.of(names)
         self._here = units.quantities(question.observation)

@@ -1,6 +1,7 @@
 """The nearest answer of an additive model, by mixed-integer programming."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,7 @@ class AdditiveSearch:
     """
 
     def __init__(self, question: Question) -> None:
-        policy, self._question = question.policy, question
-        assert isinstance(policy, AdditivePolicy)
+        policy, self._question = cast(AdditivePolicy, question.policy), question
         cuts = [np.concatenate(own) for own in zip(policy.cuts, policy.pair_cuts, strict=True)]
         self._cells = cells_of(question, cuts)
         scale = question.sign * robot.ACTION_SCALE

@@ -1,8 +1,11 @@
 """What the C of a policy, or of a network, consists of."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from glassgait.models.errors import InputError
 from glassgait.models.export.language import LINE_LENGTH, CArray, Real
+from glassgait.models.policies.policy import Policy
 
 
 @dataclass(frozen=True)
@@ -24,15 +27,41 @@ class Code:
     helpers: tuple[str, ...] = ()
 
 
-def act_signature(own: str, real: Real, *, takes_state: bool) -> str:
-    """Declares the function that acts, on as many lines as it takes.
+@dataclass(frozen=True)
+class Style:
+    """How a policy is written.
 
-    Args:
-        own: What the names of its gait begin with, such as `trot_`; empty where there is one gait.
+    Attributes:
+        constants: Name of the constant of each state of the machine.
         real: The type that is computed in.
-        takes_state: Whether it takes the machine's state first.
+        own: What the names of its gait begin with, such as `trot_`; none where there is one gait.
     """
-    begin = f"static void {own}act({'int state, ' if takes_state else ''}"
-    observed = f"const {real} observation[{own.upper()}N_OBSERVATIONS],"
-    whole = f"{begin}{observed} {real} action[12])"
-    return whole if len(whole) <= LINE_LENGTH else f"{begin}{observed}\n    {real} action[12])"
+
+    constants: Sequence[str]
+    real: Real
+    own: str = ""
+
+    @property
+    def begin(self) -> str:
+        """What names of constants begin with."""
+        return self.own.upper()
+
+    def signature(self, *, takes_state: bool) -> str:
+        """Declares the function that acts, on as many lines as it takes."""
+        begin = f"static void {self.own}act({'int state, ' if takes_state else ''}"
+        observed = f"const {self.real} observation[{self.begin}N_OBSERVATIONS],"
+        rest = f"{self.real} action[12])"
+        whole = f"{begin}{observed} {rest}"
+        return whole if len(whole) <= LINE_LENGTH else f"{begin}{observed}\n    {rest}"
+
+
+def policy_code(policy: Policy, style: Style) -> Code:
+    """Writes a policy; its last function maps the observation to the action.
+
+    Raises:
+        InputError: if there is no C for its kind.
+    """
+    write = policy.capabilities.function("code")
+    if write is None:
+        raise InputError(f"there is no C for policies of kind {policy.kind!r}; export another one")
+    return write(policy, style)

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from glassgait.models.errors import InputError, shown
+from glassgait.models.export.code import Style, policy_code
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
-from glassgait.models.export.network import network_code
-from glassgait.models.export.policy_code import policy_code
+from glassgait.models.export.policies import network_code
 from glassgait.models.export.reward_machine import cases, state_constants
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -88,7 +88,7 @@ def write_controller(
         one.check(gait=gait.name, observation_names=layout.names)
     constants = state_constants(gait)
     estimator = network_code(expert.estimator, "estimator", "estimate", real)
-    acting = policy_code(policy, constants, real)
+    acting = policy_code(policy, Style(constants, real))
     limits_targets = policy.limits_targets or expert.limits_targets
     values: dict[str, Any] = {
         **common_values(gait, name, policy_name, version, limits_targets=limits_targets),

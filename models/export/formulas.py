@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from glassgait.models.export.code import Code, act_signature
+from glassgait.models.export.code import Code, Style
 from glassgait.models.export.language import (
     LINE_LENGTH,
     Real,
@@ -16,7 +16,7 @@ from glassgait.models.export.language import (
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.text import Notation, written_lines
-from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import entries_of
 
@@ -43,18 +43,10 @@ class Group:
     lines: tuple[str, ...]
 
 
-def formula_code(
-    policy: FormulaPolicy, constants: Sequence[str], real: Real, own: str = ""
-) -> Code:
-    """Writes formulas of each joint, the same always or others in each state.
-
-    Args:
-        policy: The formulas.
-        constants: Name of the constant of each state.
-        real: The type that is computed in.
-        own: What the names of its gait begin with, such as `trot_`; none where there is one gait.
-    """
-    statewise = isinstance(policy, StatewiseSymbolicPolicy)
+def formula_code(policy: FormulaPolicy, style: Style) -> Code:
+    """Writes formulas of each joint, the same always or others in each state."""
+    own, real = style.own, style.real
+    statewise = len(policy.dims) == 2
     vocabulary, rows = policy.vocabulary, policy.formulas_by_state
     used = frozenset().union(*(formula.variables for row in rows for formula in row))
     n = len(vocabulary.names)
@@ -77,14 +69,14 @@ def formula_code(
         rendered(
             "formulas.c",
             real,
-            OWN=own.upper(),
+            OWN=style.begin,
             own=own,
-            signature=act_signature(own, real, takes_state=statewise),
+            signature=style.signature(takes_state=statewise),
             statewise=statewise,
             groups=_groups(definitions, vocabulary, symbols, real),
             quantities=quantities,
-            states=list(zip(constants, formulas, strict=False)),
-            mirror=[constants[image] for image in policy.mirror] if policy.mirror else None,
+            states=list(zip(style.constants, formulas, strict=False)),
+            mirror=[style.constants[image] for image in policy.mirror] if policy.mirror else None,
         ),
         takes_state=statewise,
         helpers=_helpers(everything, quantities, real),

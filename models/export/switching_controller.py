@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from glassgait.models.errors import InputError
-from glassgait.models.export.code import Code
+from glassgait.models.export.code import Code, Style, policy_code
 from glassgait.models.export.controller import (
     ControllerSource,
     common_values,
@@ -14,8 +14,7 @@ from glassgait.models.export.controller import (
     refuse_other_than_names,
 )
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
-from glassgait.models.export.network import network_code
-from glassgait.models.export.policy_code import policy_code
+from glassgait.models.export.policies import network_code
 from glassgait.models.export.reward_machine import Case, cases, state_constants
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -148,7 +147,7 @@ def _gait_code(gait: Gait, policy: Policy, expert: Policy, identifier: str, real
         places=places(layout)[shared:],
         n_observations=layout.size,
         estimator=network_code(expert.estimator, f"{own}estimator", f"{own}estimate", real),
-        policy=policy_code(policy, constants, real, own),
+        policy=policy_code(policy, Style(constants, real, own)),
     )
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import variable
 from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import (
     INTERCEPT,
     Contributions,
@@ -15,9 +17,28 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.policies.precision import rounded
+from glassgait.models.robots import robot
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
+
+
+def _factors(policy: "AdditivePolicy", joint: int) -> tuple[FactoredTerm, ...]:
+    pairs = policy.pairs[policy.pair_joints == joint].tolist()
+    of = [(index,) for index in range(len(policy.observation_names))] + pairs
+    functions = (FactoredTerm((), tuple(variable(index) for index in own)) for own in of)
+    intercept = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * policy.intercepts[joint]
+    return (FactoredTerm((float(intercept),), ()), *functions)
+
+
+def _importance(policy: "AdditivePolicy", observations: Array) -> tuple[str, Array]:
+    """Returns the mean size of each function; one of two observations counts half for each."""
+    single, pairs = policy.term_values(observations)
+    importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
+    sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
+    for (first, second), joint, size in zip(policy.pairs, policy.pair_joints, sizes, strict=True):
+        importances[joint, [first, second]] += 0.5 * size
+    return "terms", importances
 
 
 class AdditivePolicy(Policy):
@@ -41,6 +62,15 @@ class AdditivePolicy(Policy):
     """
 
     kind = "additive"
+    capabilities = Capabilities(
+        factors=_factors,
+        importance=_importance,
+        targets="certificates.additive_targets:AdditiveTargets",
+        search="counterfactuals.tables:AdditiveSearch",
+        code="export.policies:additive_code",
+        graph="export.graphs.policies:add_additive",
+        stepwise=True,
+    )
     array_specs: ClassVar = {
         "cuts": Reals("observations cuts", most=np.inf, ascending=True),
         "pair_cuts": Reals("observations pair_cuts", most=np.inf, ascending=True),

@@ -10,6 +10,7 @@ from sklearn.ensemble import GradientBoostingRegressor, HistGradientBoostingRegr
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.fitted_trees import compiled_trees
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.precision import (
@@ -39,6 +40,14 @@ class BoostedTreesPolicy(Policy):
     """
 
     kind = "boosted_trees"
+    capabilities = Capabilities(
+        importance=lambda policy, _: ("impurity", policy.importances),
+        targets="certificates.tree_targets:TreeTargets",
+        search="counterfactuals.trees:TreeSearch",
+        code="export.policies:trees_code",
+        graph="export.graphs.policies:add_trees",
+        stepwise=True,
+    )
     array_specs: ClassVar = {
         "features": Indices("joints trees nodes", of="observations"),
         # A branch that ends early goes left of infinity.

@@ -236,8 +236,8 @@ class AssuredController:
             "hysteresis": asdict(self.hysteresis),
             "region": hashlib.sha256(corners.tobytes()).hexdigest()[:16],
         }
-        doubt = self.region.doubt
-        return own | {"usual_doubt": doubt.usual.tolist()} if doubt else own
+        disagreement = self.region.disagreement
+        return own | {"usual_disagreement": disagreement.usual.tolist()} if disagreement else own
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,7 @@ POLICY_CLASSES: dict[str, type[Policy]] = {
 }
 """The classes of policies that have files, by their kind.
 
-A class of one's own is registered by one line, wherever it is saved or loaded:
-
-    POLICY_CLASSES[Own.kind] = Own
-
+A student that names a class of its own registers it; elsewhere POLICY_CLASSES[Own.kind] = Own does.
 Its `to_arrays` and `from_arrays` hold all that it acts by, in arrays that `array_specs` lists or in
 values; its files end in .safetensors.
 """

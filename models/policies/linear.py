@@ -6,13 +6,40 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.arrays import Reals
+from glassgait.models.policies.capabilities import Capabilities, FactoredTerm, weighted_terms
 from glassgait.models.policies.policy import (
     INTERCEPT,
     Contributions,
     Policy,
     contributions_of_action,
 )
+from glassgait.models.robots import robot
 from glassgait.models.task.observation import machine_state_entries
+
+
+def _factors(policy: "LinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
+    weights = [(weight,) for weight in (robot.ACTION_SCALE * policy.weights[joint]).tolist()]
+    intercept = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * policy.intercepts[joint]
+    return weighted_terms((float(intercept),), weights)
+
+
+def _statewise_factors(policy: "StatewiseLinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
+    scale, stance = robot.ACTION_SCALE, robot.DEFAULT_STANCE[joint]
+    weights = [tuple(own) for own in (scale * policy.weights[:, joint]).T.tolist()]
+    intercepts = stance + scale * policy.intercepts[:, joint]
+    return weighted_terms(tuple(intercepts.tolist()), weights)
+
+
+def _importance(policy: "LinearPolicy", observations: Array) -> tuple[str, Array]:
+    return "derivatives", np.abs(policy.weights) * observations.std(axis=0)
+
+
+def _statewise_importance(
+    policy: "StatewiseLinearPolicy", observations: Array
+) -> tuple[str, Array]:
+    share = policy.state_shares(observations)
+    slopes = np.tensordot(share, np.abs(policy.weights), axes=1)
+    return "derivatives", slopes * observations.std(axis=0)
 
 
 class LinearPolicy(Policy):
@@ -24,6 +51,14 @@ class LinearPolicy(Policy):
     """
 
     kind = "linear"
+    capabilities = Capabilities(
+        factors=_factors,
+        importance=_importance,
+        targets="certificates.formula_targets:FormulaTargets.of_linear",
+        search="counterfactuals.branching:SmoothSearch.of_linear",
+        code="export.policies:linear_code",
+        graph="export.graphs.policies:add_linear",
+    )
     array_specs: ClassVar = {"weights": Reals("joints observations"), "intercepts": Reals("joints")}
     weights: Array
     intercepts: Array
@@ -51,6 +86,14 @@ class StatewiseLinearPolicy(Policy):
     """
 
     kind = "statewise_linear"
+    capabilities = Capabilities(
+        factors=_statewise_factors,
+        importance=_statewise_importance,
+        targets="certificates.formula_targets:FormulaTargets.of_linear",
+        search="counterfactuals.branching:SmoothSearch.of_linear",
+        code="export.policies:linear_code",
+        graph="export.graphs.policies:add_statewise_linear",
+    )
     array_specs: ClassVar = {
         "weights": Reals("states joints observations"),
         "intercepts": Reals("states joints"),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
+from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
@@ -34,6 +35,14 @@ class Network:
 
     weights: tuple[Array, ...]
     biases: tuple[Array, ...]
+
+    reflections: ClassVar[tuple[Reflection, ...]] = ()
+    """Of inputs and of outputs, where it treats left and right alike."""
+
+    @property
+    def plain(self) -> "Network":
+        """The layers themselves."""
+        return self
 
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
@@ -98,6 +107,16 @@ class MirroredNetwork:
     reflect_input: Reflection
     reflect_output: Reflection
 
+    @property
+    def plain(self) -> Network:
+        """The layers themselves."""
+        return self.network
+
+    @property
+    def reflections(self) -> tuple[Reflection, ...]:
+        """Of inputs and of outputs."""
+        return self.reflect_input, self.reflect_output
+
     def __call__(self, x: Array) -> Array:
         """Maps inputs (..., n_in) to outputs (..., n_out), in double precision."""
         own, image = self.network(np.stack([x, self.reflect_input(x)]))
@@ -117,6 +136,9 @@ class NeuralPolicy(Policy):
     """
 
     kind = "neural"
+    capabilities = Capabilities(
+        code="export.policies:neural_code", graph="export.graphs.policies:add_neural"
+    )
 
     def __init__(
         self,

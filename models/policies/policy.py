@@ -17,6 +17,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
+from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.precision import narrowest
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import Group, ObservationLayout, indices_of
@@ -95,6 +96,8 @@ class Policy(ABC):
     """What the policy's arrays must be; their names are its attributes and its arguments."""
     needed_groups: ClassVar[tuple[Group, ...]] = ()
     """Groups of observations that this kind of policy asks for."""
+    capabilities: ClassVar[Capabilities] = Capabilities()
+    """What can be done with policies of this class, besides letting them act."""
 
     def __init__(self, gait: str, observation_names: Sequence[str], **arrays: NDArray[Any]) -> None:
         """
@@ -196,8 +199,21 @@ class Policy(ABC):
         """
         return self._explain(observation, quadruped.joint_index(joint))
 
+    def factored_terms(self, joint: int) -> tuple[FactoredTerm, ...]:
+        """Returns what the terms of a joint's targets are made of, in the order of `explain`.
+
+        Raises:
+            InputError: if this kind of policy has no such terms.
+        """
+        if self.capabilities.factors is None:
+            raise self._without_terms()
+        return self.capabilities.factors(self, joint)
+
     def _explain(self, observation: Array, joint: int) -> Contributions:
-        raise InputError(
+        raise self._without_terms()
+
+    def _without_terms(self) -> InputError:
+        return InputError(
             f"policies of kind {self.kind!r} do not split into contributions; take an additive, "
             "a linear or a symbolic one"
         )

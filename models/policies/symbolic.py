@@ -14,14 +14,51 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.formulas.expression import Expression, canonical, refuse_unfit
+from glassgait.models.formulas.expression import Expression, canonical, constant, refuse_unfit
 from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary, actions_of
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
+from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped, robot
 from glassgait.models.task.observation import machine_state_entries
+
+
+def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
+    by_state = policy.formulas_by_state
+    return tuple(
+        _factored(term, state if len(by_state) > 1 else None)
+        for state, formulas in enumerate(by_state)
+        for term in formulas[joint].terms()
+    )
+
+
+def _factored(term: Expression, state: int | None) -> FactoredTerm:
+    weight, quantities = 1.0, []
+    for factor in _factors_of(term):
+        if factor.operator == "constant":
+            weight *= factor.value
+        else:
+            quantities.append(factor)
+    # Variables first: functions of them may be long.
+    quantities.sort(key=lambda quantity: quantity.operator != "variable")
+    return FactoredTerm((weight,), tuple(quantities), state)
+
+
+def _factors_of(term: Expression) -> tuple[Expression, ...]:
+    match term:
+        case Expression("mul", (left, right)):
+            return _factors_of(left) + _factors_of(right)
+        case Expression("neg", (inner,)):
+            return (constant(-1.0), *_factors_of(inner))
+        case _:
+            return (term,)
+
+
+def _importance(policy: "FormulaPolicy", observations: Array) -> tuple[str, Array]:
+    slopes = np.abs(policy.derivatives(observations)).mean(axis=0)
+    return "derivatives", slopes * observations.std(axis=0)
 
 
 class FormulaPolicy(Policy):
@@ -39,6 +76,14 @@ class FormulaPolicy(Policy):
     dims: ClassVar[tuple[str, ...]]
     """Dimensions of `expressions`."""
     suffix = SUFFIX
+    capabilities = Capabilities(
+        factors=_factors,
+        importance=_importance,
+        targets="certificates.formula_targets:FormulaTargets.of_formulas",
+        search="counterfactuals.branching:SmoothSearch.of_formula",
+        code="export.formulas:formula_code",
+        graph="export.graphs.formulas:add_formulas",
+    )
 
     def __init__(
         self,

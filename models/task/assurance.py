@@ -20,15 +20,15 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Doubt:
-    """How far the parts of a student disagree about what to do.
+class EnsembleDisagreement:
+    """How far the models of an ensemble disagree about the action.
 
     Attributes:
-        disagreement: Maps observations (..., n) to the disagreement (...), 0 or more.
+        measure: Maps observations (..., n) to the disagreement (...), 0 or more.
         usual: The least and the greatest that are usual in each state of the machine (2, n_states).
     """
 
-    disagreement: Callable[[Array], Array]
+    measure: Callable[[Array], Array]
     usual: Array
 
 
@@ -40,19 +40,19 @@ class Region:
         names: Names of the observations (n), in order.
         lower: Least values in each state (n_states, n), in the observation's own scaled units.
         upper: Greatest ones (n_states, n).
-        doubt: What else must be as usual inside of the region, if anything.
+        disagreement: What else must be as usual inside of the region, if anything.
     """
 
     names: tuple[str, ...]
     lower: Array
     upper: Array
-    doubt: Doubt | None = None
+    disagreement: EnsembleDisagreement | None = None
 
     def __post_init__(self) -> None:
         """
         Raises:
             InputError: if the corners do not have a row a state and a column an observation, a
-                range is empty or not finite, or doubt is not told for every state.
+                range is empty or not finite, or the disagreement is not of every state.
         """
         one_hot = machine_state_entries(self.names)
         shape = (one_hot.stop - one_hot.start, len(self.names))
@@ -69,37 +69,37 @@ class Region:
                 f"{self.lower[state, index]:g} to {self.upper[state, index]:g}; give the least, "
                 "then the greatest"
             )
-        if self.doubt and not (
-            self.doubt.usual.shape == (2, shape[0])
-            and np.isfinite(self.doubt.usual).all()
-            and (self.doubt.usual[0] <= self.doubt.usual[1]).all()
+        if self.disagreement and not (
+            self.disagreement.usual.shape == (2, shape[0])
+            and np.isfinite(self.disagreement.usual).all()
+            and (self.disagreement.usual[0] <= self.disagreement.usual[1]).all()
         ):
             raise InputError(
-                f"region: usual doubt is {self.doubt.usual.tolist()}; give the least of "
-                f"{shape[0]} states, then the greatest"
+                f"region: usual disagreement is {self.disagreement.usual.tolist()}; give the "
+                f"least of {shape[0]} states, then the greatest"
             )
 
     def overruns(self, observation: Array) -> Array:
-        """Tells how far each observation is outside of the box of the machine's state.
+        """Returns how far each observation is outside of the box of the machine's state.
 
         Args:
             observation: Observations (..., n).
 
         Returns:
             Overruns (..., n) in widths of the ranges: 0 inside; infinite beyond a range without
-            width, and where an observation is not finite. With doubt (..., n + 1): the last tells
-            how far it exceeds what is usual, in widths of that range, too.
+            width, and where an observation is not finite. With the disagreement (..., n + 1): the
+            last is how far it exceeds what is usual, in widths of that range, too.
         """
         state = np.argmax(observation[..., machine_state_entries(self.names)], axis=-1)
         lower, upper = self.lower[state], self.upper[state]
         excess = np.maximum(lower - observation, observation - upper)
         with np.errstate(divide="ignore", invalid="ignore"):
             widths = excess / (upper - lower)
-            if self.doubt:
-                least, greatest = self.doubt.usual[:, state]
-                doubtful = self.doubt.disagreement(observation) - greatest
-                excess = np.append(excess, doubtful[..., None], axis=-1)
-                widths = np.append(widths, (doubtful / (greatest - least))[..., None], axis=-1)
+            if self.disagreement:
+                least, greatest = self.disagreement.usual[:, state]
+                disagreeing = self.disagreement.measure(observation) - greatest
+                excess = np.append(excess, disagreeing[..., None], axis=-1)
+                widths = np.append(widths, (disagreeing / (greatest - least))[..., None], axis=-1)
         return np.where(np.isfinite(excess), np.where(excess <= 0.0, 0.0, widths), np.inf)
 
     def overrun(self, observation: Array) -> Array:

@@ -145,8 +145,17 @@ class Policies:
         policy = self.policy(name)
         if isinstance(policy, NeuralPolicy):
             return alone(policy)
-        expert = self.expert if name in self.files else self._expert_of(self.file(name))
-        return alone(policy, expert)
+        return alone(policy, self.expert_of(name))
+
+    def expert_of(self, name: str) -> NeuralPolicy:
+        """Returns the expert by whose estimator a policy observes that has none of its own.
+
+        Raises:
+            InputError: if there is no such policy.
+        """
+        if name == EXPERT or name in self.files:
+            return self.expert
+        return self._expert_of(self.file(name))
 
     def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
         """Loads policies that act alone, by the names that folders and tables call them.

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped, robot
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
@@ -98,7 +96,7 @@ class StrideMap:
     @property
     def is_stepwise(self) -> bool:
         """Whether the policy is constant but for jumps, so that the map's derivatives are void."""
-        return isinstance(self.controller.policy, BoostedTreesPolicy | AdditivePolicy)
+        return self.controller.policy.capabilities.stepwise
 
     def first_points(self) -> Array:
         """Lets a robot of each command start from standing, until it enters after some seconds.

@@ -18,9 +18,8 @@ from glassgait.models.certificates.findings import (
 from glassgait.models.certificates.nearness import nearness, overruns
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Outcome, Verdict
-from glassgait.models.certificates.question import Targets
+from glassgait.models.certificates.question import Targets, targets_of
 from glassgait.models.certificates.reading import Certificate
-from glassgait.models.certificates.targets import targets_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy

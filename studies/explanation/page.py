@@ -12,6 +12,7 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.expression import Expression, variable
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
+from glassgait.models.policies.capabilities import FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped, robot
@@ -22,7 +23,6 @@ from glassgait.studies.common.pages import inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.explanation.certificate import CertificatePanel
 from glassgait.studies.explanation.file_lines import file_lines
-from glassgait.studies.explanation.products import Product, products
 from glassgait.studies.explanation.variables import variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -42,13 +42,13 @@ class ExplainedJoint:
     """What a joint's targets consist of, over a rollout.
 
     Attributes:
-        products: What the terms are made of (k).
+        terms: What the terms are made of (k).
         values: How much each term adds (n_steps, k; rad).
         targets: The targets (n_steps,; rad).
         states: State of the machine (n_steps,).
     """
 
-    products: tuple[Product, ...]
+    terms: tuple[FactoredTerm, ...]
     values: np.ndarray
     targets: np.ndarray
     states: np.ndarray
@@ -56,7 +56,7 @@ class ExplainedJoint:
     def active(self) -> np.ndarray:
         """Tells which terms are in the formula of the step's state (n_steps, k)."""
         # A term that serves all states has none of its own.
-        own = np.array([-1 if term.state is None else term.state for term in self.products])
+        own = np.array([-1 if term.state is None else term.state for term in self.terms])
         return (own == -1) | (own == self.states[:, None])
 
     def active_of(self, contributions: Contributions, step: int) -> Contributions:
@@ -91,7 +91,7 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     states = rollout["rm_state"].argmax(axis=1)
     return tuple(
         ExplainedJoint(
-            products(policy, joint),
+            policy.factored_terms(joint),
             policy.explain(observations, joint).values,
             targets[:, joint],
             states,
@@ -153,7 +153,7 @@ def render_page(
         policy=policy_title(policy_name),
         joint=quadruped.JOINTS[joint].replace("_", " "),
         limited=policy.limits_targets,
-        additive=any(not term.weights for own in explained for term in own.products),
+        additive=any(not term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,
         data=_embedded(data),
@@ -168,8 +168,8 @@ def _quantities(
     """Names everything that some term is made of: the variables in order, then functions."""
     every = {variable(index): name for index, name in enumerate(titles)}
     for own in explained:
-        for product in own.products:
-            for quantity in product.quantities:
+        for term in own.terms:
+            for quantity in term.quantities:
                 if quantity not in every:
                     every[quantity] = write_formula(quantity, titles)
     return every
@@ -203,11 +203,11 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
     return {
         "terms": [
             {
-                "weights": [float(f"{weight:.6g}") for weight in product.weights],
-                "of": [place[quantity] for quantity in product.quantities],
-                "state": product.state,
+                "weights": [float(f"{weight:.6g}") for weight in term.weights],
+                "of": [place[quantity] for quantity in term.quantities],
+                "state": term.state,
             }
-            for product in explained.products
+            for term in explained.terms
         ],
         "target": _rounded(explained.targets),
         "index": index,

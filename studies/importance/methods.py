@@ -3,11 +3,7 @@
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 
@@ -49,45 +45,3 @@ def permutation_importance(
             scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
             losses[repeat, :, columns] = (whole - scores) / len(columns)
     return losses
-
-
-def own_importance(policy: Policy, observations: Array) -> tuple[str, Array] | None:
-    """Returns the importance that a student's own shape gives, if it has one.
-
-    Boosted trees: impurity. Additive: the mean size of each function, one of two observations
-    counting half for each. Formulas and linear laws: the mean size of the partial derivative times
-    the observation's spread.
-
-    Args:
-        policy: The student.
-        observations: Observations along rollouts (m, n).
-
-    Returns:
-        Name of the method in `METHOD_TITLES` and importances (12, n).
-    """
-    spread = observations.std(axis=0)
-    match policy:
-        case BoostedTreesPolicy():
-            return "impurity", policy.importances
-        case AdditivePolicy():
-            return "terms", _additive_importance(policy, observations)
-        case FormulaPolicy():
-            slopes = np.abs(policy.derivatives(observations)).mean(axis=0)
-            return "derivatives", slopes * spread
-        case LinearPolicy():
-            return "derivatives", np.abs(policy.weights) * spread
-        case StatewiseLinearPolicy():
-            share = policy.state_shares(observations)
-            slopes = np.tensordot(share, np.abs(policy.weights), axes=1)
-            return "derivatives", slopes * spread
-        case _:
-            return None
-
-
-def _additive_importance(policy: AdditivePolicy, observations: Array) -> Array:
-    single, pairs = policy.term_values(observations)
-    importances = np.abs(single - single.mean(axis=0)).mean(axis=0)
-    sizes = np.abs(pairs - pairs.mean(axis=0)).mean(axis=0)
-    for (first, second), joint, size in zip(policy.pairs, policy.pair_joints, sizes, strict=True):
-        importances[joint, [first, second]] += 0.5 * size
-    return importances

@@ -30,7 +30,6 @@ from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.methods import (
     METHOD_TITLES,
-    own_importance,
     permutation_importance,
 )
 from glassgait.studies.importance.observations import merge_importances, observation_groups
@@ -116,9 +115,9 @@ def measure_importances(
         names = student.observation_names
         generator = np.random.default_rng([seed, 1])
         found = {"permutation": permutation_importance(student, samples[kind], generator, repeats)}
-        own = own_importance(student, samples[kind].observations)
-        if own is not None:
-            found[own[0]] = own[1][None]
+        if (own_importance := student.capabilities.importance) is not None:
+            method, own = own_importance(student, samples[kind].observations)
+            found[method] = own[None]
         for method, values in found.items():
             mean = values.mean(axis=0)
             stem = folder / f"{kind}_{method}"

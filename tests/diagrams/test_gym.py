@@ -24,7 +24,7 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.termination import FAILURES
 
-ID = "glassgait/Locomotion-v0"
+ID = "glassgait/A1-v0"
 
 
 class StandIn:
@@ -69,7 +69,7 @@ def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(camera):
 
 def test_the_id_is_known_once_the_module_is_named():
     code = (
-        "import gymnasium; env = gymnasium.make('glassgait.diagrams.gym:glassgait/Locomotion-v0'); "
+        "import gymnasium; env = gymnasium.make('glassgait.diagrams.gym:glassgait/A1-v0'); "
         "env.reset(seed=0); env.step(env.action_space.sample()); "
         "print(env.spec.id, env.spec.max_episode_steps, type(env.unwrapped).__name__)"
     )

@@ -12,7 +12,7 @@ from glassgait.diagrams.gym import LocomotionVectorEnv
 from glassgait.models.errors import InputError
 from glassgait.models.task.termination import FAILURES
 
-ID = "glassgait/Locomotion-v0"
+ID = "glassgait/A1-v0"
 YAW = 1
 PREVIOUS_ACTION = slice(26, 38)
 

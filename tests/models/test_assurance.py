@@ -8,7 +8,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, AssuredController
 from glassgait.models.task.assurance import (
-    Doubt,
+    EnsembleDisagreement,
     Hysteresis,
     MonitorState,
     Region,
@@ -47,21 +47,24 @@ def test_overruns_are_in_widths_of_the_box_of_the_machines_state():
     assert region.overrun(observing(np.nan)) == np.inf
 
 
-def doubtful(usual=((0.1, 0.0), (0.5, 0.0))):
-    """The region of two, and the student doubts by as much as the hip differs from 0."""
-    return replace(region_of_two(), doubt=Doubt(lambda seen: abs(seen[..., HIP]), np.array(usual)))
+def disagreeing(usual=((0.1, 0.0), (0.5, 0.0))):
+    """The region of two, and the student's models disagree by as much as the hip differs from 0."""
+    return replace(
+        region_of_two(),
+        disagreement=EnsembleDisagreement(lambda seen: abs(seen[..., HIP]), np.array(usual)),
+    )
 
 
-def test_doubt_counts_in_widths_of_what_is_usual_in_the_machines_state():
-    region, observation = doubtful(), np.array([[observing(0.4)], [observing(0.9)]])
+def test_disagreement_counts_in_widths_of_what_is_usual_in_the_machines_state():
+    region, observation = disagreeing(), np.array([[observing(0.4)], [observing(0.9)]])
     overruns = region.overruns(observation)
     assert overruns.shape == (2, 1, 50)
     np.testing.assert_allclose(overruns[..., -1], [[0.0], [1.0]])
     np.testing.assert_array_equal(overruns[..., :-1], region_of_two().overruns(observation))
     np.testing.assert_allclose(region.overrun(observation), [[0.0], [1.0]])
-    # In a state where the bags always agreed any doubt is too much.
+    # In a state where the bags always agreed any disagreement is too much.
     assert region.overrun(observing(3.0, 1)) == np.inf
-    assert doubtful(((0.1, 0.0), (0.5, 3.0))).overrun(observing(3.0, 1)) == 0.0
+    assert disagreeing(((0.1, 0.0), (0.5, 3.0))).overrun(observing(3.0, 1)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -73,9 +76,9 @@ def test_doubt_counts_in_widths_of_what_is_usual_in_the_machines_state():
         ((0.5, 0.5), (0.5, 0.4)),
     ],
 )
-def test_doubt_that_cannot_be_is_refused(usual):
+def test_disagreement_that_cannot_be_is_refused(usual):
     with pytest.raises(InputError, match="2 states"):
-        doubtful(usual)
+        disagreeing(usual)
 
 
 def decisions(overruns, hysteresis):
@@ -168,15 +171,15 @@ def test_settings_distinguish_regions_and_limits(assured):
     ]
     assert told[0] == told[3]
     assert told[0] != told[1] != told[2] != told[0]
-    doubts = [
-        AssuredController(assured.expert, assured.student, doubtful(usual), Hysteresis(0.2, 0.1))
+    disagreements = [
+        AssuredController(assured.expert, assured.student, disagreeing(usual), Hysteresis(0.2, 0.1))
         for usual in (((0.1, 0.0), (0.5, 0.0)), ((0.1, 0.0), (0.6, 0.0)))
     ]
-    assert told[0] != doubts[0].settings() != doubts[1].settings()
+    assert told[0] != disagreements[0].settings() != disagreements[1].settings()
 
 
-def test_a_student_that_doubts_gives_way_where_nothing_is_out_of_range(assured):
-    policy = replace(assured, region=doubtful())
+def test_a_student_that_disagrees_gives_way_where_nothing_is_out_of_range(assured):
+    policy = replace(assured, region=disagreeing())
     calm = np.array([observing(0.4), observing(0.9)])
     assert assured.advance(0, calm, assured.begin(2)).expert_acts.tolist() == [False, False]
     assert policy.advance(0, calm, policy.begin(2)).expert_acts.tolist() == [False, True]

@@ -13,8 +13,7 @@ from glassgait.models.certificates.observation_box import (
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import Question, region_of
-from glassgait.models.certificates.targets import targets_of
+from glassgait.models.certificates.question import Question, region_of, targets_of
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas

@@ -7,7 +7,7 @@ from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.nearness import box_of, nearness, observation_of, overruns
 from glassgait.models.certificates.observation_box import operating_box, physical_box
 from glassgait.models.certificates.prover import Prover, Verdict
-from glassgait.models.certificates.targets import targets_of
+from glassgait.models.certificates.question import targets_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.robots import quadruped, robot

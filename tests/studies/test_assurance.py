@@ -10,7 +10,7 @@ import pytest
 from glassgait.diagrams.scenario import Pushes, Scenario
 from glassgait.models.policies.controller import AssuredController, alone
 from glassgait.models.policies.library import load_student
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region
+from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
@@ -38,12 +38,15 @@ def test_warnings_count_the_steps_without_a_gap_before_a_fall():
     visits = Visits(observation, np.array([8, 10, 5]))
     found = warnings_of(visits, region, Hysteresis(0.5, 0.2, return_steps=2))
     assert found.to_numpy().tolist() == [[0, 8, 3, "base velocity"], [2, 5, 0, "none"]]
-    doubting = replace(
-        region, doubt=Doubt(lambda seen: abs(seen[..., HIP]), np.array([[0.0] * 2, [0.1] * 2]))
+    disagreeing = replace(
+        region,
+        disagreement=EnsembleDisagreement(
+            lambda seen: abs(seen[..., HIP]), np.array([[0.0] * 2, [0.1] * 2])
+        ),
     )
     observation[4, 2, HIP] = 0.5
-    found = warnings_of(visits, doubting, Hysteresis(0.5, 0.2, return_steps=2))
-    assert found.to_numpy()[1].tolist() == [2, 5, 2, "bags"]
+    found = warnings_of(visits, disagreeing, Hysteresis(0.5, 0.2, return_steps=2))
+    assert found.to_numpy()[1].tolist() == [2, 5, 2, "disagreement"]
 
 
 def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
@@ -99,7 +102,7 @@ def scores_of(falls):
 @pytest.fixture
 def table():
     falls = {"expert": (1, 1.0), "sparse_formula": (4, 0.0), "assured_0.05": (2, 0.05)}
-    return assurance_table(scores_of(falls | {"schedule_0.05": (3, 0.05)}), {"training": "home"})
+    return assurance_table(scores_of(falls | {"schedule_0.05": (3, 0.05)}), {"training": "calm"})
 
 
 def test_calls_are_counted_by_steps_and_falls_beside_the_experts(table):
@@ -117,8 +120,8 @@ def test_calls_are_counted_by_steps_and_falls_beside_the_experts(table):
 
 
 def test_the_figure_sets_falls_against_calls(table):
-    (axes,) = draw_calls(table, {"training": "home"}).axes
-    assert axes.get_title() == "home: 10 robots"
+    (axes,) = draw_calls(table, {"training": "calm"}).axes
+    assert axes.get_title() == "calm: 10 robots"
     points = {
         container.get_label(): container.lines[0].get_xydata().tolist()
         for container in axes.containers
@@ -131,7 +134,7 @@ def test_the_figure_sets_falls_against_calls(table):
 
 @pytest.fixture
 def run(tmp_path):
-    small = ["--n-robots", "2", "--n-steps", "30", "--home-robots", "2", "--pushed-robots", "2"]
+    small = ["--n-robots", "2", "--n-steps", "30", "--nominal-robots", "2", "--pushed-robots", "2"]
     folder = tmp_path / "run"
 
     def start(*more):
@@ -146,7 +149,7 @@ def run(tmp_path):
 def test_command_writes_all_and_resumes(run, monkeypatch):
     folder = run()
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
-    tables = ("worlds", "foretelling", "warnings", "rescues")
+    tables = ("worlds", "fall_prediction", "warnings", "rescues")
     wanted = {f"{stem}.{end}" for stem in tables for end in ("csv", "md")}
     wanted |= {f"{stem}.{end}" for stem in ("calls", "pushed_robot") for end in ("png", "pdf")}
     wanted |= {"config.yaml", "metrics.json", "calibration.json", "pushed_robot.json", "rollouts"}
@@ -180,7 +183,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
         (["--gait", "three_one"], "--policy 'sparse_formula'"),
         (["--scenario", "moon"], "moon"),
-        (["--bags"], "bags"),
+        (["--disagreement"], "disagreement"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):

@@ -1,4 +1,4 @@
-"""Regions and limits of runtime assurance, chosen from what robots observe at home."""
+"""Regions and limits of runtime assurance, chosen from what robots observe in distribution."""
 
 import json
 from dataclasses import replace
@@ -15,7 +15,7 @@ from glassgait.studies.evaluation.assurance.calibration import (
     Visits,
     choose_hysteresis,
     guarded,
-    has_bags,
+    has_ensemble,
     joined,
     make_region,
     make_regions,
@@ -87,27 +87,36 @@ def wandering(generator):
     return visits
 
 
-def test_regions_with_bags_ask_for_their_usual_disagreement_at_home(bagged, trot, wandering):
+def test_regions_of_ensembles_ask_for_their_usual_disagreement(bagged, trot, wandering):
     regions = make_regions(trot, bagged, wandering, quantile=0.1)
-    assert list(regions) == ["states", "whole", "operating", "bags", "states_and_bags"]
-    assert [kind for kind, own in regions.items() if own.doubt] == ["bags", "states_and_bags"]
+    assert list(regions) == [
+        "states",
+        "whole",
+        "operating",
+        "disagreement",
+        "states_and_disagreement",
+    ]
+    assert [kind for kind, own in regions.items() if own.disagreement] == [
+        "disagreement",
+        "states_and_disagreement",
+    ]
     for state in range(2):
         own = wandering.observation[state::2].reshape(-1, 49)
-        outside = regions["bags"].overrun(own)
+        outside = regions["disagreement"].overrun(own)
         assert 0.0 < (outside > 0.0).mean() < 0.1 + 1e-9
-        both = regions["states_and_bags"].overrun(own)
+        both = regions["states_and_disagreement"].overrun(own)
         np.testing.assert_array_equal(both, np.maximum(outside, regions["states"].overrun(own)))
 
 
 @pytest.mark.parametrize("kind", ["sparse_formula", "gbm", "statewise_linear"])
-def test_who_has_no_bags_is_asked_for_none(kind, trot):
+def test_other_students_have_no_ensemble(kind, trot):
     visits = seen(np.ones((4, 2)), np.arange(4)[:, None] % 2 + np.zeros((1, 2)))
     student = load_student("trot", kind)
-    assert not has_bags(student)
+    assert not has_ensemble(student)
     assert list(make_regions(trot, student, visits, 0.0)) == ["states", "whole", "operating"]
 
 
-def test_a_calibration_comes_back_with_its_doubts(bagged, trot, wandering):
+def test_a_calibration_comes_back_with_its_disagreement(bagged, trot, wandering):
     limits = {0.02: Hysteresis(0.1, 0.05, 3)}
     for kind, region in make_regions(trot, bagged, wandering, quantile=0.1).items():
         made = Calibration(region, limits, *[pd.DataFrame({"kind": [kind]})] * 3)

@@ -40,7 +40,7 @@ def start(code, **options):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_help_tells_what_the_class_tells(name):
+def test_the_help_shows_the_docstring_of_the_class(name):
     _, summary = COMMANDS[name]
     assert getdoc(command_class(name)).splitlines()[0] == summary
 

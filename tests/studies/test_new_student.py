@@ -1,4 +1,4 @@
-"""A student and a policy of one's own: one entry for each is enough for every study."""
+"""A student with a policy class of its own: one file and one entry are enough for every study."""
 
 import subprocess
 import sys
@@ -13,10 +13,13 @@ import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from sklearn.linear_model import Ridge
 
-from glassgait.models.policies.library import POLICY_CLASSES
-from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.export.code import Code
+from glassgait.models.policies.arrays import Reals
+from glassgait.models.policies.capabilities import Capabilities, weighted_terms
+from glassgait.models.policies.policy import INTERCEPT, Policy, contributions_of_action
 from glassgait.models.settings import Positive
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import Student, StudentSettings
@@ -36,16 +39,53 @@ class StiffSettings(StudentSettings):
 
 def fit(samples, settings, *, seed, n_jobs):
     model = Ridge(settings.ridge).fit(samples.observations, samples.actions)
-    return StiffPolicy(samples.gait, samples.observation_names, model.coef_, model.intercept_)
+    return StiffPolicy(
+        samples.gait, samples.observation_names, weights=model.coef_, intercepts=model.intercept_
+    )
 
 
-class StiffPolicy(LinearPolicy):
+def factors(policy, joint):
+    return weighted_terms((0.0,), [(weight,) for weight in policy.weights[joint].tolist()])
+
+
+def code(policy, style):
+    lines = [
+        f"    action[{joint}] = {intercept!r}"
+        + "".join(f" + {w!r} * observation[{i}]" for i, w in enumerate(weights))
+        + ";"
+        for joint, (weights, intercept) in enumerate(
+            zip(policy.weights.tolist(), policy.intercepts.tolist())
+        )
+    ]
+    signature = style.signature(takes_state=False)
+    return Code("Stiff sums.", signature + "\\n{\\n" + "\\n".join(lines) + "\\n}\\n")
+
+
+class StiffPolicy(Policy):
     kind = "stiff_policy"
+    array_specs: ClassVar = {"weights": Reals("joints observations"), "intercepts": Reals("joints")}
+    capabilities = Capabilities(
+        factors=factors,
+        importance=lambda policy, observations: ("derivatives", np.abs(policy.weights)),
+        targets="certificates.formula_targets:FormulaTargets.of_linear",
+        search="counterfactuals.branching:SmoothSearch.of_linear",
+        code=code,
+        graph="export.graphs.policies:add_linear",
+    )
+
+    def __call__(self, observation):
+        return observation @ self.weights.T + self.intercepts
+
+    def _explain(self, observation, joint):
+        parts = self.weights[joint] * observation
+        intercepts = np.full((*observation.shape[:-1], 1), self.intercepts[joint])
+        values = np.concatenate([intercepts, parts], axis=-1)
+        return contributions_of_action((INTERCEPT, *self.observation_names), values, joint)
 
 
-POLICY_CLASSES[StiffPolicy.kind] = StiffPolicy
 STUDENTS["stiff"] = Student(
-    "stiff", "Stiff", fit, color="#E69F00", marker="*", settings=StiffSettings(), brevity=9
+    "stiff", "Stiff", fit, color="#E69F00", marker="*", settings=StiffSettings(),
+    policy=StiffPolicy, brevity=9,
 )
 
 from glassgait.studies.cli import main
@@ -147,3 +187,28 @@ def test_it_stands_in_the_report_beside_the_papers(run, folder):
     page = (folder / "report" / "report.html").read_text()
     assert "Gait sequences, Stiff" in page
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()
+
+
+def test_it_is_explained_by_the_file_alone(run, distilled, folder):
+    run("explain", "--policy", "stiff", "--seconds", "0.4", "--output", "explained")
+    assert "DoF Pos FL Hip" in (folder / "explained" / "index.html").read_text()
+
+
+def test_bounds_are_proved_of_it(run, distilled, folder):
+    run("certify", "--policy", "stiff", "--output", "certified")
+    assert (folder / "certified" / "certificate.json").exists()
+
+
+def test_a_counterfactual_is_found(run, distilled, folder):
+    where = ["--joint", "FR_calf", "--step", "10", "--by", "0.01", "--output", "other"]
+    run("counterfactual", "--policy", "stiff", *where)
+    assert (folder / "other" / "index.html").exists()
+
+
+@pytest.mark.parametrize("form", ["c", "onnx"])
+def test_it_is_exported(run, distilled, folder, form):
+    if form == "onnx":
+        pytest.importorskip("onnxruntime")
+    short = ["--n-robots", "1", "--n-steps", "20", "--output", form]
+    run("export", "--policy", "stiff", "--format", form, *short)
+    assert (folder / form / f"trot_stiff.{form}").exists()

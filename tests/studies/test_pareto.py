@@ -118,7 +118,7 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     assert "written to" in capsys.readouterr().out
 
 
-def test_missing_samples_are_told(tmp_path, refused):
+def test_missing_samples_are_refused(tmp_path, refused):
     assert "holds no samples" in refused(
         ["distill", "--sweep", "terms", "--samples", str(tmp_path)]
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import InputPortIndex
 
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region
+from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.systems.assurance_monitor import AssuranceMonitor
 
@@ -66,14 +66,16 @@ def test_an_observation_that_is_not_finite_calls_the_expert(system, fix_inputs):
     assert chosen(system, fix_inputs(system, observation=observing(np.nan))) == "E"
 
 
-def test_a_student_that_doubts_more_than_usual_is_relieved(system, fix_inputs):
-    doubt = Doubt(lambda seen: abs(seen[..., SPEED]), np.array([[0.3, 0.3], [0.5, 0.5]]))
+def test_a_student_that_disagrees_more_than_usual_is_relieved(system, fix_inputs):
+    disagreement = EnsembleDisagreement(
+        lambda seen: abs(seen[..., SPEED]), np.array([[0.3, 0.3], [0.5, 0.5]])
+    )
     corner = np.full((2, 49), 1.0)
-    region = Region(NAMES, -corner, corner, doubt)
-    doubting = AssuranceMonitor(region, Hysteresis(0.1, 0.05), EXPERT, STUDENT)
+    region = Region(NAMES, -corner, corner, disagreement)
+    disagreeing = AssuranceMonitor(region, Hysteresis(0.1, 0.05), EXPERT, STUDENT)
     for speed, who in [(0.5, "S"), (0.51, "S"), (0.6, "E")]:
         assert chosen(system, fix_inputs(system, observation=observing(speed))) == "S"
-        context = fix_inputs(doubting, observation=observing(speed))
-        assert chosen(doubting, context) == who
-        told = doubting.get_overrun_output_port().Eval(context)
+        context = fix_inputs(disagreeing, observation=observing(speed))
+        assert chosen(disagreeing, context) == who
+        told = disagreeing.get_overrun_output_port().Eval(context)
         assert told[0] == pytest.approx((speed - 0.5) / 0.2)

@@ -45,6 +45,14 @@ class GraphBuilder:
         self.nodes.append(node)
         return output
 
+    def whole(self, value: str) -> str:
+        """Casts to whole numbers."""
+        return self.add("Cast", value, to=onnx.TensorProto.INT64)
+
+    def tensor(self, array: NDArray[Any]) -> onnx.TensorProto:
+        """Returns an array as an operator's attribute."""
+        return numpy_helper.from_array(array)
+
     def columns(self, value: str, start: int, stop: int) -> str:
         """Takes some columns of rows."""
         return self.add(

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from glassgait.models.export.graphs.builder import GraphBuilder
-from glassgait.models.export.graphs.linear import machine_state
+from glassgait.models.export.graphs.policies import machine_state
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Line, Tape
-from glassgait.models.policies.symbolic import FormulaPolicy, StatewiseSymbolicPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped, robot
 
 _FUNCTIONS = {
@@ -32,7 +32,7 @@ def add_formulas(graph: GraphBuilder, policy: FormulaPolicy, observation: str) -
     scaled = graph.add("Div", observation, graph.constant(units.scale))
     quantities = graph.add("Add", scaled, graph.constant(units.offset))
     target = _evaluated(graph, tape, quantities)
-    if isinstance(policy, StatewiseSymbolicPolicy):
+    if len(policy.dims) == 2:
         # All states' formulas are evaluated; where they are not the state's own they may be
         # anything, and are left aside.
         table = graph.add("Reshape", target, graph.indices([-1, len(rows), quadruped.N_JOINTS]))

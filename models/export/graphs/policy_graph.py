@@ -1,31 +1,20 @@
 """A policy and the estimator that it observes by, as one ONNX graph."""
 
-from collections.abc import Callable
-
 import onnx
 from onnx import TensorProto, helper
 
 from glassgait.models.errors import InputError
-from glassgait.models.export.graphs.additive import add_additive
 from glassgait.models.export.graphs.builder import (
     OPSET,
     TREE_DOMAIN,
     TREE_OPSET,
     GraphBuilder,
 )
-from glassgait.models.export.graphs.formulas import add_formulas
-from glassgait.models.export.graphs.linear import add_linear, add_open_loop, add_statewise_linear
 from glassgait.models.export.graphs.metadata import metadata
-from glassgait.models.export.graphs.network import add_network
-from glassgait.models.export.graphs.trees import add_trees
+from glassgait.models.export.graphs.policies import add_network
 from glassgait.models.export.language import Real
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
@@ -99,16 +88,9 @@ def write_graph(
 
 
 def _add_policy(graph: GraphBuilder, policy: Policy, observation: str) -> str:
-    writers: list[tuple[type[Policy], Callable[..., str]]] = [
-        (FormulaPolicy, add_formulas),
-        (LinearPolicy, add_linear),
-        (StatewiseLinearPolicy, add_statewise_linear),
-        (AdditivePolicy, add_additive),
-        (BoostedTreesPolicy, add_trees),
-        (NeuralPolicy, lambda graph, own, value: add_network(graph, own.actor, value)),
-        (OpenLoopPolicy, add_open_loop),
-    ]
-    for kind, add in writers:
-        if isinstance(policy, kind):
-            return add(graph, policy, observation)
-    raise InputError(f"there is no graph for policies of kind {policy.kind!r}; export another one")
+    add = policy.capabilities.function("graph")
+    if add is None:
+        raise InputError(
+            f"there is no graph for policies of kind {policy.kind!r}; export another one"
+        )
+    return add(graph, policy, observation)

@@ -9,6 +9,7 @@ from joblib import delayed
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.policies.library import POLICY_CLASSES
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
@@ -115,6 +116,9 @@ class Student:
         fit_models: Fits the library's models behind it, one a joint, like `fit`; None where there
             are none.
         compile: Makes the policy of such models: `compile(gait, observation_names, models)`.
+        policy: Class of its policies, where none of the project's holds what it learned. It is
+            registered, so that its files can be loaded, and its `capabilities` say what else can
+            be done with them.
         brevity: Place among the students whose actions are sums of terms, 1 for those that say the
             most in the fewest; None where they are no sums.
         paper_r2: The paper's R² (Table II), by gait; empty where the paper has no such student.
@@ -132,6 +136,7 @@ class Student:
     collector: str | None = None
     fit_models: Callable[..., Sequence[Any]] | None = None
     compile: Callable[..., Policy] | None = None
+    policy: type[Policy] | None = None
     brevity: int | None = None
     paper_r2: Mapping[str, float] = field(default_factory=dict)
 
@@ -141,6 +146,8 @@ class Student:
                 f"student {self.name!r}: its name is that of files and options; give one of "
                 f"letters, digits and underscores, and none of {', '.join(RESERVED)}"
             )
+        if self.policy is not None:
+            POLICY_CLASSES[self.policy.kind] = self.policy
 
 
 def fit_joints(

@@ -1,4 +1,4 @@
-"""Choosing the region and the limits from what robots observe at home."""
+"""Choosing the region and the limits from what robots observe in distribution."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,13 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region, initial_monitor, step_monitor
+from glassgait.models.task.assurance import (
+    EnsembleDisagreement,
+    Hysteresis,
+    Region,
+    initial_monitor,
+    step_monitor,
+)
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.common.episode import episode
@@ -26,18 +32,18 @@ from glassgait.studies.common.observers import Observations, Snapshots
 from glassgait.studies.common.rollouts.config import RolloutConfig
 
 BoxKind = Literal["states", "whole", "operating"]
-RegionKind = Literal[BoxKind, "bags", "states_and_bags"]
+RegionKind = Literal[BoxKind, "disagreement", "states_and_disagreement"]
 
 REGION_TITLES: dict[RegionKind, str] = {
     "states": "a box a machine state",
     "whole": "one box",
     "operating": "the operating box",
-    "bags": "usual disagreement of the bags",
-    "states_and_bags": "a box a machine state, and the bags",
+    "disagreement": "usual disagreement of the ensemble",
+    "states_and_disagreement": "a box a machine state, and the ensemble",
 }
 
 ANYWHERE = 1e6
-"""Ends of ranges that no observation leaves, where the bags alone are watched."""
+"""Ends of ranges that no observation leaves, where the disagreement alone is watched."""
 
 RETURN_SHARE = 0.5
 """Share of the limit that counts as inside again."""
@@ -92,8 +98,8 @@ def visit(gait: Gait, controller: Controller, scenario: Scenario, config: Rollou
     return Visits(observations.array, ended.fell, snapshots)
 
 
-def has_bags(student: Policy) -> bool:
-    """Tells whether a student is made of several models, which may disagree."""
+def has_ensemble(student: Policy) -> bool:
+    """Returns whether a student is made of several models, which may disagree."""
     return isinstance(student, AdditivePolicy) and bool(student.deviations.any())
 
 
@@ -104,8 +110,8 @@ def make_regions(
 
     Args:
         gait: The gait.
-        student: Whose bags are asked, if it has any.
-        visits: Where robots were at home.
+        student: The student, whose models disagree if it is an ensemble.
+        visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
     """
     ships = (BOX_DIRECTORY / f"{gait.name}.yaml").exists()
@@ -113,18 +119,18 @@ def make_regions(
     regions: dict[RegionKind, Region] = {
         kind: make_region(gait, visits, quantile, kind) for kind in kinds
     }
-    if isinstance(student, AdditivePolicy) and has_bags(student):
+    if isinstance(student, AdditivePolicy) and has_ensemble(student):
         states = regions["states"]
         corner = np.full_like(states.lower, ANYWHERE)
-        doubt = _usual_doubt(student, states.names, visits, quantile)
-        regions["bags"] = Region(states.names, -corner, corner, doubt)
-        regions["states_and_bags"] = replace(states, doubt=doubt)
+        disagreement = _usual_disagreement(student, states.names, visits, quantile)
+        regions["disagreement"] = Region(states.names, -corner, corner, disagreement)
+        regions["states_and_disagreement"] = replace(states, disagreement=disagreement)
     return regions
 
 
-def _usual_doubt(
+def _usual_disagreement(
     student: AdditivePolicy, names: tuple[str, ...], visits: Visits, quantile: float
-) -> Doubt:
+) -> EnsembleDisagreement:
     seen = visits.observation[visits.alive]
     one_hot = seen[:, machine_state_entries(names)]
     state_of = np.argmax(one_hot, axis=-1)
@@ -133,7 +139,7 @@ def _usual_doubt(
     for state in np.unique(state_of):
         own = disagreement[state_of == state]
         usual[:, state] = np.quantile(own, [quantile, 1 - quantile])
-    return Doubt(student.disagreement, usual)
+    return EnsembleDisagreement(student.disagreement, usual)
 
 
 def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:
@@ -141,7 +147,7 @@ def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "st
 
     Args:
         gait: The gait.
-        visits: Where robots were at home.
+        visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
         kind: A box for each machine state, one for all, or the gait's operating box.
     """
@@ -167,7 +173,7 @@ def choose_hysteresis(
     """Finds the least limit at which the expert would be called in a share of steps at most.
 
     Args:
-        overrun: Overruns of robots that walk at home (T, n).
+        overrun: Overruns of robots that walk in distribution (T, n).
         alive: Whether each was up (T, n).
         calls: The share.
         return_steps: Control steps inside after which the student acts again.
@@ -190,7 +196,7 @@ def choose_hysteresis(
 
 
 def guarded(overrun: Array, hysteresis: Hysteresis) -> NDArray[np.bool_]:
-    """Tells when (T, n) the expert would be called, had its actions changed nothing."""
+    """Returns when (T, n) the expert would be called, had its actions changed nothing."""
     state, called = initial_monitor(overrun.shape[1:]), []
     for own in overrun:
         state = step_monitor(state, own, hysteresis)

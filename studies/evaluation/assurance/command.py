@@ -26,7 +26,7 @@ from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_s
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.evaluation.assurance.calibration import has_bags
+from glassgait.studies.evaluation.assurance.calibration import has_ensemble
 from glassgait.studies.evaluation.assurance.figures import draw_calls, draw_pushed
 from glassgait.studies.evaluation.assurance.pushed_robot import push_one
 from glassgait.studies.evaluation.assurance.study import (
@@ -40,7 +40,7 @@ from glassgait.studies.evaluation.assurance.tables import assurance_table, reada
 OUTPUT = Path("runs/assurance")
 
 PUSHED = "push_1.0"
-"""The world in which it is tried whether overruns foretell falls."""
+"""The world in which it is tried whether overruns predict falls."""
 
 WORLDS = (TRAINING, PUSHED, "friction_0.5", "latency_20ms")
 
@@ -58,10 +58,10 @@ class Assurance(Settings):
         quantile: Share of the observations in the training scenario that each end of a range
             leaves out.
         return_steps: Control steps inside after which the student acts again.
-        bags: Watch, beside the region, how far the bags of an additive student disagree.
-        home_robots: Robots in the training scenario that the student leads, and as many that the
+        disagreement: Watch, beside the region, how far the models of an additive student disagree.
+        nominal_robots: Robots in the training scenario that the student leads, and as many that the
             expert leads, for the region and the limits.
-        pushed_robots: Robots that the student leads under pushes, to see what foretells falls.
+        pushed_robots: Robots that the student leads under pushes, to see what predicts falls.
         calibration_seed: Seed of both; other than those of the rollouts.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
@@ -80,8 +80,8 @@ class Assurance(Settings):
     calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
     quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
     return_steps: Count = 25
-    bags: bool = False
-    home_robots: Count = 26
+    disagreement: bool = False
+    nominal_robots: Count = 26
     pushed_robots: Count = 130
     calibration_seed: Seed = SELECTION_SEEDS[0]
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
@@ -146,10 +146,10 @@ class Assurance(Settings):
         controller = policies.controller(self.policy)
         if controller.student is None:
             raise InputError(f"--policy {self.policy}: is neural; name a student")
-        if self.bags and not has_bags(controller.student):
+        if self.disagreement and not has_ensemble(controller.student):
             raise InputError(
-                f"{self.title}: bags is set, and {self.policy} of the {policies.gait.name} has "
-                "none that could disagree; name --policy ebm, or leave it out"
+                f"{self.title}: disagreement is set, but {self.policy} of the "
+                f"{policies.gait.name} is no ensemble; name --policy ebm, or leave it out"
             )
         expert = controller.expert
         assert isinstance(expert, NeuralPolicy)
@@ -160,23 +160,23 @@ class Assurance(Settings):
             f"{pair.gait.name}: robots walk in the training scenario and under pushes, for the "
             "region and the limits"
         )
-        home = replace(
-            self.rollouts, n_robots=self.home_robots, seed=self.calibration_seed, n_seeds=1
+        nominal = replace(
+            self.rollouts, n_robots=self.nominal_robots, seed=self.calibration_seed, n_seeds=1
         )
-        pushed = replace(home, n_robots=self.pushed_robots, seed=self.calibration_seed + 1)
+        pushed = replace(nominal, n_robots=self.pushed_robots, seed=self.calibration_seed + 1)
         calibration = calibrate_once(
             pair,
             (Scenario(), load_scenario(PUSHED)),
-            (home, pushed),
+            (nominal, pushed),
             folder / "calibration.json",
             of=of,
             calls=self.calls,
             quantile=self.quantile,
             return_steps=self.return_steps,
-            bags=self.bags,
+            disagreement=self.disagreement,
         )
         for stem, table in {
-            "foretelling": calibration.foretelling,
+            "fall_prediction": calibration.fall_prediction,
             "warnings": calibration.warnings,
             "rescues": calibration.rescues,
         }.items():
@@ -184,11 +184,11 @@ class Assurance(Settings):
         region = calibration.region
         for state, name in enumerate(pair.gait.states):
             box = ObservationBox(region.names, region.lower[state], region.upper[state])
-            told = (
-                f"{home.n_robots} robots each of expert and {pair.name} in the training scenario, "
-                f"seed {home.seed}"
+            measured = (
+                f"{nominal.n_robots} robots each of expert and {pair.name} in the training "
+                f"scenario, seed {nominal.seed}"
             )
-            box.save(folder / f"region_{name}.yaml", pair.gait, f"{told}, machine state {name}")
+            box.save(folder / f"region_{name}.yaml", pair.gait, f"{measured}, machine state {name}")
         return calibration
 
 
@@ -196,7 +196,7 @@ def _metrics(table: pd.DataFrame, calibration: Calibration) -> dict[str, Any]:
     return {
         "worlds": json_records(table),
         "limits": {f"{calls:g}": asdict(own) for calls, own in calibration.hysteresis.items()},
-        "foretelling": json_records(calibration.foretelling),
+        "fall_prediction": json_records(calibration.fall_prediction),
         "warnings": json_records(calibration.warnings),
         "rescues": json_records(calibration.rescues),
     }

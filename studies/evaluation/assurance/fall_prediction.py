@@ -1,4 +1,4 @@
-"""Whether overruns foretell falls, and how late the expert can still take over."""
+"""Whether overruns predict falls, and how late the expert can still take over."""
 
 from dataclasses import replace
 from typing import Any
@@ -22,7 +22,7 @@ RESCUE_STEPS = 150
 
 
 def warnings_of(visits: Visits, region: Region, hysteresis: Hysteresis) -> pd.DataFrame:
-    """Tells of every fall for how long the expert would have been called before.
+    """Measures for how long before each fall the expert would have been called.
 
     Returns:
         A row a fall: `robot`, `step`, `warning` in control steps without a gap up to the fall, and
@@ -30,7 +30,7 @@ def warnings_of(visits: Visits, region: Region, hysteresis: Hysteresis) -> pd.Da
     """
     overruns = region.overruns(visits.observation)
     called = guarded(overruns.max(axis=-1), hysteresis)
-    groups = [*(entry.group for entry in entries_of(region.names)), "bags"]
+    groups = [*(entry.group for entry in entries_of(region.names)), "disagreement"]
     rows = []
     for robot in visits.fallen:
         step = visits.fell[robot]
@@ -41,22 +41,22 @@ def warnings_of(visits: Visits, region: Region, hysteresis: Hysteresis) -> pd.Da
     return pd.DataFrame(rows, columns=["robot", "step", "warning", "first"])
 
 
-def foretelling_row(
-    home: Visits, pushed: Visits, region: Region, hysteresis: Hysteresis
+def prediction_row(
+    nominal: Visits, pushed: Visits, region: Region, hysteresis: Hysteresis
 ) -> dict[str, Any]:
-    """Sums up how a region tells falls under pushes from walking."""
+    """Sums up how a region predicts falls under pushes."""
     found = warnings_of(pushed, region, hysteresis)
     shares = [
         float(guarded(region.overrun(own.observation), hysteresis)[own.alive].mean())
-        for own in (home, pushed)
+        for own in (nominal, pushed)
     ]
     return {
         "limit": hysteresis.limit,
-        "calls_at_home": shares[0],
+        "calls_in_distribution": shares[0],
         "calls_under_pushes": shares[1],
         "falls": len(found),
-        "foretold": int((found["warning"] > 0).sum()),
-        "foretold_8": int((found["warning"] >= 8).sum()),
+        "predicted": int((found["warning"] > 0).sum()),
+        "predicted_8": int((found["warning"] >= 8).sum()),
         "median_warning": float(found["warning"].median()),
     }
 

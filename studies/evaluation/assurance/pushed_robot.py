@@ -20,7 +20,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.evaluation.assurance.study import Calibration, Pair
 
 SPEED = 0.5
-"""At which the robot is told to go (m/s)."""
+"""Commanded speed (m/s)."""
 
 SECONDS = 4.0
 """Length of a rollout (s)."""
@@ -39,10 +39,10 @@ def push_one(pair: Pair, calibration: Calibration, path: Path, *, of: str) -> di
     falls, the push that ends the highest overrun is shown.
 
     Args:
-        pair: Who acts, and who is trusted.
+        pair: An expert and its student.
         calibration: The region and the limits, of which those of most calls are taken.
         path: Where the outcome is kept; it is read if it is there.
-        of: What tells the run from others.
+        of: What identifies the run.
 
     Returns:
         `push`, the control step of the push and its velocity (m/s), and of `alone` and `assured`
@@ -68,8 +68,8 @@ def _push_one(pair: Pair, calibration: Calibration) -> dict[str, Any]:
     guarded = _pushed(pair.gait, assured, step, velocity)
     return {
         "push": [step, velocity.tolist()],
-        "alone": _told(rollout, calibration),
-        "assured": _told(guarded, calibration),
+        "alone": _outcome(rollout, calibration),
+        "assured": _outcome(guarded, calibration),
     }
 
 
@@ -86,7 +86,7 @@ def _pushed(gait: Gait, policy: Controller, step: int, velocity: Array) -> Rollo
     return record(simulator, round(SECONDS / CONTROL_PERIOD), stopped=pushed)
 
 
-def _told(rollout: Rollout, calibration: Calibration) -> dict[str, Any]:
+def _outcome(rollout: Rollout, calibration: Calibration) -> dict[str, Any]:
     overrun = calibration.region.overrun(rollout["observations"])
     acts = rollout.values.get("expert_acts", np.zeros((len(overrun), 1)))
     return {

@@ -1,4 +1,4 @@
-"""The study: a calibration at home, then rollouts in every world."""
+"""The study: a calibration in distribution, then rollouts in every world."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from glassgait.models.policies.controller import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.task.assurance import Doubt, Hysteresis, Region
+from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Region
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
@@ -35,7 +35,7 @@ from glassgait.studies.evaluation.assurance.calibration import (
     visit,
 )
 from glassgait.studies.evaluation.assurance.fall_prediction import (
-    foretelling_row,
+    prediction_row,
     rescues,
     warnings_of,
 )
@@ -43,12 +43,12 @@ from glassgait.studies.evaluation.assurance.fall_prediction import (
 
 @dataclass(frozen=True)
 class Pair:
-    """Who acts, and who is trusted.
+    """An expert and its student.
 
     Attributes:
         gait: Their gait.
-        expert: Who is trusted.
-        student: Who acts at home.
+        expert: Acts out of it.
+        student: Acts in distribution.
         name: The student's kind.
     """
 
@@ -66,28 +66,30 @@ class Pair:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was chosen at home, and what it foretells.
+    """What was chosen in distribution, and what it predicts.
 
     Attributes:
         region: Where the student may act.
-        hysteresis: Limits, by the share of steps at home that the expert is called in.
-        foretelling: How each kind of region tells falls under pushes, a row a kind and share.
+        hysteresis: Limits, by the share of steps in distribution that the expert is called in.
+        fall_prediction: How each kind of region predicts falls under pushes, a row a kind and
+            share.
         warnings: A row a fall under pushes.
         rescues: How late a fall can be averted, a row a lead.
     """
 
     region: Region
     hysteresis: dict[float, Hysteresis]
-    foretelling: pd.DataFrame
+    fall_prediction: pd.DataFrame
     warnings: pd.DataFrame
     rescues: pd.DataFrame
 
     def to_plain(self) -> dict[str, Any]:
         """Returns it as values that JSON can hold."""
-        tables = (self.foretelling, self.warnings, self.rescues)
+        disagreement = self.region.disagreement
+        tables = (self.fall_prediction, self.warnings, self.rescues)
         return {
             "corners": [self.region.lower.tolist(), self.region.upper.tolist()],
-            "usual_doubt": self.region.doubt.usual.tolist() if self.region.doubt else None,
+            "usual_disagreement": disagreement.usual.tolist() if disagreement else None,
             "hysteresis": [
                 [calls, own.limit, own.return_limit, own.return_steps]
                 for calls, own in self.hysteresis.items()
@@ -99,10 +101,12 @@ class Calibration:
     def from_plain(values: dict[str, Any], student: Policy) -> "Calibration":
         """Rebuilds what `to_plain` took apart, of the student that it was made with."""
         lower, upper = np.array(values["corners"])
-        doubt = None
-        if isinstance(student, AdditivePolicy) and values["usual_doubt"] is not None:
-            doubt = Doubt(student.disagreement, np.array(values["usual_doubt"]))
-        region = Region(student.observation_names, lower, upper, doubt)
+        disagreement = None
+        if isinstance(student, AdditivePolicy) and values["usual_disagreement"] is not None:
+            disagreement = EnsembleDisagreement(
+                student.disagreement, np.array(values["usual_disagreement"])
+            )
+        region = Region(student.observation_names, lower, upper, disagreement)
         limits = {calls: Hysteresis(*own) for calls, *own in values["hysteresis"]}
         tables = [pd.DataFrame(table) for table in values["tables"]]
         return Calibration(region, limits, *tables)
@@ -110,39 +114,39 @@ class Calibration:
 
 def calibrate(
     pair: Pair,
-    home: Visits,
+    nominal: Visits,
     pushed: Visits,
     world: Scenario,
     *,
     calls: tuple[float, ...],
     quantile: float,
     return_steps: int,
-    bags: bool,
+    disagreement: bool,
     seed: int,
 ) -> Calibration:
-    """Chooses region and limits by what is visited at home, and tries what they foretell.
+    """Chooses region and limits by what is visited in distribution, and tries what they predict.
 
     Args:
-        pair: Who acts, and who is trusted.
-        home: Where the student alone and the expert alone were at home.
+        pair: An expert and its student.
+        nominal: Where the student alone and the expert alone were in distribution.
         pushed: Where the student alone was under pushes.
         world: The world of the pushes.
-        calls: Shares of steps at home in which the expert may be called.
+        calls: Shares of steps in distribution in which the expert may be called.
         quantile: Share of observations that each end of a range leaves out.
         return_steps: Control steps inside after which the student acts again.
-        bags: Whether the bags of the student must agree as they do at home, too.
+        disagreement: Whether the student's models must agree as they do in distribution, too.
         seed: Seed of the noise in rescues.
     """
-    regions = make_regions(pair.gait, pair.student, home, quantile)
-    watched: RegionKind = "states_and_bags" if bags else "states"
+    regions = make_regions(pair.gait, pair.student, nominal, quantile)
+    watched: RegionKind = "states_and_disagreement" if disagreement else "states"
     chosen: dict[float, Hysteresis] = {}
     rows = []
     for kind, own in regions.items():
-        overrun = own.overrun(home.observation)
+        overrun = own.overrun(nominal.observation)
         for share in calls:
-            hysteresis = choose_hysteresis(overrun, home.alive, share, return_steps)
+            hysteresis = choose_hysteresis(overrun, nominal.alive, share, return_steps)
             row = {"region": REGION_TITLES[kind], "calls": share}
-            rows.append(row | foretelling_row(home, pushed, own, hysteresis))
+            rows.append(row | prediction_row(nominal, pushed, own, hysteresis))
             if kind == watched:
                 chosen[share] = hysteresis
     region = regions[watched]
@@ -164,38 +168,38 @@ def calibrate_once(
     calls: tuple[float, ...],
     quantile: float,
     return_steps: int,
-    bags: bool,
+    disagreement: bool,
 ) -> Calibration:
-    """Calibrates with robots at home and under pushes, unless the file holds the outcome.
+    """Calibrates with robots in distribution and under pushes, unless the file holds the outcome.
 
     Args:
-        pair: Who acts, and who is trusted.
-        worlds: Home, and the world of the pushes.
+        pair: An expert and its student.
+        worlds: The training scenario, and the world of the pushes.
         configs: How robots are rolled out in each.
         path: Where the calibration is kept.
-        of: What tells the run from others.
+        of: What identifies the run.
         calls: See `calibrate`.
         quantile: See `calibrate`.
         return_steps: See `calibrate`.
-        bags: See `calibrate`.
+        disagreement: See `calibrate`.
     """
 
     def made() -> dict[str, Any]:
-        # Where the expert walks at home the student may take over again: without those visits the
-        # expert, once called, would hardly ever be let go.
-        home = joined(
+        # Where the expert walks in distribution the student may take over again: without
+        # those visits the expert, once called, would hardly ever hand back.
+        nominal = joined(
             [visit(pair.gait, policy, worlds[0], configs[0]) for policy in pair.alone.values()]
         )
         pushed = visit(pair.gait, pair.alone[pair.name], worlds[1], configs[1])
         return calibrate(
             pair,
-            home,
+            nominal,
             pushed,
             worlds[1],
             calls=calls,
             quantile=quantile,
             return_steps=return_steps,
-            bags=bags,
+            disagreement=disagreement,
             seed=configs[1].seed,
         ).to_plain()
 
@@ -204,7 +208,7 @@ def calibrate_once(
 
 
 def assured_name(calls: float) -> str:
-    """Names the assured policy whose expert may be called in a share of steps at home."""
+    """Names the assured policy whose expert may be called in a share of steps in distribution."""
     return f"assured_{calls:g}"
 
 
@@ -232,7 +236,7 @@ def roll_out_all(
     folder: Path,
     processes: int | None,
 ) -> pd.DataFrame:
-    """Rolls everybody out in every world, the schedules last: their calls follow from the others'.
+    """Rolls out every controller in every world, the schedules last, with as many calls.
 
     Returns:
         Scores, a row a robot.
