@@ -35,7 +35,6 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
     assert "--gait" in refused(["evaluate", "worlds", "--gait", "all", "--source", "x"])
     assert "oracle" in refused(["evaluate", "worlds", "--policy", "oracle"])
-    students = ["--distillation", str(tmp_path)]
     assert "holds no policies" in refused(["view", "--source", str(tmp_path)])
     assert "--source" in refused(["evaluate", "alternation", "--source", str(tmp_path)])
 
