@@ -17,10 +17,9 @@ def test_go2_is_trained_distilled_watched_explained_and_exported(tmp_path, monke
     main(["train", "--robot", "go2", "--updates", "3", "--output", "expert", *TINY])
     expert = load_expert("trot", tmp_path / "expert" / "trot.safetensors")
     assert expert.robot is load_robot("go2")
-    own = ["--source", "expert"]
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
     few += ["--episode-steps", "100", "--output", "students"]
-    main(["distill", *own, "--students", "sparse_formula", *few])
+    main(["distill", "--expert", "expert/trot.safetensors", "--students", "sparse_formula", *few])
     path = tmp_path / "students" / "sparse_formula.formulas"
     assert "robot: go2\n" in path.read_text()
     assert load_policy(path).robot is expert.robot
