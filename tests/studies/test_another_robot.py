@@ -8,7 +8,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 
-TINY = ["--n-robots", "32", "--worlds.n-groups", "2", "--worlds.fine-steps", "0.005"]
+TINY = ["--n-robots", "32", "--n-groups", "2", "--fine-steps", "0.005"]
 
 
 @pytest.mark.slow
