@@ -49,7 +49,7 @@ REPETITIONS = 100
 
 
 @dataclass(frozen=True)
-class Counterfactual(Settings):
+class ExplainCounterfactual(Settings):
     """Ask what a robot would have had to observe for a joint to do otherwise, and let it.
 
     Attributes:

@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.registry import student_title
 
 
 @dataclass(frozen=True)
-class Show(Settings):
+class ExplainTerms(Settings):
     """Print the formulas of a policy: the lines that its file holds, and that act.
 
     Attributes:
