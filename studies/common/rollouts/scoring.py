@@ -14,7 +14,7 @@ from glassgait.studies.common.cases import Case, run_cases, slow_first
 from glassgait.studies.common.console import say
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.rollouts.scores import SCORES, score_rollouts
 from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_report
 
 
@@ -40,6 +40,7 @@ def rollout_cases(
             scenario,
             seed,
             replace(config, seed=seed, n_seeds=1),
+            SCORES,
         )
         for seed in config.seeds
     ]
