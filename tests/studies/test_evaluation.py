@@ -102,7 +102,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
     np.testing.assert_allclose(scores["going_speed_error"], [0.1, np.nan], atol=1e-12)
     np.testing.assert_allclose(scores["yaw_rate_error"], 0.3)
     table = scorecard_table(scores.assign(gait="trot", scenario="training"), {"training": "home"})
-    assert table.loc[0, "speed error, told to go (m/s)"] == "0.100"
+    assert table.loc[0, "speed error, commanded to go (m/s)"] == "0.100"
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):

@@ -25,7 +25,7 @@ SCORES = (
     "cost_of_transport",
 )
 
-SPEED_ERROR_TITLE = "speed error, told to go (m/s)"
+SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
 """What tables call `going_speed_error`: commands to stand are left out."""
 
 GRAVITY = 9.81
@@ -40,9 +40,9 @@ def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
     there was one; `reward` and `plain_reward`, sums; `rhythm`, the share of
     the commanded rhythm kept; `going_speed_error` (m/s) and `yaw_rate_error` (rad/s), means over
     seconds of the absolute difference between a second's average and the command. The first second
-    after a new command is left out; of the speed, all seconds in which a robot is told to stand
+    after a new command is left out; of the speed, all seconds in which it is commanded to stand
     are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
-    that is never told to go. `expert_share`, the share of steps at which the expert acted.
+    that is never commanded to go. `expert_share`, the share of steps at which the expert acted.
     `cost_of_transport`, the joints' absolute work per weight and distance,
     of the steps that are commanded to go forward or back.
 
@@ -134,7 +134,7 @@ def summarize_against(scores: pd.DataFrame, by: list[str], reference: pd.DataFra
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
+        by: Columns whose values make a group.
         reference: Scores of the reference, as `reward_shares` takes them.
 
     Returns:
@@ -152,7 +152,7 @@ def reward_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) 
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
+        by: Columns whose values make a group.
         reference: Scores of the reference, its robots in the order of each group's.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Which of several students earns most alone: what R² does not tell."""
+"""Which of several students earns most alone, which R² does not predict."""
 
 from collections.abc import Mapping
 from dataclasses import replace

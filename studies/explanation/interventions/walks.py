@@ -31,10 +31,10 @@ class Walk:
     Attributes:
         quantities: Variables of the formulas (T, n, k).
         state: State of the machine (T, n).
-        angle: Joint angles that the step led to, as sensors tell them (T, n, 12; rad).
+        angle: Joint angles that the step led to, as sensors measure them (T, n, 12; rad).
         alive: Whether the robot was up to the step's end (T, n).
         image: Whether a step is one seen in the mirror (T,).
-        scores: How robots did, a row a robot, as `score_rollouts` tells.
+        scores: How robots did, a row a robot, as `score_rollouts` returns.
     """
 
     quantities: Array
