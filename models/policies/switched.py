@@ -32,8 +32,8 @@ class SwitchedPolicy(Policy):
     The action then goes there as far as one step may go, and on in the next.
 
     It observes the state of a `GaitSwitch`, by which the gait is known; each gait's policy observes
-    the states of its own gait alone, as it did when it learned. It is put together from policies that
-    have files, and has none itself.
+    the states of its own gait alone, as it did when it learned. It is put together from policies
+    that have files, and has none itself.
 
     Attributes:
         switch: The gaits.
