@@ -1,13 +1,16 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
 import os
+import random
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import settings
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
@@ -30,8 +33,8 @@ from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
 
 # How long an example takes says how busy the machine is, nothing else.
-settings.register_profile("no deadline", deadline=None)
-settings.load_profile("no deadline")
+settings.register_profile("fast", deadline=None, max_examples=50)
+settings.register_profile("thorough", deadline=None, max_examples=300)
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell's job in the background ignores Ctrl-C, and so would every process that a test starts.
@@ -39,6 +42,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 LONGEST = ("test_wheel", "test_killed", "test_parallel_clusters", "test_road")
 """Files that take longest: side by side with others they come first, lest one be waited for."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    settings.load_profile("fast" if config.option.markexpr == "not slow" else "thorough")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
@@ -212,5 +219,60 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
         assert message.startswith("glassgait: ")
         assert "\n" not in message
         return message
+
+    return run
+
+
+@pytest.fixture
+def damaged() -> Callable[..., bytes]:
+    """Damages a YAML file in one way: its bytes, its lines, or its values and keys."""
+
+    def places(values: Any) -> Iterator[tuple[Any, Any]]:
+        for key, value in list(enumerate(values) if isinstance(values, list) else values.items()):
+            yield values, key
+            if isinstance(value, list | dict):
+                yield from places(value)
+
+    def of_bytes(data: bytes, generator: random.Random, snippets: Sequence[bytes]) -> bytes:
+        start, stop = sorted(generator.choices(range(len(data) + 1), k=2))
+        lines = data.splitlines(keepends=True) or [b"a: b\n"]
+        i = generator.randrange(len(lines))
+        snippet = generator.choice(snippets)
+        flipped = bytearray(data or b" ")
+        flipped[start - 1] = generator.randrange(256)
+        value = lines[i].split(b":")[0] + b": " + snippet + b"\n"
+        return generator.choice(
+            (
+                bytes(flipped),
+                data[:start] + data[stop:],
+                data[:start] + snippet + data[start:],
+                b"".join([*lines[:i], value, *lines[i + 1 :]]),
+                b"".join([*lines[:i], *[lines[i]] * generator.choice((2, 600)), *lines[i + 1 :]]),
+            )
+        )
+
+    def run(
+        data: bytes,
+        generator: random.Random,
+        snippets: Sequence[bytes],
+        values: Sequence[Any],
+        keys: Sequence[Any] = ("a", "", None, 1, "a" * 5000, "\n", "__class__"),
+    ) -> bytes:
+        if generator.random() < 0.5 or len(data) > 20_000 or b"*a" in data:
+            return of_bytes(data, generator, snippets)
+        try:
+            whole = yaml.safe_load(data)
+            holder, key = generator.choice(list(places(whole)))
+        except Exception:  # whatever it is, it cannot be changed any more by its values
+            return of_bytes(data, generator, snippets)
+        if isinstance(holder, dict) and generator.random() < 0.3:
+            holder[generator.choice(keys)] = holder.pop(key)
+        else:
+            holder[key] = generator.choice(values)
+        try:
+            text = yaml.safe_dump(whole, sort_keys=False, allow_unicode=True)
+        except ValueError:  # a number of thousands of digits, which Python reads but does not write
+            return b"{}"
+        return text.encode(errors="replace")
 
     return run

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.formulas.expression import (
@@ -42,14 +42,12 @@ def random_rows(seed):
     return generator.normal(size=(20, N)) * 10.0 ** generator.integers(-3, 4, size=(20, N))
 
 
-@settings(max_examples=300)
 @given(st.data())
 def test_canonical_formulas_stay_as_they_are(random_formulas, data):
     formula = canonical(data.draw(random_formulas(N)))
     assert canonical(formula) == formula
 
 
-@settings(max_examples=300)
 @given(st.data(), st.integers(0, 2**32 - 1))
 def test_canonical_form_changes_no_value(random_formulas, data, seed):
     formula, rows = data.draw(random_formulas(N)), random_rows(seed)
@@ -59,7 +57,6 @@ def test_canonical_form_changes_no_value(random_formulas, data, seed):
     np.testing.assert_array_equal(after, before)
 
 
-@settings(max_examples=300)
 @given(st.data(), st.integers(0, 2**32 - 1))
 def test_the_negative_of_the_negative_is_the_formula(random_formulas, data, seed):
     formula, rows = canonical(data.draw(random_formulas(N))), random_rows(seed)
@@ -69,7 +66,6 @@ def test_the_negative_of_the_negative_is_the_formula(random_formulas, data, seed
     np.testing.assert_array_equal(values([other], rows), -values([formula], rows))
 
 
-@settings(max_examples=300)
 @given(st.data())
 def test_no_term_no_factor_and_no_sum_has_a_sign_before_it(random_formulas, data):
     for node in nodes(canonical(data.draw(random_formulas(N)))):

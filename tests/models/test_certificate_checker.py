@@ -39,7 +39,7 @@ def written(content: dict, folder: Path, *, signed: bool = True) -> Path:
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(path, marks=pytest.mark.slow if "trot" not in path.name else ())
+        pytest.param(path, marks=pytest.mark.slow if path != PATH else ())
         for path in shipped_certificates()
     ],
     ids=lambda path: path.stem,

@@ -361,142 +361,54 @@ def test_refuses_formulas_that_double_precision_makes_other_ones(tmp_path, term,
         prover.range_of(0, quadruped.joint_index(joint), "physical")
 
 
-def shipped_claim(content: dict[str, Any], kind: str, outcome: str) -> dict[str, Any]:
-    claims = [own for own in content["claims"] if own["kind"] == kind]
-    return next(own for own in claims if own["outcome"] == outcome)
+def proved(content: dict[str, Any], kind: str) -> dict[str, Any]:
+    """The first claim of a kind that was proved."""
+    own = (claim for claim in content["claims"] if claim["kind"] == kind)
+    return next(claim for claim in own if claim["outcome"] == "proved")
 
 
-def swap_states(content):
-    content["states"].reverse()
+def slope(content: dict[str, Any]) -> dict[str, Any]:
+    """The first statement of a slope."""
+    return next(own for own in content["statements"] if own["of"] == "slope")
 
 
-def rename_states(content):
-    content["states"] = ["q0", "stand"]
+def at_a_point(box: dict[str, list[float]]) -> dict[str, list[float]]:
+    return {name: [least, least] for name, (least, _) in box.items()}
 
 
-def name_another_mirror(content):
-    content["mirror"] = [0, 1]
+FALSE = {
+    "states in another order": lambda c: c["states"].reverse(),
+    "states of other names": lambda c: c.update(states=["q0", "stand"]),
+    "another mirror": lambda c: c.update(mirror=[0, 1]),
+    "no mirror": lambda c: c.update(mirror=None),
+    "a mirror that is none": lambda c: c.update(mirror=[1, 1]),
+    "a physical box of a point": lambda c: c["boxes"].update(
+        physical=at_a_point(c["boxes"]["physical"])
+    ),
+    "a narrower physical box": lambda c: c["boxes"]["physical"].update({"h.FL": [-0.1, 0.1]}),
+    "a wider physical box": lambda c: c["boxes"]["physical"].update({"h.FL": [-0.1, 10.0]}),
+    "joints twice": lambda c: proved(c, "limits").update(joints=proved(c, "limits")["joints"] * 2),
+    "changed commands": lambda c: proved(c, "change").update(changes={"cmd": 2.0}),
+    "changed states": lambda c: proved(c, "change").update(changes={"s0": 1.0}),
+    "independent of states": lambda c: proved(c, "independent").update(observations=["s0", "s1"]),
+    "an unknown sensor stuck": lambda c: proved(c, "limits").update(stuck=["h.tail"]),
+    "a state stuck": lambda c: proved(c, "limits").update(stuck=["s0"]),
+    "an unknown box": lambda c: proved(c, "limits").update(box="tiny"),
+    "a misspelt key": lambda c: proved(c, "limits").update(mosst=proved(c, "limits").pop("most")),
+    "a missing key": lambda c: proved(c, "never").pop("never"),
+    "truth for a number": lambda c: c.update(format=True),
+    "a path for a gait": lambda c: c.update(gait="/work/trot"),
+    "a claim of a slope of counts": lambda c: proved(c, "never").update(observations=["t"]),
+    "a slope of counts": lambda c: slope(c).update(observation="t"),
+    "less than nothing": lambda c: proved(c, "effect").update(most=-1.0),
+    "counts beyond the gait": lambda c: [
+        box.update(t=[0.0, 60000.0]) for box in c["boxes"].values()
+    ],
+    "a huge number": lambda c: proved(c, "limits").update(most=10**400),
+}
 
 
-def name_no_mirror(content):
-    content["mirror"] = None
-
-
-def name_a_mirror_that_is_none(content):
-    content["mirror"] = [1, 1]
-
-
-def make_physical_a_point(content):
-    content["boxes"]["physical"] = {
-        name: [ends[0], ends[0]] for name, ends in content["boxes"]["physical"].items()
-    }
-
-
-def narrow_physical(content):
-    content["boxes"]["physical"]["h.FL"][1] = 0.1
-
-
-def widen_physical(content):
-    content["boxes"]["physical"]["h.FL"][1] = 10.0
-
-
-def repeat_joints(content):
-    shipped_claim(content, "limits", "proved")["joints"] *= 2
-
-
-def change_commands(content):
-    shipped_claim(content, "change", "proved")["changes"] = {"cmd": 2.0}
-
-
-def change_states(content):
-    shipped_claim(content, "change", "proved")["changes"] = {"s0": 1.0}
-
-
-def depend_on_states(content):
-    shipped_claim(content, "independent", "proved")["observations"] = ["s0", "s1"]
-
-
-def stick_what_nobody_senses(content):
-    shipped_claim(content, "limits", "proved")["stuck"] = ["h.tail"]
-
-
-def stick_states(content):
-    shipped_claim(content, "limits", "proved")["stuck"] = ["s0"]
-
-
-def name_another_box(content):
-    shipped_claim(content, "limits", "proved")["box"] = "tiny"
-
-
-def misspell_a_key(content):
-    claim = shipped_claim(content, "limits", "proved")
-    claim["mosst"] = claim.pop("most")
-
-
-def forget_never(content):
-    claim = shipped_claim(content, "never", "proved")
-    del claim["never"]
-
-
-def say_truth_for_a_number(content):
-    content["format"] = True
-
-
-def name_a_path(content):
-    content["gait"] = "/work/trot"
-
-
-def claim_a_slope_of_counts(content):
-    shipped_claim(content, "never", "proved")["observations"] = ["t"]
-
-
-def bound_a_slope_of_counts(content):
-    own = next(own for own in content["statements"] if own["of"] == "slope")
-    own["observation"] = "t"
-
-
-def claim_less_than_nothing(content):
-    shipped_claim(content, "effect", "proved")["most"] = -1.0
-
-
-def count_beyond_the_gait(content):
-    for box in content["boxes"].values():
-        box["t"] = [0.0, 60000.0]
-
-
-def hold_a_huge_number(content):
-    shipped_claim(content, "limits", "proved")["most"] = 10**400
-
-
-FALSE = (
-    swap_states,
-    rename_states,
-    name_another_mirror,
-    name_no_mirror,
-    name_a_mirror_that_is_none,
-    make_physical_a_point,
-    narrow_physical,
-    widen_physical,
-    repeat_joints,
-    change_commands,
-    change_states,
-    depend_on_states,
-    stick_what_nobody_senses,
-    stick_states,
-    name_another_box,
-    misspell_a_key,
-    forget_never,
-    say_truth_for_a_number,
-    name_a_path,
-    claim_a_slope_of_counts,
-    bound_a_slope_of_counts,
-    claim_less_than_nothing,
-    count_beyond_the_gait,
-    hold_a_huge_number,
-)
-
-
-@pytest.mark.parametrize("change", FALSE, ids=lambda change: change.__name__)
+@pytest.mark.parametrize("change", FALSE.values(), ids=FALSE)
 def test_refuses_what_was_once_taken_on_trust(tmp_path, change):
     content = json.loads(forged_from())
     change(content)

@@ -46,7 +46,6 @@ def extend(children):
 EXPRESSIONS = st.recursive(leaves(), extend, max_leaves=12)
 
 
-@settings(max_examples=100)
 @given(EXPRESSIONS)
 def test_text_comes_back_with_the_same_values(expression):
     again = parse_expression(expression.to_text(NAMES), NAMES)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
@@ -29,7 +29,6 @@ def image(text, joint, mirror=TROT):
     return write_formula(mirror.formula(formula, joint), VOCABULARY.symbols)
 
 
-@settings(max_examples=300)
 @given(st.data(), st.sampled_from([TROT, BOUND]), st.sampled_from([HIP, THIGH]))
 def test_the_image_of_the_image_is_the_formula(random_formulas, data, mirror, joint):
     formula = canonical(data.draw(random_formulas(len(VOCABULARY.symbols))))
@@ -45,7 +44,6 @@ def _divisors(formula):
     return own + [divisor for operand in formula.operands for divisor in _divisors(operand)]
 
 
-@settings(max_examples=200)
 @given(
     data=st.data(),
     states=st.sampled_from([(1, 0), (0, 1)]),

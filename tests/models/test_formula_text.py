@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
@@ -37,7 +37,6 @@ def read(text):
     return parse_formula(text, SYMBOLS)
 
 
-@settings(max_examples=1000)
 @given(st.data())
 def test_formulas_come_back_from_their_text(random_formulas, data):
     formula = canonical(data.draw(random_formulas(len(SYMBOLS))))
@@ -152,7 +151,6 @@ def test_other_ways_to_write_a_formula_are_read(text, plain):
     assert write_formula(read(text), SYMBOLS) == plain
 
 
-@settings(max_examples=200)
 @given(st.data())
 def test_lines_end_before_signs_alone(random_formulas, data):
     formulas = st.lists(random_formulas(len(SYMBOLS), 6), min_size=1, max_size=20)

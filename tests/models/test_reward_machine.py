@@ -114,7 +114,6 @@ def histories(draw):
     return gait, contacts, lifts, draw(st.integers(6, 11))
 
 
-@settings(max_examples=150)
 @given(histories())
 def test_every_run_obeys_the_machine(history):
     name, contacts, lifts, dwell = history

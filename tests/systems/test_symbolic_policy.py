@@ -33,7 +33,7 @@ from glassgait.systems.symbolic_policy import make_symbolic_policy
 
 TREES = ("ebm", "gbm")
 READABLE = [
-    (gait, kind)
+    pytest.param(gait, kind, marks=() if gait in ("trot", "three_one") else pytest.mark.slow)
     for gait in gait_names()
     for kind in shipped_students(gait)
     if not kind.startswith(TREES)
