@@ -15,11 +15,11 @@ import pytest
 import yaml
 
 from glassgait.models.certificates.claims import load_claims
-from glassgait.models.policies.library import load_expert
-from glassgait.models.task.gait import parse_gait
+from glassgait.models.task.gait import load_gait, parse_gait
 from glassgait.studies.cli import COMMANDS, command_class, main
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.students import registry
-from glassgait.studies.distillation.students.library import default_student, find_student
+from glassgait.studies.distillation.students.library import default_student
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("models", "systems", "diagrams", "studies", "tests")
@@ -136,7 +136,8 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
         assert any(f"> {policy}" in paragraph for paragraph in around)
     elif arguments[0] == "explain" or policy not in (None, "expert"):
         for gait in gaits_of(command):
-            find_student(policy or default_student(gait), load_expert(gait))
+            found = find_policies(load_gait(gait))
+            found.policy(policy or default_student(found))
     for argument in arguments:
         if argument.startswith("models/"):
             assert (ROOT / argument).exists()

@@ -12,6 +12,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.students.library import default_student
 
 ROOT = Path(__file__).parents[1]
@@ -142,7 +144,8 @@ def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
     told = installed(
         "glassgait", "explain", "page", "--gait", gait, "--seconds", "1", "--step", "20"
     )
-    assert f"page written to runs/explanation/{gait}/{default_student(gait)}/index.html" in told
+    kind = default_student(find_policies(load_gait(gait)))
+    assert f"page written to runs/explanation/{gait}/{kind}/index.html" in told
 
 
 def test_the_report_is_written_from_the_wheel(installed, tmp_path):

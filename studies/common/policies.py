@@ -50,7 +50,7 @@ ORDER = (
     "ebm",
     "symbolic",
     "statewise_symbolic",
-    "page",
+    "sparse_formula",
 )
 """Order of the kinds of students in tables; kinds that it does not name come last."""
 
@@ -145,8 +145,17 @@ class Policies:
         policy = self.policy(name)
         if isinstance(policy, NeuralPolicy):
             return alone(policy)
-        expert = self.expert if name in self.files else self._expert_of(self.file(name))
-        return alone(policy, expert)
+        return alone(policy, self.expert_of(name))
+
+    def expert_of(self, name: str) -> NeuralPolicy:
+        """Returns the expert by whose estimator a policy observes that has none of its own.
+
+        Raises:
+            InputError: if there is no such policy.
+        """
+        if name == EXPERT or name in self.files:
+            return self.expert
+        return self._expert_of(self.file(name))
 
     def controllers(self, names: Iterable[str]) -> dict[str, AlternatingController]:
         """Loads policies that act alone, by the names that folders and tables call them.
@@ -155,16 +164,13 @@ class Policies:
             names: As `controller` takes them; `all` stands for the expert and every student.
 
         Raises:
-            InputError: if there is no such policy, it does not fit, or two are called the same.
+            InputError: if there is no such policy, or it does not fit.
         """
         found: dict[str, AlternatingController] = {}
         for name in self.named(names):
             stem = policy_stem(name)
-            if stem in found:
-                raise InputError(
-                    f"--policy: two policies are called {shown(stem)}; give one file another name"
-                )
-            found[stem] = self.controller(name)
+            # Of two files of one name the second is called by its path.
+            found[name if stem in found else stem] = self.controller(name)
         return found
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:

@@ -13,23 +13,18 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
-from glassgait.models.policies.controller import alone
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.play import Seconds, play
 from glassgait.studies.common.run_folder import refuse_run
 from glassgait.studies.common.serialization import to_plain
 from glassgait.studies.distillation.students.certificates import find_certificate
-from glassgait.studies.distillation.students.library import (
-    default_student,
-    find_student,
-    student_file,
-)
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.distillation.students.registry import sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
@@ -62,9 +57,8 @@ class Explain(Settings):
         command: Commanded speed, yaw rate and rhythm.
         seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
         seed: Seed of the sensors' noise.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
             runs/certification/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.
@@ -79,8 +73,7 @@ class Explain(Settings):
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
     seconds: Seconds = 6.0
     seed: Seed = 0
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     certificate: Path | None = None
     output: Path | None = None
 
@@ -90,17 +83,17 @@ class Explain(Settings):
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        policy = self.policy or default_student(gait.name, self.distillation)
+        found = find_policies(load_gait(self.gait), self.source)
+        gait = found.gait
+        policy = self.policy or default_student(found)
         if policy == "expert":
             raise InputError(
                 "--policy expert: the expert's actions are no sums of terms; name a student, of "
                 f"the kinds {', '.join(sums_of_terms())}"
             )
         joint = joint_index(self.joint)
-        path = student_file(policy, gait.name, self.distillation)
-        student = find_student(policy, expert, self.distillation)
+        path, controller = found.file(policy), found.controller(policy)
+        student = controller.policy
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate)
@@ -112,7 +105,7 @@ class Explain(Settings):
         say("rolling out")
         rollout = play(
             gait,
-            alone(student, expert),
+            controller,
             Scenario(command=self.command),
             open_meshcat(),
             replay,
@@ -165,7 +158,7 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
             "folder with --output"
         )
     theirs = read_yaml(path) if path.exists() else whose
-    for key in ("gait", "policy", "distillation", "expert"):
+    for key in ("gait", "policy", "source"):
         if not isinstance(theirs, dict) or theirs.get(key) != whose[key]:
             raise InputError(
                 f"{folder}: holds the page of another student; name a new folder with --output"

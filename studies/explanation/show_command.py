@@ -12,13 +12,9 @@ from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.distillation.students.certificates import find_certificate
-from glassgait.studies.distillation.students.library import (
-    default_student,
-    find_formulas,
-    student_file,
-)
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.distillation.students.registry import student_title
 
 
@@ -31,9 +27,8 @@ class Show(Settings):
         policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
             default.
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
-        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
     """
 
     title: ClassVar[str] = "show"
@@ -41,15 +36,13 @@ class Show(Settings):
     gait: Annotated[str, tyro.conf.Positional] = "trot"
     policy: str | None = None
     joint: str | None = None
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
 
     def run(self) -> None:
         """Prints the formulas."""
-        gait = load_gait(self.gait)
-        name = self.policy or default_student(gait.name, self.distillation)
-        expert = find_expert(gait, self.expert)
-        student = find_formulas(name, expert, self.distillation)
+        found = find_policies(load_gait(self.gait), self.source)
+        name = self.policy or default_student(found)
+        student = found.formulas(name)
         if self.joint is not None:
             quadruped.joint_index(self.joint)
         lines = student.to_text().splitlines()
@@ -62,7 +55,7 @@ class Show(Settings):
             f"{len(lines)} lines",
             style="dim",
         )
-        certificate = find_certificate(student_file(name, gait.name, self.distillation), gait)
+        certificate = find_certificate(found.file(name), found.gait)
         if certificate:
             counts = certificate.counts().items()
             told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)

@@ -15,12 +15,11 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import Policies, find_policies
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
@@ -29,12 +28,7 @@ from glassgait.studies.distillation.students.certificates import (
     CERTIFICATE_NAME,
     CERTIFICATION_FOLDER,
 )
-from glassgait.studies.distillation.students.library import (
-    default_student,
-    find_student,
-    load_shipped_students,
-    student_file,
-)
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.verification.measurement import measure_box
 from glassgait.studies.verification.tables import bounds_table, claims_table
 
@@ -54,9 +48,8 @@ class Certify(Settings):
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
         workers: Where they are.
-        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         resume: Prove again what the folder holds.
         output: Folder of the results; runs/certification/<gait>/<policy> by default.
     """
@@ -72,8 +65,7 @@ class Certify(Settings):
         default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
     )
     workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -83,11 +75,10 @@ class Certify(Settings):
             raise InputError("--box: is not read where the box is measured; leave out one of both")
         if self.policy == "expert":
             raise InputError("--policy expert: nothing is proved of a network; name a student")
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        name = self.policy or default_student(gait.name, self.distillation)
-        path = student_file(name, gait.name, self.distillation)
-        policy = find_student(name, expert, self.distillation)
+        found = find_policies(load_gait(self.gait), self.source)
+        gait = found.gait
+        name = self.policy or default_student(found)
+        path, policy = found.file(name), found.policy(name)
         claims = self._claims(gait)
         folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
         inputs = {
@@ -97,7 +88,7 @@ class Certify(Settings):
         }
         run = {"study": "verify prove", "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):
-            box = self._box(gait, expert, folder)
+            box = self._box(found, folder)
             started = time.perf_counter()
             prover = Prover(policy, gait, box)
             verdicts = _proved(prover, claims)
@@ -121,8 +112,8 @@ class Certify(Settings):
                 raise InputError(f"{self.claims}: {error}") from error
         return *shipped, *own
 
-    def _box(self, gait: Gait, expert: NeuralPolicy, folder: Path) -> ObservationBox:
-        measured = folder / BOX_NAME
+    def _box(self, policies: Policies, folder: Path) -> ObservationBox:
+        gait, measured = policies.gait, folder / BOX_NAME
         if self.box:
             return load_box(self.box, gait)
         if not self.measure:
@@ -130,8 +121,8 @@ class Certify(Settings):
         if not (self.resume and measured.exists()):
             found = measure_box(
                 gait,
-                expert,
-                load_shipped_students(expert),
+                policies.expert,
+                policies.students,
                 load_scenarios(("all",)),
                 self.rollouts,
                 processes=self.workers.processes,

@@ -1,5 +1,6 @@
 """`glassgait view`: watches one robot."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -14,23 +15,21 @@ from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
-from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
-from glassgait.models.settings import DISTINCT, FEW, Seed, Settings
+from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
 from glassgait.studies.common.rollouts.gait_figure import gait_figure, session_figure
 from glassgait.studies.common.rollouts.play import Seconds, play
 from glassgait.studies.common.run_folder import refuse_run
 from glassgait.studies.common.serialization import to_plain
-from glassgait.studies.common.sweep import refuse_files_of_several
-from glassgait.studies.distillation.students.library import find_student, find_walker
+from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
@@ -69,79 +68,73 @@ class ShowRollout(Settings):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
+        gait: Name of a gait, or path of a gait file. Of several the first runs, and each has a
+            button that changes to it while the robot walks; with --live, and with the expert or a
+            kind of students that every gait has.
         policy: `expert`, a kind of student, or the path of a policy file.
         ratio: Share of steps at which the expert acts: 1, 1/2, …, or 0 for the student alone; by
             default the policy acts alone.
         stills: Also draw stills of the last cycle above the feet's contacts; needs EGL.
         live: Play at real time in Meshcat, commands from sliders, until the button `stop and save`
             or Ctrl-C; a robot that falls is put back on its feet, and the last minute is kept.
-        change_to: Further gaits, each with a button that changes to it while the robot walks; with
-            --live, and with the expert or a kind of students that every gait has.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
             out is the scenario's. A scenario that names no command asks for 0.5 m/s.
         seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
             Not with --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         output: Folder of the replay; runs/rollout/<gait> by default.
     """
 
     title: ClassVar[str] = "rollout"
 
-    gait: str = "trot"
+    gait: Gaits = ("trot",)
     policy: str = "expert"
     ratio: str | None = None
     stills: bool = False
     live: bool = False
-    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds | None = None
     seed: Seed = 0
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     output: Path | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.live and self.seconds is not None:
             raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
-        if self.change_to and not self.live:
-            raise InputError("rollout: gaits change by buttons; give --live with --change-to")
-        if self.change_to and self.ratio is not None:
+        if len(self.gait) > 1 and not self.live:
+            raise InputError("rollout: gaits change by buttons; give --live with several gaits")
+        if len(self.gait) > 1 and self.ratio is not None:
             raise InputError("rollout: of several gaits each policy acts alone; leave --ratio out")
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
-        gait, policy = self._several() if self.change_to else self._one()
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        found = find_policies_of(gaits, self.source, [self.policy])
+        policies = list(found.values())
+        gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
         self._play(gait, policy)
 
-    def _several(self) -> tuple[GaitSwitch, AlternatingController]:
-        """Loads the gaits that change, and who walks in each."""
-        names = (self.gait, *self.change_to)
-        own = Path(self.policy) if Path(self.policy).suffix else None
-        refuse_files_of_several(names, self.expert, self.distillation, own)
-        switch = GaitSwitch([load_gait(name) for name in names])
-        walkers = [find_walker(self.policy, find_expert(gait)) for gait in switch.gaits]
+    def _several(self, found: Sequence[Policies]) -> tuple[GaitSwitch, AlternatingController]:
+        """Loads the gaits that change, and the controller of each."""
+        switch = GaitSwitch([own.gait for own in found])
+        walkers = [own.controller(self.policy) for own in found]
         return switch, alone(SwitchedPolicy(switch, walkers))
 
-    def _one(self) -> tuple[Gait, AlternatingController]:
-        """Loads the only gait, and who walks."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        student: Policy | None = None
-        if self.policy != "expert":
-            student = find_student(self.policy, expert, self.distillation)
+    def _one(self, found: Policies) -> tuple[Gait, AlternatingController]:
+        """Loads the controller of the only gait."""
+        controller = found.controller(self.policy)
+        student = None if self.policy == EXPERT else controller.policy
         period = parse_ratio(
             ("1" if student is None else "0") if self.ratio is None else self.ratio
         )
         if student is None and self.ratio is not None:
             raise InputError("--ratio shares steps with a student; name one with --policy")
-        return gait, AlternatingController(expert, student, period)
+        return found.gait, AlternatingController(controller.expert, student, period)
 
     def _play(self, gait: Gait | GaitSwitch, policy: AlternatingController) -> None:
         shown = gait.gait if isinstance(gait, GaitSwitch) else gait
@@ -156,9 +149,9 @@ class ShowRollout(Settings):
         world = scenario_name(self.scenario)
         if world != TRAINING:
             name += f"_{world}"
-        if self.change_to:
+        if isinstance(gait, GaitSwitch):
             name += "_changing"
-        stem = (self.output or Path("runs/rollout") / load_gait(self.gait).name) / name
+        stem = (self.output or Path("runs/rollout") / load_gait(self.gait[0]).name) / name
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
@@ -176,7 +169,9 @@ class ShowRollout(Settings):
             {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
         )
         write_atomically(stem.with_name(f"{name}.yaml"), record)
-        title = f"{shown.description if self.change_to else shown.name}, {self.policy}"
+        title = (
+            f"{shown.description if isinstance(gait, GaitSwitch) else shown.name}, {self.policy}"
+        )
         title += f", ratio {ratio}" if ratio else ""
         figure = (
             session_figure(rollout, gait, title)

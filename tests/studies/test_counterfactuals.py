@@ -30,7 +30,7 @@ def students(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page") / "run"
-    where = ["--distillation", str(students), "--output", str(output)]
+    where = ["--source", str(students), "--output", str(output)]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "0.004", "--survey", "4"]
     main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     return output / "index.html"
@@ -79,7 +79,7 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
     monkeypatch.setattr(
         "glassgait.studies.explanation.counterfactuals.command.save_pair_replay", keep
     )
-    where = ["--distillation", str(students), "--output", str(tmp_path / "run")]
+    where = ["--source", str(students), "--output", str(tmp_path / "run")]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
     main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     was, would_be = (own.rollout for own in kept)
@@ -109,6 +109,6 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     short = ["--step", "3", "--seconds", "0.1"]
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
+    where = ["--source", str(students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", "counterfactual", *policy, *short, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

@@ -39,7 +39,7 @@ def students(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
-    where = ["--distillation", str(students), "--output", str(output)]
+    where = ["--source", str(students), "--output", str(output)]
     main(["explain", "page", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
     return output / "index.html"
 
@@ -122,7 +122,7 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
 def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     short = ["explain", "page", "--seconds", "0.2", "--step", "5"]
-    main([*short, "--policy", "linear", "--distillation", str(students)])
+    main([*short, "--policy", "linear", "--source", str(students)])
     page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
     before = page.read_bytes()
     main([*short, "--policy", "statewise_linear"])
@@ -130,7 +130,7 @@ def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, r
     folder = ["--output", str(page.parent)]
     assert "page of another student" in refused([*short, "--policy", "statewise_linear", *folder])
     assert page.read_bytes() == before
-    main([*short, "--policy", "linear", "--distillation", str(students), "--joint", "FR_calf"])
+    main([*short, "--policy", "linear", "--source", str(students), "--joint", "FR_calf"])
     assert page.read_bytes() != before
 
 
@@ -143,7 +143,7 @@ def test_a_page_of_something_else_is_kept(tmp_path, refused):
 
 
 def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded):
-    where = ["--distillation", str(students), "--output", str(tmp_path)]
+    where = ["--source", str(students), "--output", str(tmp_path)]
     main(["explain", "page", "--policy", "linear", "--seconds", "0.2", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
     assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
@@ -241,6 +241,6 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
 )
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--distillation", str(students), "--output", str(tmp_path / "sparse_formula")]
+    where = ["--source", str(students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", "page", *policy, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

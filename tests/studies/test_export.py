@@ -136,7 +136,7 @@ def test_without_a_compiler_the_file_is_written_and_said_to_be_unchecked(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policy", "oracle"], "unknown policy 'oracle'"),
+        (["--policy", "oracle"], "--policy 'oracle'"),
         (["--policy", "mine.onnx"], "ending in .safetensors or .formulas"),
         (["--policy", "mine.formulas"], "no such file"),
         (["--name", "Mine"], "the controller's name is 'Mine'"),

@@ -23,10 +23,10 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.distillation.pareto.figures import pareto_figure
-from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
-from glassgait.studies.evaluation.robustness.figures import fall_map
-from glassgait.studies.evaluation.symmetry.figures import symmetry_figure
-from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED
+from glassgait.studies.evaluation.alternation import reward_figure
+from glassgait.studies.evaluation.symmetry_figures import symmetry_figure
+from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_figure
+from glassgait.studies.evaluation.worlds_figures import fall_map
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
 from glassgait.studies.reproduction.curricula.figures import curricula_figure

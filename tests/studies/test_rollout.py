@@ -127,7 +127,7 @@ def test_live_robot_moves_and_follows_the_sliders_until_it_is_stopped(live, brow
 
 @pytest.mark.slow
 def test_live_robot_changes_its_gait_when_its_button_is_pressed(live, browser, tmp_path):
-    process, lines, address = live("--gait", "trot", "--change-to", "bound")
+    process, lines, address = live("--gait", "trot", "bound")
     browser.set_window_size(480, 400)
     browser.get(address)
     browser.find_element("xpath", "//*[text()='Open Controls']").click()
@@ -237,11 +237,11 @@ def test_live_robot_gets_up_after_a_fall_and_an_interrupt_saves(live, tmp_path):
         (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
         (["--policy", "symbolic", "--ratio", ""], "is not an alternation ratio"),
         (["--live", "--seconds", "3"], "leave --seconds out"),
-        (["--change-to", "walk"], "give --live with --change-to"),
-        (["--live", "--change-to", "walk", "--ratio", "1"], "leave --ratio out"),
-        (["--live", "--change-to", "trot"], "name one or more, each once"),
-        (["--live", "--change-to", "gallop"], "unknown gait 'gallop'"),
-        (["--live", "--change-to", "walk", "--policy", "own.formulas"], "no files of your own"),
+        (["--gait", "trot", "walk"], "give --live"),
+        (["--live", "--gait", "trot", "walk", "--ratio", "1"], "leave --ratio out"),
+        (["--live", "--gait", "trot", "trot"], "names nothing twice"),
+        (["--live", "--gait", "trot", "gallop"], "unknown gait 'gallop'"),
+        (["--live", "--gait", "trot", "walk", "--policy", "own.formulas"], "no files of your own"),
         (["--command.speed", "30"], "speed"),
         (["--command.speed", "nan"], "speed"),
         (["--command.yaw-rate", "-9"], "yaw_rate"),

@@ -1,4 +1,4 @@
-"""`glassgait export --change-to`: several gaits in one C file, checked, and walked in Drake."""
+"""`glassgait export` of several gaits: one C file, checked, and rolled out in Drake."""
 
 import json
 import re
@@ -99,7 +99,7 @@ def test_robots_that_move_otherwise_are_seen_to(switched_pages, compiled_pages, 
 
 def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    asked = ["--gait", "trot", "--change-to", "walk", "--policy", "sparse_formula"]
+    asked = ["--gait", "trot", "walk", "--policy", "sparse_formula"]
     arguments = ["export", *asked, "--n-steps", "120"]
     main(arguments)
     folder = tmp_path / "runs" / "export" / "trot_walk" / "sparse_formula"
@@ -118,25 +118,28 @@ def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, mo
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--change-to", "walk", "--format", "onnx"], "an ONNX file holds the policy of one gait"),
-        (["--change-to", "trot"], "gaits are trot, trot; name one or more, each once"),
-        (["--change-to", "walk", "walk"], "change_to is ('walk', 'walk')"),
-        (["--change-to", "gallop"], "unknown gait 'gallop'"),
         (
-            ["--change-to", "three_one", "--policy", "sparse_formula"],
+            ["--gait", "trot", "walk", "--format", "onnx"],
+            "an ONNX file holds the policy of one gait",
+        ),
+        (["--gait", "trot", "trot"], "gait is ('trot', 'trot')"),
+        (["--gait", "trot", "gallop"], "unknown gait 'gallop'"),
+        (
+            ["--gait", "trot", "three_one", "--policy", "sparse_formula"],
             "no student 'sparse_formula' of the three_one",
         ),
-        (["--change-to", "walk", "--expert", "mine.safetensors"], "no files of your own"),
+        (["--gait", "trot", "walk", "--source", "mine"], "no files of your own"),
         (
             [
-                "--change-to",
+                "--gait",
+                "trot",
                 "walk",
                 "--policy",
                 str(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"),
             ],
             "no files of your own",
         ),
-        (["--change-to", "walk", "--name", "Mine"], "the controller's name is 'Mine'"),
+        (["--gait", "trot", "walk", "--name", "Mine"], "the controller's name is 'Mine'"),
     ],
 )
 def test_what_does_not_go_together_is_refused_and_nothing_is_written(

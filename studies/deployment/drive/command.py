@@ -21,7 +21,7 @@ from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar, say
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.common.rollouts.play import Seconds, pusher
 from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
@@ -31,7 +31,6 @@ from glassgait.studies.deployment.drive.connection import open_lcm
 from glassgait.studies.deployment.drive.controller import control
 from glassgait.studies.deployment.drive.losses import COLUMNS, TRIALS, Walkers
 from glassgait.studies.deployment.drive.simulator import Record, RobotProcess
-from glassgait.studies.distillation.students.library import find_walker
 from glassgait.studies.view.command import OwnCommand
 from glassgait.studies.view.live import first_interrupt
 
@@ -46,10 +45,8 @@ class DriveController(Settings):
         gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         link: Where messages go.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
     """
 
     title: ClassVar[str] = "drive controller"
@@ -57,13 +54,12 @@ class DriveController(Settings):
     gait: str = "trot"
     policy: str = "expert"
     link: Link = field(default_factory=LinkSettings)
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
 
     def run(self) -> None:
         """Answers, and tells what was counted."""
         gait = load_gait(self.gait)
-        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
+        policy = find_policies(gait, self.source).controller(self.policy)
         lcm = open_lcm(self.link)
         controller = ControllerEnd(gait, policy, lcm, self.link.names)
         say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
@@ -160,10 +156,8 @@ class DriveLosses(Settings):
         n_steps: Control steps of each robot.
         watchdog: How long robots wait for their controller.
         seed: Seed of commands, noise and losses.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/drive/<gait>/<policy> by default.
     """
@@ -177,15 +171,14 @@ class DriveLosses(Settings):
     n_steps: Count = EPISODE_STEPS
     watchdog: Watchdog = field(default_factory=Watchdog)
     seed: Seed = REPORTED_SEEDS[0]
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Walks through every trial, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
+        policy = find_policies(gait, self.source).controller(self.policy)
         if not scenario.names_a_command:
             scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
         folder = self.output or Path("runs/drive") / gait.name / Path(self.policy).stem

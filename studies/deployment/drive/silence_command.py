@@ -11,7 +11,7 @@ from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.drive.silence import (
@@ -20,7 +20,6 @@ from glassgait.studies.deployment.drive.silence import (
     silence_table,
     walk_until_silent,
 )
-from glassgait.studies.distillation.students.library import find_walker
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,8 @@ class DriveSilence(Settings):
         seconds: Time from then to the end (s).
         watchdog: How long robots wait for their controller.
         seed: Seed of dwell, turning, noise, initial states and pushes.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         output: New folder of the results; runs/drive/<gait>/silence by default.
     """
 
@@ -54,14 +51,13 @@ class DriveSilence(Settings):
     seconds: Annotated[float, Ge(0.1), Le(60.0)] = 2.0
     watchdog: Watchdog = field(default_factory=Watchdog)
     seed: Seed = 2000
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     output: Path | None = None
 
     def run(self) -> None:
         """Lets robots walk, silences their controllers, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_walker(self.policy, find_expert(gait, self.expert), self.distillation)
+        policy = find_policies(gait, self.source).controller(self.policy)
         folder = self.output or Path("runs/drive") / gait.name / "silence"
         inputs = {
             "gait": gait.digest(),

@@ -1,33 +1,29 @@
 """`glassgait export`: writes a whole controller as one C file, or its policy as ONNX."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
+from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.policies import Policies, find_policies_of
 from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.common.sweep import refuse_files_of_several
+from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.export.c_file import CFile
 from glassgait.studies.deployment.export.exported import Acting, Effort, Exported
 from glassgait.studies.deployment.export.switching_file import SwitchingCFile
-from glassgait.studies.distillation.students.library import (
-    default_student,
-    find_student,
-    find_walker,
-)
-
-EXPERT = "expert"
+from glassgait.studies.distillation.students.library import default_student
 
 
 @dataclass(frozen=True)
@@ -52,9 +48,9 @@ class Export(Settings):
     """Write a controller as one C file, or its policy as ONNX, and check it against Python.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        change_to: Further gaits, which the controller changes to on request while the robot walks;
-            with --format c, and with the expert or a kind of students that every gait has.
+        gait: Name of a gait, or path of a gait file. Of several the first runs, and the controller
+            changes to another on request while the robot walks; with --format c, and with the
+            expert or a kind of students that every gait has.
         policy: `expert`, a kind of student, or path of a policy file; of the shipped formulas the
             shortest by default.
         format: `c` is all from sensors to joint targets, `onnx` the estimator and the policy, which
@@ -67,10 +63,8 @@ class Export(Settings):
         n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
             several gaits with another one every 3 s; none by default.
         seed: Seed of all randomness.
-        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/export/<gait>/<policy> by default, of several gaits
             runs/export/<gait>_<gait>/<policy>.
@@ -78,8 +72,7 @@ class Export(Settings):
 
     title: ClassVar[str] = "export"
 
-    gait: str = "trot"
-    change_to: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
+    gait: Gaits = ("trot",)
     policy: str | None = None
     format: Literal["c", "onnx"] = "c"
     precision: Real = "double"
@@ -87,22 +80,24 @@ class Export(Settings):
     n_steps: Count = 10_000
     n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.change_to and self.format == "onnx":
+        if len(self.gait) > 1 and self.format == "onnx":
             raise InputError(
-                "export: an ONNX file holds the policy of one gait; leave --change-to out, or give "
+                "export: an ONNX file holds the policy of one gait; name one with --gait, or give "
                 "--format c"
             )
 
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
-        job = self._several() if self.change_to else self._one()
+        gaits = [load_gait(name) for name in gaits_named(self.gait)]
+        found = list(find_policies_of(gaits, self.source, [self.policy or ""]).values())
+        asked = self.policy or default_student(found[0])
+        job = self._several(found, asked) if len(gaits) > 1 else self._one(found[0], asked)
         folder = self.output or Path("runs/export") / job.title
         run = {"study": "export", "settings": self, "inputs": job.inputs, "resume": self.resume}
         with open_run(folder, **run):
@@ -115,27 +110,20 @@ class Export(Settings):
             write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
         console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
 
-    def _one(self) -> _Job:
+    def _one(self, found: Policies, asked: str) -> _Job:
         """Makes the export of the only gait."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        asked = self.policy or default_student(gait.name, self.distillation)
-        policy = expert if asked == EXPERT else find_student(asked, expert, self.distillation)
+        gait, policy = found.gait, found.policy(asked)
+        expert = policy if isinstance(policy, NeuralPolicy) else found.expert_of(asked)
         stem = Path(asked).stem
         name = self.name or controller_name(gait.name, stem)
         exported = self._exported(Acting(gait, policy, expert, name, stem))
         inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
         return _Job(exported, name, Path(gait.name) / stem, inputs)
 
-    def _several(self) -> _Job:
+    def _several(self, found: Sequence[Policies], asked: str) -> _Job:
         """Makes the export of several gaits."""
-        names = (self.gait, *self.change_to)
-        own = Path(self.policy) if self.policy and Path(self.policy).suffix else None
-        refuse_files_of_several(names, self.expert, self.distillation, own)
-        switch = GaitSwitch([load_gait(name) for name in names])
-        asked = self.policy or default_student(switch.gaits[0].name)
-        walkers = [find_walker(asked, find_expert(gait)) for gait in switch.gaits]
-        switched = SwitchedPolicy(switch, walkers)
+        switch = GaitSwitch([own.gait for own in found])
+        switched = SwitchedPolicy(switch, [own.controller(asked) for own in found])
         title = "_".join(gait.name for gait in switch.gaits)
         name = self.name or controller_name(title, asked)
         exported = SwitchingCFile(switched, name, asked, self.precision)

@@ -18,10 +18,10 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import for_selection, run_jobs
 from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.scoring import for_selection, run_rollouts
 from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
@@ -145,8 +145,8 @@ class Pareto(Settings):
                 "a term each at least, so ask for more"
             )
         rollouts = self.rollouts.at_distilled_speeds(gait)
-        jobs = alternation_jobs(gait, expert, students, rollouts, periods=(1, 0))
-        scores = run_jobs([*for_selection(jobs), *jobs], folder / "rollouts")
+        jobs = alternation_cases(gait, expert, students, rollouts, periods=(1, 0))
+        scores = run_rollouts([*for_selection(jobs), *jobs], folder / "rollouts")
         chooses = scores["seed"].isin(SELECTION_SEEDS)
         fits = pd.DataFrame(rows)
         return pareto_table(fits, scores[chooses]), pareto_table(fits, scores[~chooses])

@@ -12,13 +12,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.experts import find_expert
-from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.refinement.study import RefinementRun
-from glassgait.studies.distillation.students.library import default_student, find_formulas
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
@@ -34,10 +33,8 @@ class Refine(Settings):
         policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
             default.
         config: Settings of the run.
-        distillation: Folder of a distillation; runs/distillation/<gait> by default, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
         resume: Continue from the folder's checkpoint.
     """
@@ -49,17 +46,16 @@ class Refine(Settings):
     config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
         default_factory=RefinementConfig
     )
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        named = self.policy or default_student(gait.name, self.distillation)
-        policy = find_formulas(named, expert, self.distillation)
+        found = find_policies(gait, self.source)
+        named = self.policy or default_student(found)
+        policy, expert = found.formulas(named), found.expert_of(named)
         terms = self.config.terms
         if terms is not None and not _is_weighted_sum(policy):
             raise InputError(

@@ -16,6 +16,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import note
+from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
 from glassgait.studies.distillation.students.student import ITSELF
@@ -72,25 +73,20 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
-def default_student(gait: str, folder: Path | None = None) -> str:
+def default_student(found: Policies) -> str:
     """Names the student of a gait that is explained where a person names none.
-
-    Args:
-        gait: Name of the gait.
-        folder: Folder of a distillation to choose from; by default the choice is among the shipped
-            students, and where none of them is a sum, in runs/distillation/<gait>.
 
     Raises:
         InputError: if there is no student whose actions are sums of terms.
     """
-    here = folder or distillation_folder(gait)
-    for kinds in (() if folder else shipped_students(gait), kept_students(here)):
-        for kind in sums_of_terms():
-            if kind in kinds:
-                return kind
+    for kind in sums_of_terms():
+        if kind in found.files:
+            return kind
+    gait = found.gait.name
     raise InputError(
-        f"no student of the {gait} acts by a sum of terms: {_told(gait, folder)}; make one with "
-        f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}'"
+        f"no student of the {gait} in {found.place} acts by a sum of terms; make one with "
+        f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}', or name another run "
+        "with --source"
     )
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.robustness.tables import wilson_interval
 
 TITLES = {
     "world": "scenario",

@@ -17,18 +17,18 @@ from glassgait.models.counterfactuals.question import Answer, Question, Room
 from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import AlternatingController, alone
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.play import Seconds, roll_one_out
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import default_student, find_student
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.explanation.counterfactuals.futures import (
     AFTER,
     WAS,
@@ -70,9 +70,8 @@ class Counterfactual(Settings):
             the step asks for it.
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         resume: Answer anew in a folder that holds the same question.
         output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
             default.
@@ -92,8 +91,7 @@ class Counterfactual(Settings):
     seconds: Seconds = 6.0
     survey: Natural = 0
     seed: Seed = 0
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -106,19 +104,19 @@ class Counterfactual(Settings):
 
     def run(self) -> None:
         """Asks, lets the robot walk with the answer, and writes the page."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        name = self.policy or default_student(gait.name, self.distillation)
+        found = find_policies(load_gait(self.gait), self.source)
+        gait = found.gait
+        name = self.policy or default_student(found)
         if name == "expert":
             raise InputError("--policy expert: a network is not searched; name a student")
-        student, joint = find_student(name, expert, self.distillation), joint_index(self.joint)
+        walker, joint = found.controller(name), joint_index(self.joint)
+        student = walker.policy
         refuse_unsearched(student)
-        walker = alone(student, expert)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
         folder = self.output or Path("runs/counterfactuals") / gait.name / stem
         inputs = {
             "gait": gait.digest(),
-            "expert": expert.digest(),
+            "expert": walker.expert.digest(),
             "policy": student.digest(),
         }
         with open_run(

@@ -12,12 +12,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.settings import Count, Seed, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import default_student, find_formulas
+from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.explanation.interventions.derivation import derive_claims, refuse_too_few
 from glassgait.studies.explanation.interventions.figures import claims_figure
@@ -38,10 +38,8 @@ class Claims(Settings):
         n_robots: Robots of each walk.
         n_steps: Control steps of each.
         seed: Seed of starts, commands and noise, the same for every walk.
-        distillation: Folder of a distillation; by default runs/distillation/<gait>, and where that
-            lacks the student, the shipped one.
-        expert: Policy file of the expert, whose estimator observes; by default the shipped one, or
-            what was trained here.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/claims/<gait>/<policy> by default.
     """
@@ -54,17 +52,16 @@ class Claims(Settings):
     n_robots: Annotated[Count, Ge(2)] = 26
     n_steps: Annotated[Count, Ge(2)] = 500
     seed: Seed = REPORTED_SEEDS[0]
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Derives claims, tests them, and writes how they did."""
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        name = self.policy or default_student(gait.name, self.distillation)
-        policy = find_formulas(name, expert, self.distillation)
+        found = find_policies(load_gait(self.gait), self.source)
+        gait = found.gait
+        name = self.policy or default_student(found)
+        policy, expert = found.formulas(name), found.expert_of(name)
         stem = Path(name).stem
         folder = self.output or Path("runs/claims") / gait.name / stem
         # Before a folder is claimed: a refusal leaves nothing behind.

@@ -14,12 +14,13 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
 from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
@@ -103,7 +104,7 @@ class Curricula(Settings):
                 fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
                 students[name] = load_students(own, expert)
             jobs = standalone_jobs(gait, expert, students, self.rollouts)
-            scores = run_jobs(jobs, folder / "rollouts")
+            scores = run_rollouts(jobs, folder / "rollouts")
             table = curricula_table(pd.concat(fits, ignore_index=True), scores)
             write_table(scores, folder / "robots")
             write_table(table, folder / "curricula")
@@ -141,7 +142,7 @@ def standalone_jobs(
     expert: NeuralPolicy,
     students: Mapping[str, Mapping[str, Policy]],
     config: RolloutConfig,
-) -> list[RolloutJob]:
+) -> list[Case]:
     """Lists the rollouts of the expert and of every curriculum's students, each alone.
 
     Args:
@@ -157,7 +158,7 @@ def standalone_jobs(
     jobs = []
     for (curriculum, student), policy in policies.items():
         labels = {"curriculum": curriculum, "student": student}
-        jobs += for_each_seed(RolloutJob(labels, gait, policy, Scenario(), config))
+        jobs += rollout_cases(labels, gait, policy, Scenario(), config)
     return jobs
 
 
