@@ -126,13 +126,13 @@ def ablation_cases(
 
 
 def losses(scores: pd.DataFrame) -> pd.DataFrame:
-    """Returns the share of its reward that each student loses without each group.
+    """Returns the share of its return that each student loses without each group.
 
     Args:
         scores: Scores of `ablation_cases`.
 
     Returns:
-        A row for each policy, group and mode: `lost` share of reward, its 95 % interval `lost_ci`,
+        A row for each policy, group and mode: `lost` share of return, its 95 % interval `lost_ci`,
         and `fall_rate`.
     """
     by = ["policy", "without", "mode"]

@@ -34,7 +34,7 @@ def scores_of(falls, robots=10):
         for robot in range(count):
             row = dict.fromkeys(SCORES, 1.0) | {"policy": policy, "scenario": world}
             fell = robot < fallen
-            row |= {"robot": robot, "fell": fell, "reward": (5.0 if fell else 10.0) + robot}
+            row |= {"robot": robot, "fell": fell, "return": (5.0 if fell else 10.0) + robot}
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -20,9 +20,12 @@ from glassgait.studies.common.experiment import ScenarioNames
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import (
+    SELECTION_SEEDS,
+    RolloutConfig,
+    refuse_to_select,
+)
 from glassgait.studies.common.rollouts.scoring import cases_in_worlds
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
@@ -100,7 +103,7 @@ class Assurance(Settings):
         """
         super().__post_init__()
         refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
-        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
+        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.config}:
             raise InputError(
                 f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "
                 "the next one; name another"

@@ -170,12 +170,12 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
 
     Returns:
-        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
-        and the reward's `share` of the expert's with its interval `share_ci`.
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `return`, `return_ci`,
+        and the return's `share` of the expert's with its interval `share_ci`.
     """
     by = ["curriculum", "student"]
     means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
-    columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
+    columns = ["robots", "falls", "fall_rate", "return", "return_ci", "share", "share_ci"]
     return fits.merge(means[[*by, *columns]], on=by)
 
 
