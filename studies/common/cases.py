@@ -17,7 +17,7 @@ from glassgait.models.policies.controller import AlternatingController, Controll
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.serialization import to_plain
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from glassgait.studies.common.rollouts.scores import return_shares, summarize
+from glassgait.studies.common.scores import return_shares, summarize
 
 PLACES = ("gait", "scenario")
 """Columns in which a policy and its reference agree."""

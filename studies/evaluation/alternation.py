@@ -15,8 +15,8 @@ from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.common.rollouts.scoring import not_finite_lines, score
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.evaluation.worlds_tables import falls_of, with_interval
 

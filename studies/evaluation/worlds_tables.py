@@ -6,7 +6,7 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts.scores import SPEED_ERROR_TITLE, summarize
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize
 from glassgait.studies.common.summary import summary
 from glassgait.studies.distillation.students.registry import policy_title
 

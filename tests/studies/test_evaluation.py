@@ -31,13 +31,13 @@ from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import (
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
+from glassgait.studies.common.scores import (
     interval,
     return_shares,
     score_rollouts,
     summarize,
 )
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.tracking import (

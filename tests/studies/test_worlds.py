@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 import glassgait.studies.common.rollouts.scoring
 from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.worlds import Worlds

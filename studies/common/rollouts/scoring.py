@@ -19,7 +19,7 @@ from glassgait.studies.common.rollouts.config import (
     refuse_to_report,
 )
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 
 
 def rollout_cases(

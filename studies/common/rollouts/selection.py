@@ -18,7 +18,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts, summarize
+from glassgait.studies.common.scores import score_rollouts, summarize
 
 WORTH_A_FALL = 0.97
 """Share of the best student's return that one must earn to be preferred because it falls less."""

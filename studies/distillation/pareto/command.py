@@ -20,9 +20,9 @@ from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.rollouts.scores import summarize_against
 from glassgait.studies.common.rollouts.scoring import for_selection, run_rollouts
 from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.pareto.figures import pareto_figure
 from glassgait.studies.distillation.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of

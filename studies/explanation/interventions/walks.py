@@ -18,7 +18,7 @@ from glassgait.models.task.symmetry import reflect_observation
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 
 
 @dataclass(frozen=True)
