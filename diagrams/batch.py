@@ -16,7 +16,7 @@ from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import FootSense, sense_feet
@@ -80,8 +80,8 @@ class BatchSimulator:
             generator: Source of all randomness.
             estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7), which is
                 then what is observed and, a step later, what the reward machine takes the feet's
-                heights from: the loop is closed on sensors only. None for the true ones; who acts
-                by a policy takes its own from `estimator_in_loop`.
+                heights from: the loop is closed on sensors only. None for the true ones; a
+                policy's own is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """
@@ -94,8 +94,8 @@ class BatchSimulator:
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states)
         self._weights = task.weights
-        self._told = False
-        self._everyone = np.arange(n_robots)
+        self._is_commanded = False
+        self._all_robots = np.arange(n_robots)
         self._state: TaskState = self._fresh(n_robots)
         self.resample_friction()
 
@@ -127,7 +127,7 @@ class BatchSimulator:
     def reset(self, index: NDArray[np.int64] | None = None) -> None:
         """Starts a new episode for the robots at `index`, or for all."""
         if index is None:
-            index = self._everyone
+            index = self._all_robots
         if len(index):
             self._state = self._state.with_robots(index, self._fresh(len(index)))
 
@@ -142,7 +142,7 @@ class BatchSimulator:
 
     def set_command(self, command: Command) -> None:
         """Gives every robot a command: from then on episodes alone begin with drawn ones."""
-        self._told = True
+        self._is_commanded = True
         self._state = self._estimated(replace(self._state, command=command))
 
     def proprioception(self) -> Array:
@@ -151,7 +151,7 @@ class BatchSimulator:
 
     def body_state(self) -> Array:
         """Returns the true values of what the estimator estimates (n, 7)."""
-        return body_state(self._state.plant)
+        return body_state(self.task.robot, self._state.plant)
 
     def observe(self) -> Array:
         """Observes everything, the body state by the estimator or else by its true values.
@@ -164,7 +164,7 @@ class BatchSimulator:
 
     def step(self, action: Array) -> BatchStep:
         """Holds actions (n, 12) for one control step and moves the task on."""
-        s, task = self._state, self.task
+        s, task, robot = self._state, self.task, self.task.robot
         moved = self.physics.step(
             s.plant,
             robot.joint_targets(action, limited=task.limit_targets),
@@ -172,7 +172,7 @@ class BatchSimulator:
             latency=s.latency,
         )
         plant = moved.states
-        shown = failures(plant, action=action, previous_action=s.action, limits=task.limits)
+        shown = failures(robot, plant, action=action, previous_action=s.action, limits=task.limits)
         # A lost robot keeps its last sound state, so that nothing below meets a NaN.
         lost = shown[:, FAILURES.index("not_finite")]
         plant = np.where(lost[:, None], s.plant, plant)
@@ -183,9 +183,11 @@ class BatchSimulator:
         push = task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
-        feet = sense_feet(plant, s.touching, np.where(lost[:, None], s.touching, moved.touching))
+        touching = np.where(lost[:, None], s.touching, moved.touching)
+        feet = sense_feet(robot, plant, s.touching, touching)
         machine = self._step_machine(s, feet, command)
         reward = step_reward(
+            robot,
             state=plant,
             previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
             action=action,
@@ -236,7 +238,7 @@ class BatchSimulator:
     def _commanded(self, state: TaskState, steps: NDArray[np.int64]) -> Command:
         """Returns what is commanded once each robot's control steps (n,) are over."""
         due = np.flatnonzero(steps % COMMAND_STEPS == 0)
-        if len(due) and not self._told:
+        if len(due) and not self._is_commanded:
             state = state.with_commands(due, self._draw_commands(len(due)))
         return state.command
 
@@ -248,13 +250,14 @@ class BatchSimulator:
                 return sample_commands(self.task.gait, count, self.generator, speed_range)
 
     def _fresh(self, count: int) -> TaskState:
-        plant = self.task.randomization.initial_states(count, self.generator)
+        plant = self.task.randomization.initial_states(self.task.robot, count, self.generator)
         return self._begin(plant, self._draw_commands(count))
 
     def _begin(self, plant: Array, command: Command) -> TaskState:
         count = len(plant)
         randomization = self.task.randomization
-        feet = sense_feet(plant, np.zeros((count, quadruped.N_LEGS), dtype=bool))
+        untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
+        feet = sense_feet(self.task.robot, plant, untouched)
         nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(
             self.machine.initial((count,)),
@@ -280,6 +283,7 @@ class BatchSimulator:
 
     def _proprioception(self, s: TaskState) -> Array:
         return proprioception(
+            self.task.robot,
             command=s.command.velocity,
             joint_position=s.plant[:, quadruped.JOINT_POSITION],
             joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
@@ -291,7 +295,7 @@ class BatchSimulator:
         )
 
     def _estimated(self, state: TaskState) -> TaskState:
-        """Returns a state that is about to be observed, with what the estimator then tells."""
+        """Returns a state that is about to be observed, with what the estimator then gives."""
         if self.estimator is None:
             return state
         return replace(state, estimate=self.estimator(self._proprioception(state)))

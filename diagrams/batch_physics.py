@@ -12,9 +12,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction
 from glassgait.diagrams.physics import Physics, PhysicsStep
-from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
+from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import touches_ground
 
@@ -25,16 +26,20 @@ FEW_ROBOTS = 2
 class BatchPhysics(Physics):
     """Steps the states of many stations in parallel; each group has a station of its own."""
 
-    def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
+    def __init__(
+        self, robot: Robot, *stations: StationConfig, n_threads: int | None = None
+    ) -> None:
         """
         Args:
+            robot: What robots they are.
             stations: Physics of each group; plants must be discrete.
             n_threads: Threads to use; all cores by default.
 
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
-        self._groups = [_Group(station) for station in stations]
+        self._robot = robot
+        self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         # Drake releases the interpreter's lock, so groups run side by side, each on its share of
         # the threads: with a group after another, threads would wait at the end of each.
@@ -89,7 +94,7 @@ class BatchPhysics(Physics):
 
         for _ in self._workers.map(step, self._order):
             pass
-        return PhysicsStep(after, touches_ground(kinematics.foot_heights(after)))
+        return PhysicsStep(after, touches_ground(kinematics.foot_heights(self._robot, after)))
 
 
 class _Held(NamedTuple):
@@ -113,10 +118,10 @@ class _Held(NamedTuple):
 class _Group:
     """Robots that share a station and its friction."""
 
-    def __init__(self, station: StationConfig) -> None:
+    def __init__(self, robot: Robot, station: StationConfig) -> None:
         self._n_steps = station.plant_steps()
         builder = DiagramBuilder()
-        self._plant, self._scene_graph, instance = AddA1Station(builder, station)
+        self._plant, self._scene_graph, instance = AddStation(builder, robot, station)
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()

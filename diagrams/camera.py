@@ -19,10 +19,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from glassgait.diagrams.egl import check_egl
-from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.diagrams.visualization import TILE
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 
 _RENDERER = "vtk"
 _SKY = np.array([0.93, 0.95, 0.97])
@@ -35,9 +36,10 @@ class Camera:
     It needs EGL (Debian: libegl1 and libgl1-mesa-dri).
     """
 
-    def __init__(self, width: int = 640, height: int = 360) -> None:
+    def __init__(self, robot: Robot, width: int = 640, height: int = 360) -> None:
         """
         Args:
+            robot: The robot.
             width: Width of a picture (pixels).
             height: Height of a picture (pixels).
 
@@ -46,7 +48,7 @@ class Camera:
         """
         check_egl()
         builder = DiagramBuilder()
-        self._plant, self._scene_graph, _ = AddA1Station(builder, StationConfig())
+        self._plant, self._scene_graph, _ = AddStation(builder, robot, StationConfig())
         lights = [
             LightParameter(type="directional", direction=[0.5, 0.6, -1.0], frame="world"),
             LightParameter(

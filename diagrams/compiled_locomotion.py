@@ -38,8 +38,9 @@ def MakeCompiledLocomotion(  # noqa: N802
     builder = DiagramBuilder()
     if scenario.limit_targets is None:
         scenario = replace(scenario, limit_targets=controller.limits_targets)
+    robot = scenario.robot_of()
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
-    acting = builder.AddNamedSystem("compiled_controller", CompiledController(controller))
+    acting = builder.AddNamedSystem("compiled_controller", CompiledController(robot, controller))
     for name in ("state", "command", "commanded_dwell"):
         builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
     if isinstance(gait, GaitSwitch):

@@ -16,6 +16,7 @@ from glassgait.models.policies.controller import (
 )
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_hold import ActionHold
@@ -70,6 +71,7 @@ class ControllerPorts:
 
 def AddController(  # noqa: N802
     builder: DiagramBuilder,
+    robot: Robot,
     gait: Gait,
     sensed: Sensed,
     *,
@@ -83,6 +85,7 @@ def AddController(  # noqa: N802
 
     Args:
         builder: Where they are added.
+        robot: The robot.
         gait: The gait that the policy was made for.
         sensed: Where the inputs come from.
         machine: The gait's reward machine.
@@ -105,13 +108,15 @@ def AddController(  # noqa: N802
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
-    proprioception = _add_proprioception(builder, layout, sensed, sensor_noise, machine, hold)
+    proprioception = _add_proprioception(
+        builder, robot, layout, sensed, sensor_noise, machine, hold
+    )
     # What estimates the body state, or else senses it.
     estimator = policy and estimator_in_loop(policy, true_body_state=true_body_state)
     if estimator is None:
         if sensed.foot_height is None:
             raise ValueError("controller: there is no estimator; connect true heights of the feet")
-        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
+        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(robot))
         builder.Connect(sensed.state, body_state.get_state_input_port())
         sensed_height = sensed.foot_height
     else:
@@ -188,13 +193,15 @@ def AddPolicies(  # noqa: N802
 
 def _add_proprioception(
     builder: DiagramBuilder,
+    robot: Robot,
     layout: ObservationLayout,
     sensed: Sensed,
     sensor_noise: float,
     machine: RewardMachineSystem,
     hold: ActionHold,
 ) -> Proprioception:
-    proprioception = builder.AddNamedSystem("proprioception", Proprioception(layout, sensor_noise))
+    proprioception = Proprioception(robot, layout, sensor_noise)
+    builder.AddNamedSystem("proprioception", proprioception)
     connect = builder.Connect
     connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
     connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())

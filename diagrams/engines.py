@@ -4,12 +4,14 @@ from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import Robot
 
 
-def make_physics(*stations: StationConfig) -> Physics:
+def make_physics(robot: Robot, *stations: StationConfig) -> Physics:
     """Makes the physics of groups of robots.
 
     Args:
+        robot: What robots they are.
         stations: Physics of each group, all of one engine.
 
     Raises:
@@ -19,7 +21,7 @@ def make_physics(*stations: StationConfig) -> Physics:
     if len(engines) > 1:
         raise InputError(f"stations: engines are {' and '.join(sorted(engines))}; name one")
     if engines == {"drake"}:
-        return BatchPhysics(*stations)
+        return BatchPhysics(robot, *stations)
     try:
         # Imported here: MuJoCo is an extra.
         from glassgait.diagrams.mujoco_physics import MujocoPhysics  # noqa: PLC0415
@@ -28,4 +30,4 @@ def make_physics(*stations: StationConfig) -> Physics:
             "station: engine is 'mujoco', which is not installed; run pip install "
             "'glassgait[mujoco]'"
         ) from error
-    return MujocoPhysics(*stations)
+    return MujocoPhysics(robot, *stations)

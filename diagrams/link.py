@@ -29,6 +29,7 @@ from glassgait.models.link.settings import Channels
 from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
 from glassgait.models.policies.controller import Controller
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.systems.link_watchdog import LinkWatchdog
@@ -54,10 +55,16 @@ class ControllerEnd:
     """
 
     def __init__(
-        self, gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
+        self,
+        robot: Robot,
+        gait: Gait,
+        policy: Controller,
+        lcm: DrakeLcmInterface,
+        channels: Channels,
     ) -> None:
         """
         Args:
+            robot: The robot.
             gait: The gait whose reward machine runs.
             policy: The controller.
             lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
@@ -66,7 +73,7 @@ class ControllerEnd:
         Raises:
             InputError: if a policy was made for another gait or observation, or has no estimator.
         """
-        self.diagram = MakeLinkedController(gait, policy, lcm, channels)
+        self.diagram = MakeLinkedController(robot, gait, policy, lcm, channels)
         self.tally = Tally()
         self._simulator = Simulator(self.diagram)
         self._latest: sensors_t | None = None
@@ -194,6 +201,7 @@ class RobotEnd:
         self.n_parts = scenario.station.plant_steps()
         self.step = 0
         self._lcm, self._session = lcm, session
+        self._robot = scenario.robot_of()
         self._answered, self._taken = -1, -np.inf
         take_in(self.diagram, self.simulator, "answer", targets_t())
         self._listener = Listener(lcm, channels.targets, targets_t, self._hear)
@@ -257,7 +265,7 @@ class RobotEnd:
         late = now - message.utime / MICROSECONDS > CONTROL_PERIOD + 1.0 / MICROSECONDS
         self.tally.count(message.session, message.sequence, late=late)
         answer = unpack_answer(message)
-        if is_news(answer, self._taken, now):
+        if is_news(self._robot, answer, self._taken, now):
             take_in(self.diagram, self.simulator, "answer", message)
             self._answered, self._taken = message.sequence, answer.time
 

@@ -8,6 +8,7 @@ from glassgait.diagrams.controller import AddController, Sensed
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.policies.controller import Controller
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_receiver import CommandReceiver
 from glassgait.systems.contact_memory import ContactMemory
@@ -19,7 +20,7 @@ TARGETS_PUBLISHER = "targets_publisher"
 
 
 def MakeLinkedController(  # noqa: N802
-    gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
+    robot: Robot, gait: Gait, policy: Controller, lcm: DrakeLcmInterface, channels: Channels
 ) -> Diagram:
     """Builds the controller of `MakeLocomotion` between messages in place of a plant.
 
@@ -40,6 +41,7 @@ def MakeLinkedController(  # noqa: N802
     `glassgait.diagrams.link.ControllerEnd`, which hears the others.
 
     Args:
+        robot: The robot.
         gait: The gait whose reward machine runs.
         policy: The controller; sensors measure no body state, so it needs an estimator.
         lcm: Where messages go.
@@ -62,8 +64,8 @@ def MakeLinkedController(  # noqa: N802
         commanded_dwell=commander.get_commanded_dwell_output_port(),
     )
     machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    controller = AddController(builder, gait, sensed, machine=machine, policy=policy)
-    sender = builder.AddNamedSystem("targets_sender", TargetsSender())
+    controller = AddController(builder, robot, gait, sensed, machine=machine, policy=policy)
+    sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())
     builder.ConnectInput("sensors", sender.get_sensors_input_port())
     publisher = LcmPublisherSystem.Make(

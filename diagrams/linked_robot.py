@@ -10,13 +10,14 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 from glassgait.diagrams.commands import AddCommand
 from glassgait.diagrams.locomotion import AddNoise
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import AddA1Station, actuated_joints
+from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
 from glassgait.models.link.messages import command_t, sensors_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.fall_monitor import FallMonitor
@@ -26,7 +27,7 @@ from glassgait.systems.sensors_sender import SensorsSender
 
 WATCHDOG = "link_watchdog"
 PUBLISHERS = ("command_publisher", "sensors_publisher")
-"""In the order in which they are to send: who answers sensors has the command by then."""
+"""In the order in which they are to send: sensors are answered with the command known."""
 
 
 def MakeLinkedRobot(  # noqa: N802
@@ -57,7 +58,7 @@ def MakeLinkedRobot(  # noqa: N802
     Outputs: state (37), the plant's. failures (6), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
     command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
-    publishers are forced to; see `glassgait.diagrams.link.RobotEnd`, which hears the answers.
+    publishers are forced to; see `glassgait.diagrams.link.RobotEnd`, which receives the answers.
 
     Args:
         gait: The gait that commands are made for.
@@ -73,14 +74,16 @@ def MakeLinkedRobot(  # noqa: N802
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     _check(scenario)
+    robot = scenario.robot_of()
     builder = DiagramBuilder()
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
     noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS)
-    plant, scene_graph, instance = AddA1Station(builder, scenario.station)
+    plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
     state = plant.get_state_output_port()
 
-    guard = LinkWatchdog(watchdog, session=session, time_step=scenario.station.time_step)
+    time_step = scenario.station.time_step
+    guard = LinkWatchdog(robot, watchdog, session=session, time_step=time_step)
     builder.AddNamedSystem(WATCHDOG, guard)
     builder.ExportInput(guard.get_message_input_port(), "answer")
     builder.Connect(state, guard.get_state_input_port())
@@ -96,30 +99,31 @@ def MakeLinkedRobot(  # noqa: N802
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
-    sender = SensorsSender(session, scenario.sensor_noise)
+    sender = SensorsSender(robot, session, scenario.sensor_noise)
     builder.AddNamedSystem("sensors_sender", sender)
     builder.Connect(state, sender.get_state_input_port())
     builder.Connect(guard.get_followed_output_port(), sender.get_followed_input_port())
     if noise is not None:
         builder.Connect(noise, sender.get_uniform_noise_input_port())
-    told = (
+    sent = (
         (commander.get_message_output_port(), channels.command, command_t),
         (sender.get_message_output_port(), channels.sensors, sensors_t),
     )
-    for name, (message, channel, kind) in zip(PUBLISHERS, told, strict=True):
+    for name, (message, channel, kind) in zip(PUBLISHERS, sent, strict=True):
         forced = {TriggerType.kForced}
         publisher = LcmPublisherSystem.Make(channel, kind, lcm, publish_triggers=forced)
         builder.AddNamedSystem(name, publisher)
         builder.Connect(message, publisher.get_input_port())
 
     if meshcat is not None:
-        foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+        foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
         builder.Connect(state, foot_sensor.get_state_input_port())
         # The machine's state is known to the controller alone.
         unknown = builder.AddSystem(ConstantVectorSource(np.zeros(gait.n_states)))
         AddLocomotionDisplay(
             builder,
             scene_graph,
+            robot,
             gait,
             state=state,
             rm_state=unknown.get_output_port(),
@@ -128,7 +132,7 @@ def MakeLinkedRobot(  # noqa: N802
         )
     exported = {
         "state": state,
-        "failures": _add_fall_monitor(builder, scenario, state),
+        "failures": _add_fall_monitor(builder, robot, scenario, state),
         "targets": guard.get_targets_output_port(),
         "phase": guard.get_phase_output_port(),
         "command": command,
@@ -149,7 +153,7 @@ def _check(scenario: Scenario) -> None:
             scenario.limit_targets is False,
             "true: the robot's own end keeps targets within the joints' ranges",
         ),
-        "true_body_state": (scenario.true_body_state, "false: sensors do not tell it"),
+        "true_body_state": (scenario.true_body_state, "false: sensors do not measure it"),
     }
     for name, (wrong, remedy) in refused.items():
         if wrong:
@@ -158,8 +162,10 @@ def _check(scenario: Scenario) -> None:
             )
 
 
-def _add_fall_monitor(builder: DiagramBuilder, scenario: Scenario, state: OutputPort) -> OutputPort:
-    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(scenario.limits))
+def _add_fall_monitor(
+    builder: DiagramBuilder, robot: Robot, scenario: Scenario, state: OutputPort
+) -> OutputPort:
+    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(robot, scenario.limits))
     builder.Connect(state, monitor.get_state_input_port())
     no_action = builder.AddNamedSystem(
         "no_action", ConstantVectorSource(np.zeros(quadruped.N_JOINTS))

@@ -9,12 +9,13 @@ from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, Sensed
 from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import AddA1Station, actuated_joints
+from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.intervention import Intervention
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -97,6 +98,7 @@ def MakeLocomotion(  # noqa: N802
         ValueError: if commands come from sliders, and there is no Meshcat.
     """
     scenario, gaits = scenario or Scenario(), gait
+    robot = scenario.robot_of(policy)
     gait = gaits.gait if isinstance(gaits, GaitSwitch) else gaits
     builder = DiagramBuilder()
     # What comes first draws first in a random context: a seed gives the same commands with noise
@@ -107,10 +109,10 @@ def MakeLocomotion(  # noqa: N802
     contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, quadruped.N_LEGS)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
-    plant, scene_graph, instance = AddA1Station(builder, scenario.station)
+    plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
     state = plant.get_state_output_port()
 
-    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor())
+    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
     builder.Connect(state, foot_sensor.get_state_input_port())
     sensed = Sensed(
         state=state,
@@ -123,6 +125,7 @@ def MakeLocomotion(  # noqa: N802
     machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
     controller = AddController(
         builder,
+        robot,
         gait,
         sensed,
         machine=machine,
@@ -137,16 +140,19 @@ def MakeLocomotion(  # noqa: N802
     for name, port in controller.acting.items():
         builder.ExportOutput(port, name)
     limited = scenario.limits_targets(policy)
-    targets = JointTargets(actuated_joints(plant), limited=limited)
+    targets = JointTargets(robot, actuated_joints(plant), limited=limited)
     builder.AddNamedSystem("joint_targets", targets)
     desired_state = plant.get_desired_state_input_port(instance)
     builder.Connect(_acting_action(builder, scenario, hold), targets.get_action_input_port())
     builder.Connect(targets.get_desired_state_output_port(), desired_state)
-    judged = _add_judges(builder, scenario, state, command, foot_sensor, machine, hold, limited)
+    judged = _add_judges(
+        builder, robot, scenario, state, command, foot_sensor, machine, hold, limited
+    )
     if meshcat is not None:
         AddLocomotionDisplay(
             builder,
             scene_graph,
+            robot,
             gait,
             state=state,
             rm_state=machine.get_rm_state_output_port(),
@@ -212,6 +218,7 @@ def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold
 
 def _add_judges(
     builder: DiagramBuilder,
+    robot: Robot,
     scenario: Scenario,
     state: OutputPort,
     command: OutputPort,
@@ -220,9 +227,9 @@ def _add_judges(
     hold: ActionHold,
     limited: bool,
 ) -> dict[str, OutputPort]:
-    reward = RewardSystem(scenario.weights, limit_targets=limited)
+    reward = RewardSystem(robot, scenario.weights, limit_targets=limited)
     builder.AddNamedSystem("reward", reward)
-    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(scenario.limits))
+    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(robot, scenario.limits))
     connect = builder.Connect
     for system in (reward, monitor):
         connect(state, system.get_state_input_port())

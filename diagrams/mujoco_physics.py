@@ -15,7 +15,8 @@ from pydrake.common import Parallelism
 from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.station import GRAVITY, PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 
 LEAST_FORCE = 1e-3
@@ -31,9 +32,12 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 class MujocoPhysics(Physics):
     """Steps the states of many robots in parallel; every group has a model of its own."""
 
-    def __init__(self, *stations: StationConfig, n_threads: int | None = None) -> None:
+    def __init__(
+        self, robot: Robot, *stations: StationConfig, n_threads: int | None = None
+    ) -> None:
         """
         Args:
+            robot: What robots they are.
             stations: Physics of each group.
             n_threads: Threads to use; all cores by default.
 
@@ -41,7 +45,7 @@ class MujocoPhysics(Physics):
             InputError: if a plant's period does not divide the control period.
         """
         self._n_steps = [station.plant_steps() for station in stations]
-        self._models = [make_model(station) for station in stations]
+        self._models = [make_model(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         self._data = [[mujoco.MjData(model) for _ in range(n_threads)] for model in self._models]
         self._rollout = Rollout(nthread=n_threads)
@@ -132,9 +136,9 @@ class MujocoPhysics(Physics):
         return states
 
 
-def make_model(station: StationConfig) -> mujoco.MjModel:
+def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
-    spec = mujoco.MjSpec.from_string(_plain_description())
+    spec = mujoco.MjSpec.from_string(_plain_description(robot))
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -151,16 +155,16 @@ def make_model(station: StationConfig) -> mujoco.MjModel:
     trunk = spec.body("trunk")
     trunk.add_freejoint()
     _add_payload(trunk, station)
-    _add_motors(spec, station)
-    _add_foot_sensors(spec)
+    _add_motors(spec, robot, station)
+    _add_foot_sensors(spec, robot)
     model = spec.compile()
     model.geom_friction[:, 0] = station.friction
     return model
 
 
-def _plain_description() -> str:
+def _plain_description(robot: Robot) -> str:
     """Returns the robot's description without its looks, some of which Drake alone can read."""
-    tree = ElementTree.parse(robot.URDF_PATH).getroot()
+    tree = ElementTree.parse(robot.urdf_path).getroot()
     for link in tree.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
@@ -181,10 +185,10 @@ def _add_payload(trunk: "mujoco.MjsBody", station: StationConfig) -> None:
     )
 
 
-def _add_motors(spec: mujoco.MjSpec, station: StationConfig) -> None:
+def _add_motors(spec: mujoco.MjSpec, robot: Robot, station: StationConfig) -> None:
     strength = station.motor_strength
-    stiffness, damping = strength * station.stiffness, strength * station.damping
-    for name in quadruped.JOINTS:
+    stiffness, damping = (strength * gain for gain in station.gains(robot))
+    for name, effort in zip(quadruped.JOINTS, robot.effort, strict=True):
         joint = spec.joint(name)
         joint.armature = station.armature
         joint.solref_limit = [LIMIT_TIME_CONSTANT, 1.0]
@@ -196,18 +200,18 @@ def _add_motors(spec: mujoco.MjSpec, station: StationConfig) -> None:
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0, -stiffness, -damping, *[0.0] * 7],
             forcelimited=True,
-            forcerange=strength * robot.EFFORT_LIMIT * np.array([-1.0, 1.0]),
+            forcerange=strength * effort * np.array([-1.0, 1.0]),
         )
 
 
-def _add_foot_sensors(spec: mujoco.MjSpec) -> None:
+def _add_foot_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
     for leg in quadruped.LEGS:
         # A touch sensor adds up the normal forces inside its site, which holds the whole foot.
         spec.body(f"{leg}_calf").add_site(
             name=leg,
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=[0.0, 0.0, -robot.CALF_LENGTH],
-            size=[1.5 * robot.FOOT_RADIUS, 0.0, 0.0],
+            pos=[0.0, 0.0, -robot.calf_length],
+            size=[1.5 * robot.foot_radius, 0.0, 0.0],
         )
         spec.add_sensor(
             type=mujoco.mjtSensor.mjSENS_TOUCH, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=leg

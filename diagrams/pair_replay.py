@@ -24,7 +24,8 @@ from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.visualization import draw_ground, open_meshcat
 from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.systems.gait_display import PAVEMENT_PATH, TILE, WORLD_PATH
 
@@ -44,12 +45,14 @@ class ReplayedRobot:
         caption: What the page's legend says of it.
         color: Its colour, as hexadecimal red, green and blue.
         rollout: What it did.
+        robot: What robot it is.
     """
 
     name: str
     caption: str
     color: str
     rollout: Rollout
+    robot: Robot
 
 
 def save_pair_replay(
@@ -116,7 +119,7 @@ def _make_display(
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     instances = []
     for shown in robots:
-        instances += Parser(plant, shown.name).AddModels(str(robot.URDF_PATH))
+        instances += Parser(plant, shown.name).AddModels(str(shown.robot.urdf_path))
     plant.Finalize()
     for shown, instance in zip(robots, instances, strict=True):
         _paint(plant, scene_graph, instance, shown.color)

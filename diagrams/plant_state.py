@@ -7,8 +7,10 @@ from pydrake.systems.framework import Context, Diagram
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.systems.fall_monitor import FallMonitor
+
+FALL_MONITOR = "fall_monitor"
 
 
 def find_locomotion(diagram: Diagram) -> Diagram:
@@ -37,9 +39,11 @@ def set_plant_state(diagram: Diagram, context: Context, state: Array | None = No
     Raises:
         InputError: if the context is of another diagram.
     """
-    if state is None:
-        state = kinematics.standing_state(robot.DEFAULT_STANCE)
     plant, plant_context = _find_plant(diagram, context)
+    if state is None:
+        monitor = find_locomotion(diagram).GetSubsystemByName(FALL_MONITOR)
+        assert isinstance(monitor, FallMonitor)
+        state = kinematics.standing_state(monitor.robot)
     plant.SetPositionsAndVelocities(plant_context, state)
 
 
@@ -80,9 +84,8 @@ def _find_plant(diagram: Diagram, context: Context) -> tuple[MultibodyPlant, Con
 
 def _locomotions(diagram: Diagram) -> Iterator[Diagram]:
     # A larger diagram may give it another name; its fall monitor is always there.
-    name = "fall_monitor"
-    if diagram.HasSubsystemNamed(name) and isinstance(
-        diagram.GetSubsystemByName(name), FallMonitor
+    if diagram.HasSubsystemNamed(FALL_MONITOR) and isinstance(
+        diagram.GetSubsystemByName(FALL_MONITOR), FallMonitor
     ):
         yield diagram
     for system in diagram.GetSystems():

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import yaml
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
@@ -17,6 +17,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import (
@@ -77,6 +78,8 @@ class Scenario(Settings):
         max_robots: Robots to roll out at most for a seed, where the physics is slow.
         weights: Weights of the reward.
         limits: Bounds that the fall monitor watches.
+        robot: Name of a robot that ships, or path of a `robot.yaml` of one's own; by default that
+            of the policy that acts.
     """
 
     title: str = "SAP 10 ms (training)"
@@ -92,11 +95,14 @@ class Scenario(Settings):
     max_robots: Count | None = None
     weights: RewardWeights = field(default_factory=RewardWeights)
     limits: TerminationLimits = field(default_factory=TerminationLimits)
+    robot: Annotated[str, MaxLen(1000)] | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.title, str):
             _check_title(self.title)
         super().__post_init__()
+        if self.robot is not None:
+            load_robot(self.robot)
         if self.station.time_step > 0:
             # Otherwise the plant and the controller would drift apart.
             self.station.plant_steps()
@@ -136,8 +142,24 @@ class Scenario(Settings):
         if told:
             raise InputError(f"{self.refused_as()}: {told}")
 
+    def robot_of(self, policy: Controller | Policy | None = None) -> Robot:
+        """Returns the robot that a policy moves here; without one, that of the scenario.
+
+        Raises:
+            InputError: if the policy was made for another robot.
+        """
+        if self.robot is None:
+            return load_robot() if policy is None else policy.robot
+        own = load_robot(self.robot)
+        if policy is not None and policy.robot is not own:
+            raise InputError(
+                f"{self.refused_as()}: robot is {own.name!r}, and the policy was made for "
+                f"{policy.robot.name!r}; take a policy of the {own.name}, or leave robot out"
+            )
+        return own
+
     def limits_targets(self, policy: Controller | Policy | None) -> bool:
-        """Tells whether joints follow targets within their ranges alone where a policy acts."""
+        """Returns whether joints follow targets within their ranges alone where a policy acts."""
         if self.limit_targets is not None:
             return self.limit_targets
         return policy is not None and policy.limits_targets
@@ -166,7 +188,7 @@ class Scenario(Settings):
         return json.loads(json.dumps(asdict(self)))
 
     def digest(self) -> str:
-        """Tells scenarios apart that differ in anything."""
+        """Returns what differs where scenarios differ in anything."""
         return hashlib.sha256(json.dumps(self.to_plain()).encode()).hexdigest()[:16]
 
 

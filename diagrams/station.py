@@ -1,4 +1,4 @@
-"""The A1 station: the robot, its PD-controlled joints, the ground and their contact."""
+"""The station: the robot, its PD-controlled joints, the ground and their contact."""
 
 import math
 from dataclasses import dataclass, fields
@@ -32,7 +32,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction, set_ground
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.randomization import NOMINAL, Friction
@@ -86,10 +87,12 @@ class StationConfig(Settings):
             stays normal to the ground, and gravity leans.
         payload_position: Where the payload's centre is in the trunk's frame (m).
         motor_strength: Factor on the torque that every motor gives, and on its limit.
-        stiffness: Gain of the joints' position control (N·m/rad), before that factor.
-        damping: Gain of the joints' velocity control (N·m·s/rad), before that factor.
+        stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default
+            the robot's.
+        damping: Gain of the joints' velocity control (N·m·s/rad), before that factor; by default
+            the robot's.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
-        engine: Who computes it: Drake, or MuJoCo for many robots in batch.
+        engine: What computes it: Drake, or MuJoCo for many robots in batch.
     """
 
     title: ClassVar[str] = "station"
@@ -104,8 +107,8 @@ class StationConfig(Settings):
     slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
     payload_position: Place = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
-    stiffness: Annotated[float, Ge(0), Le(1000.0)] = robot.STIFFNESS
-    damping: Annotated[float, Ge(0), Le(100.0)] = robot.DAMPING
+    stiffness: Annotated[float, Ge(0), Le(1000.0)] | None = None
+    damping: Annotated[float, Ge(0), Le(100.0)] | None = None
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     engine: Engine = "drake"
 
@@ -142,9 +145,14 @@ class StationConfig(Settings):
             )
         return n_steps
 
+    def gains(self, robot: Robot) -> tuple[float, float]:
+        """Returns stiffness and damping of a robot's joints, without the motors' factor."""
+        stiffness = robot.stiffness if self.stiffness is None else self.stiffness
+        return stiffness, robot.damping if self.damping is None else self.damping
 
-def AddA1Station(  # noqa: N802
-    builder: DiagramBuilder, config: StationConfig
+
+def AddStation(  # noqa: N802
+    builder: DiagramBuilder, robot: Robot, config: StationConfig
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
     """Adds the finalized plant, on flat ground, and its scene graph to a diagram.
 
@@ -178,17 +186,15 @@ def AddA1Station(  # noqa: N802
         builder,
     )
     _take_no_part_in_deformable_contact(scene_graph)
-    parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(robot.URDF_PATH.parent / "package.xml"))
-    (instance,) = parser.AddModels(url="package://a1/a1.urdf")
-    _add_payload(plant, config)
+    (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
+    _add_payload(plant, instance, config)
     plant.RegisterCollisionGeometry(
         plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
     )
-    _set_motors(plant, config)
+    _set_motors(plant, robot, config)
     _lean_gravity(plant, config.slope)
     plant.Finalize()
-    _set_initial_poses(plant)
+    _set_initial_poses(plant, robot)
     _exclude_self_collision(plant, scene_graph, instance)
     set_ground(
         plant,
@@ -201,12 +207,14 @@ def AddA1Station(  # noqa: N802
     return plant, scene_graph, instance
 
 
-def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
+def MakeStation(  # noqa: N802
+    robot: Robot, config: StationConfig | None = None
+) -> Diagram:
     """Builds the station alone, with the plant's ports exported.
 
     .. pydrake_system::
 
-        name: A1Station
+        name: Station
         input_ports:
         - desired_state
         output_ports:
@@ -215,35 +223,39 @@ def MakeA1Station(config: StationConfig | None = None) -> Diagram:  # noqa: N802
 
     Inputs: desired_state (24; rad, rad/s), joint positions then velocities, in the order of the
     plant's actuators.
-    Outputs: state (37), as laid out in `glassgait.models.robots.robot`. contact_results (abstract).
+    Outputs: state (37), as laid out in `models.robots.quadruped`. contact_results (abstract).
     """
     builder = DiagramBuilder()
-    plant, _, instance = AddA1Station(builder, config or StationConfig())
+    plant, _, instance = AddStation(builder, robot, config or StationConfig())
     builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
     builder.ExportOutput(plant.get_state_output_port(), "state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     station = builder.Build()
-    station.set_name("A1Station")
+    station.set_name("Station")
     return station
 
 
 def actuated_joints(plant: MultibodyPlant) -> list[str]:
     """Names the robot's joints in the order of the plant's actuators and of `desired_state`."""
-    instance = plant.GetModelInstanceByName("a1")
+    (instance,) = {
+        plant.get_joint_actuator(index).model_instance()
+        for index in plant.GetJointActuatorIndices()
+    }
     return [
         plant.get_joint_actuator(index).joint().name()
         for index in plant.GetJointActuatorIndices(instance)
     ]
 
 
-def _set_motors(plant: MultibodyPlant, config: StationConfig) -> None:
-    strength = config.motor_strength
+def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> None:
+    strength, (stiffness, damping) = config.motor_strength, config.gains(robot)
+    effort = dict(zip(quadruped.JOINTS, robot.effort, strict=True))
     # Before Finalize() Drake lists no actuators by model instance; the robot's are all there are.
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_mutable_joint_actuator(index)
-        gains = PdControllerGains(p=strength * config.stiffness, d=strength * config.damping)
+        gains = PdControllerGains(p=strength * stiffness, d=strength * damping)
         actuator.set_controller_gains(gains)
-        actuator.set_effort_limit(strength * robot.EFFORT_LIMIT)
+        actuator.set_effort_limit(strength * effort[actuator.joint().name()])
         actuator.set_default_rotor_inertia(config.armature)
 
 
@@ -261,11 +273,11 @@ def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
     scene_graph.set_config(config)
 
 
-def _set_initial_poses(plant: MultibodyPlant) -> None:
-    positions = kinematics.standing_state(robot.DEFAULT_STANCE)[: quadruped.N_POSITIONS]
+def _set_initial_poses(plant: MultibodyPlant, robot: Robot) -> None:
+    positions = kinematics.standing_state(robot)[: quadruped.N_POSITIONS]
     plant.SetDefaultPositions(positions)
     least, greatest = NOMINAL.joint_scale
-    for name, angle in zip(quadruped.JOINTS, robot.DEFAULT_STANCE, strict=True):
+    for name, angle in zip(quadruped.JOINTS, robot.default_stance, strict=True):
         uniform = Variable(name, Variable.Type.RANDOM_UNIFORM)
         scale = least + (greatest - least) * uniform
         plant.GetJointByName(name).set_random_angle_distribution(angle * scale)
@@ -275,11 +287,13 @@ def _set_initial_poses(plant: MultibodyPlant) -> None:
     base.set_random_translation_distribution([Expression(value) for value in place])
 
 
-def _add_payload(plant: MultibodyPlant, config: StationConfig) -> None:
+def _add_payload(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, config: StationConfig
+) -> None:
     if config.payload == 0:
         return
     inertia = SpatialInertia(config.payload, np.zeros(3), UnitInertia.SolidBox(*PAYLOAD_BOX))
-    payload = plant.AddRigidBody("payload", plant.GetModelInstanceByName("a1"), inertia)
+    payload = plant.AddRigidBody("payload", instance, inertia)
     place = RigidTransform(np.array(config.payload_position))
     plant.WeldFrames(plant.GetFrameByName("trunk"), payload.body_frame(), place)
 

@@ -10,6 +10,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
@@ -35,6 +36,7 @@ class TaskConfig(Settings):
         episode_steps: Control steps of an episode.
         command: Where commands come from.
         limit_targets: Whether joints follow targets within their ranges alone.
+        robot: What robots they are.
     """
 
     title: ClassVar[str] = "task"
@@ -46,6 +48,7 @@ class TaskConfig(Settings):
     episode_steps: Annotated[int, Ge(1)] = EPISODE_STEPS
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
     limit_targets: bool = False
+    robot: Robot = field(default_factory=load_robot)
 
     @classmethod
     def of_scenario(
@@ -80,4 +83,5 @@ class TaskConfig(Settings):
             episode_steps=episode_steps,
             command=command,
             limit_targets=scenario.limits_targets(policy),
+            robot=scenario.robot_of(policy),
         )

@@ -16,6 +16,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
 
@@ -29,6 +30,7 @@ def open_meshcat(port: int | None = None) -> Meshcat:
 def AddLocomotionDisplay(  # noqa: N802
     builder: DiagramBuilder,
     scene_graph: SceneGraph,
+    robot: Robot,
     gait: Gait,
     *,
     state: OutputPort,
@@ -42,7 +44,7 @@ def AddLocomotionDisplay(  # noqa: N802
     MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
     )
-    display = builder.AddNamedSystem("gait_display", GaitDisplay(gait, meshcat))
+    display = builder.AddNamedSystem("gait_display", GaitDisplay(robot, gait, meshcat))
     builder.Connect(state, display.get_state_input_port())
     builder.Connect(rm_state, display.get_rm_state_input_port())
     builder.Connect(foot_contact, display.get_foot_contact_input_port())

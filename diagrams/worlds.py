@@ -8,6 +8,7 @@ from annotated_types import Ge, Le
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
 from glassgait.models.task.randomization import Randomization
 
@@ -44,9 +45,9 @@ class GroupRanges(Settings):
     relaxation_time: Range = (0.005, 0.03)
 
     def draw(
-        self, station: StationConfig, count: int, generator: np.random.Generator
+        self, robot: Robot, station: StationConfig, count: int, generator: np.random.Generator
     ) -> list[StationConfig]:
-        """Draws the stations of `count` groups, which are else as `station` is."""
+        """Draws the stations of `count` groups of a robot, which are else as `station` is."""
 
         def spread(least: float, greatest: float) -> list[float]:
             shares = (generator.permutation(count) + generator.random(count)) / count
@@ -56,14 +57,15 @@ class GroupRanges(Settings):
         stiffness, damping = spread(*self.gains), spread(*self.gains)
         rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
         x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
+        nominal_stiffness, nominal_damping = station.gains(robot)
         return [
             replace(
                 station,
                 payload=masses[i],
                 payload_position=(x[i], y[i], 0.0),
                 motor_strength=strengths[i],
-                stiffness=station.stiffness * stiffness[i],
-                damping=station.damping * damping[i],
+                stiffness=nominal_stiffness * stiffness[i],
+                damping=nominal_damping * damping[i],
                 armature=rotors[i],
                 relaxation_time=relaxation_times[i],
             )
@@ -105,9 +107,9 @@ class Worlds(Settings):
                 f"the station's time_step, {self.station.time_step}"
             )
 
-    def stations(self, generator: np.random.Generator) -> list[StationConfig]:
+    def stations(self, robot: Robot, generator: np.random.Generator) -> list[StationConfig]:
         """Draws the physics of every group of robots."""
-        drawn = self.groups.draw(self.station, self.n_groups, generator)
+        drawn = self.groups.draw(robot, self.station, self.n_groups, generator)
         fine = [
             replace(station, time_step=step)
             for station, step in zip(drawn, self.fine_steps, strict=False)

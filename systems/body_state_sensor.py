@@ -1,8 +1,11 @@
 """Measures base velocity and foot heights exactly, as only a simulation can."""
 
+from functools import partial
+
 from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import N_ESTIMATED, body_state
 from glassgait.systems.function import FunctionSystem
 
@@ -23,11 +26,11 @@ class BodyStateSensor(FunctionSystem):
     (m, world frame). State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot) -> None:
         super().__init__(
             inputs={"state": quadruped.N_POSITIONS + quadruped.N_VELOCITIES},
             output=("body_state", N_ESTIMATED),
-            function=body_state,
+            function=partial(body_state, robot),
         )
 
     def get_state_input_port(self) -> InputPort:

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, NO_GAIT, LoadedController, Step, sensed
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 
@@ -46,9 +47,9 @@ class CompiledController(LeafSystem):
     (unrestricted update). Feedthrough: all inputs to all outputs.
     """
 
-    def __init__(self, controller: LoadedController) -> None:
+    def __init__(self, robot: Robot, controller: LoadedController) -> None:
         super().__init__()
-        self._controller = controller
+        self._robot, self._controller = robot, controller
         self._memory = self.DeclareDiscreteState(controller.initial())
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
@@ -115,7 +116,7 @@ class CompiledController(LeafSystem):
             self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
         )
         memory = context.get_discrete_state(self._memory).value()
-        sensors = sensed(self._state_port.Eval(context))
+        sensors = sensed(self._robot, self._state_port.Eval(context))
         requested = self._requested(context, memory)
         output.set_value(self._controller.step(memory, sensors, command, requested))
 

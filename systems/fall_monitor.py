@@ -3,11 +3,12 @@
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 
 class FallMonitor(LeafSystem):
-    """Tells which failures the robot shows.
+    """Finds which failures the robot shows.
 
     .. pydrake_system::
 
@@ -23,10 +24,14 @@ class FallMonitor(LeafSystem):
     previous_action (12).
     Outputs: failures (6, {0, 1}), in the order of `FAILURES`.
     State: none. Feedthrough: all inputs.
+
+    Attributes:
+        robot: The robot.
     """
 
-    def __init__(self, limits: TerminationLimits | None = None) -> None:
+    def __init__(self, robot: Robot, limits: TerminationLimits | None = None) -> None:
         super().__init__()
+        self.robot = robot
         self._limits = limits or TerminationLimits()
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
@@ -57,6 +62,7 @@ class FallMonitor(LeafSystem):
 
     def _calc_failures(self, context: Context, output: BasicVector) -> None:
         shown = failures(
+            self.robot,
             self._state_port.Eval(context),
             action=self._action_port.Eval(context),
             previous_action=self._previous_action_port.Eval(context),

@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import FootSense, sense_feet
 
@@ -28,15 +29,16 @@ class FootSensor(LeafSystem):
         - foot_contact
         - foot_height
 
-    Inputs: state (37), the plant's, as laid out in `glassgait.models.robots.robot`.
+    Inputs: state (37), the plant's, as laid out in `glassgait.models.robots.quadruped`.
     Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
     foot_height (4, m), of each foot's lowest point above the ground, world frame.
     State: contacts of the previous control step, latched every 20 ms (unrestricted update).
     Feedthrough: state to both outputs.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot) -> None:
         super().__init__()
+        self._robot = robot
         self._touching = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
@@ -70,16 +72,16 @@ class FootSensor(LeafSystem):
         return self._state_port
 
     def get_foot_contact_output_port(self) -> OutputPort:
-        """Tells which feet touch."""
+        """Gives which feet touch."""
         return self._foot_contact_port
 
     def get_foot_height_output_port(self) -> OutputPort:
-        """Tells how high the feet are."""
+        """Gives how high the feet are."""
         return self._foot_height_port
 
     def _calc_sense(self, context: Context, output: AbstractValue) -> None:
         previously = context.get_discrete_state(self._touching).value() > 0.5
-        output.set_value(sense_feet(self._state_port.Eval(context), previously))
+        output.set_value(sense_feet(self._robot, self._state_port.Eval(context), previously))
 
     def _eval_sense(self, context: Context) -> FootSense:
         return self._sense.Eval(context)

@@ -6,6 +6,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem
 
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
 
@@ -38,8 +39,9 @@ class GaitDisplay(LeafSystem):
     State: none.
     """
 
-    def __init__(self, gait: Gait, meshcat: Meshcat) -> None:
+    def __init__(self, robot: Robot, gait: Gait, meshcat: Meshcat) -> None:
         super().__init__()
+        self._robot = robot
         self._gait = gait
         self._meshcat = meshcat
         self._state_port = self.DeclareVectorInputPort(
@@ -51,7 +53,8 @@ class GaitDisplay(LeafSystem):
         for i, color in enumerate(state_colors(gait)):
             meshcat.SetObject(f"{PATH}/state/{i}", Box(0.12, 0.05, 0.02), _rgba(color))
         for leg in quadruped.LEGS:
-            meshcat.SetObject(f"{PATH}/contact/{leg}", Sphere(0.024), Rgba(0.9, 0.6, 0.0, 1.0))
+            mark = Sphere(1.2 * robot.foot_radius)
+            meshcat.SetObject(f"{PATH}/contact/{leg}", mark, Rgba(0.9, 0.6, 0.0, 1.0))
         self.DeclarePeriodicPublishEvent(
             period_sec=DISPLAY_PERIOD, offset_sec=0.0, publish=self._publish
         )
@@ -84,7 +87,8 @@ class GaitDisplay(LeafSystem):
         self._meshcat.SetTransform(f"{PATH}/state", above, time)
         for i in range(self._gait.n_states):
             self._show(f"{PATH}/state/{i}", bool(rm_state[i] > 0.5), time)
-        feet = origin + kinematics.foot_positions(state[quadruped.JOINT_POSITION]) @ rotation.T
+        angles = state[quadruped.JOINT_POSITION]
+        feet = origin + kinematics.foot_positions(self._robot, angles) @ rotation.T
         for leg, foot, touches in zip(quadruped.LEGS, feet, contact, strict=True):
             self._meshcat.SetTransform(f"{PATH}/contact/{leg}", RigidTransform(foot), time)
             self._show(f"{PATH}/contact/{leg}", bool(touches > 0.5), time)

@@ -6,7 +6,8 @@ import numpy as np
 from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.systems.function import FunctionSystem
 
 
@@ -26,9 +27,12 @@ class JointTargets(FunctionSystem):
     the plant's actuators. State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
 
-    def __init__(self, actuated_joints: Sequence[str], *, limited: bool = False) -> None:
+    def __init__(
+        self, robot: Robot, actuated_joints: Sequence[str], *, limited: bool = False
+    ) -> None:
         """
         Args:
+            robot: The robot.
             actuated_joints: Names of the joints in the order of the plant's actuators.
             limited: Whether targets are kept within the joints' ranges.
 

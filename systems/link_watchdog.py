@@ -15,6 +15,7 @@ from glassgait.models.link.messages import targets_t
 from glassgait.models.link.packing import unpack_answer
 from glassgait.models.link.watchdog import Watch, Watchdog, initial_watch, step_watch
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 
 N_SCALARS = 4
 """Numbers of a watch that are no joint targets."""
@@ -34,17 +35,18 @@ class LinkWatchdog(LeafSystem):
         - phase
         - followed
 
-    Inputs: message (targets_t), the latest that came; one of another session is not heard. state
-    (37), the plant's, of which the trunk's attitude alone is read, as a robot's IMU would tell it.
+    Inputs: message (targets_t), the latest that came; one of another session is ignored. state
+    (37), the plant's, of which the trunk's attitude alone is read, as a robot's IMU measures it.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf. phase (1), a number of `Phase`.
     followed (1, {0, 1}), whether the targets are the controller's.
     State: the watch (40 numbers), taken on at every step of the plant (unrestricted update), before
     the plant's discrete update of the same instant. Feedthrough: none.
     """
 
-    def __init__(self, settings: Watchdog, *, session: int, time_step: float) -> None:
+    def __init__(self, robot: Robot, settings: Watchdog, *, session: int, time_step: float) -> None:
         """
         Args:
+            robot: The robot.
             settings: How long to wait.
             session: The session whose sensors are to be answered.
             time_step: The plant's period (s).
@@ -55,8 +57,8 @@ class LinkWatchdog(LeafSystem):
         super().__init__()
         if not time_step > 0.0:
             raise ValueError(f"link watchdog: time_step is {time_step}; it must be above 0")
-        self._settings, self._session = settings, session
-        self._watch = self.DeclareDiscreteState(pack_watch(initial_watch()))
+        self._robot, self._settings, self._session = robot, settings, session
+        self._watch = self.DeclareDiscreteState(pack_watch(initial_watch(robot)))
         self._message_port = self.DeclareAbstractInputPort(
             "message", AbstractValue.Make(targets_t())
         )
@@ -93,16 +95,16 @@ class LinkWatchdog(LeafSystem):
         return self._targets_port
 
     def get_phase_output_port(self) -> OutputPort:
-        """Tells what the joints do."""
+        """Gives what the joints do."""
         return self._phase_port
 
     def get_followed_output_port(self) -> OutputPort:
-        """Tells whether the controller is followed."""
+        """Gives whether the controller is followed."""
         return self._followed_port
 
     def restart(self, context: Context) -> None:
         """Forgets all answers in a context of its own: the robot was put back on its feet."""
-        context.SetDiscreteState(pack_watch(initial_watch()))
+        context.SetDiscreteState(pack_watch(initial_watch(self._robot)))
 
     def _stored(self, context: Context) -> Watch:
         return unpack_watch(context.get_discrete_state(self._watch).value())
@@ -121,7 +123,12 @@ class LinkWatchdog(LeafSystem):
         heard = answer if answer.session == self._session else None
         lean = kinematics.lean(self._state_port.Eval(context)[quadruped.QUATERNION])
         watch = step_watch(
-            self._stored(context), heard, context.get_time(), self._settings, lean=float(lean)
+            self._robot,
+            self._stored(context),
+            heard,
+            context.get_time(),
+            self._settings,
+            lean=float(lean),
         )
         state.get_mutable_discrete_state(self._watch).SetFromVector(pack_watch(watch))
 

@@ -6,6 +6,7 @@ from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
 from glassgait.systems.function import FunctionSystem
 
@@ -35,9 +36,10 @@ class Proprioception(FunctionSystem):
     State: none. Feedthrough: all inputs. Converts to AutoDiffXd.
     """
 
-    def __init__(self, layout: ObservationLayout, noise_factor: float = 1.0) -> None:
+    def __init__(self, robot: Robot, layout: ObservationLayout, noise_factor: float = 1.0) -> None:
         """
         Args:
+            robot: The robot.
             layout: The observation's layout.
             noise_factor: Factor on the noise of the joints' sensors.
 
@@ -48,6 +50,7 @@ class Proprioception(FunctionSystem):
             raise ValueError(
                 f"proprioception: noise_factor is {noise_factor}; it must be 0 or more"
             )
+        self._robot = robot
         self._half_width = noise_factor * JOINT_NOISE
         super().__init__(
             inputs={
@@ -107,6 +110,7 @@ class Proprioception(FunctionSystem):
         uniform_noise: Array | float = 0.5,
     ) -> Array:
         return proprioception(
+            self._robot,
             command=command,
             joint_position=state[quadruped.JOINT_POSITION],
             joint_velocity=state[quadruped.JOINT_VELOCITY],

@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.reward import REWARD_TERMS, Reward, RewardWeights, step_reward
 
@@ -46,14 +47,20 @@ class RewardSystem(LeafSystem):
     """
 
     def __init__(
-        self, weights: RewardWeights | None = None, *, limit_targets: bool = False
+        self,
+        robot: Robot,
+        weights: RewardWeights | None = None,
+        *,
+        limit_targets: bool = False,
     ) -> None:
         """
         Args:
+            robot: The robot.
             weights: Weights of the terms.
             limit_targets: Whether the joints follow targets within their ranges alone.
         """
         super().__init__()
+        self._robot = robot
         self._weights = weights or RewardWeights()
         self._limit_targets = limit_targets
         self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
@@ -147,6 +154,7 @@ class RewardSystem(LeafSystem):
 
     def _calc_evaluation(self, context: Context, output: AbstractValue) -> None:
         reward = step_reward(
+            self._robot,
             state=self._state_port.Eval(context),
             previous_joint_velocity=context.get_discrete_state(self._joint_velocity).value(),
             action=self._action_port.Eval(context),

@@ -8,6 +8,7 @@ from glassgait.models.export.binding import Sensors, sensed
 from glassgait.models.link.messages import sensors_t
 from glassgait.models.link.packing import pack_sensors
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import JOINT_NOISE
 
 
@@ -31,9 +32,10 @@ class SensorsSender(LeafSystem):
     State: none. Feedthrough: all inputs.
     """
 
-    def __init__(self, session: int, noise_factor: float = 1.0) -> None:
+    def __init__(self, robot: Robot, session: int, noise_factor: float = 1.0) -> None:
         """
         Args:
+            robot: The robot.
             session: Number of this start of the robot's process.
             noise_factor: Factor on the noise of the joints' sensors.
 
@@ -45,6 +47,7 @@ class SensorsSender(LeafSystem):
             raise ValueError(
                 f"sensors sender: noise_factor is {noise_factor}; it must be 0 or more"
             )
+        self._robot = robot
         self._session, self._half_width = session, noise_factor * JOINT_NOISE
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
@@ -74,11 +77,11 @@ class SensorsSender(LeafSystem):
         return self._message_port
 
     def _calc_message(self, context: Context, output: AbstractValue) -> None:
-        told = sensed(self._state_port.Eval(context))
-        measured = np.concatenate([told.joint_position, told.joint_velocity])
+        exact = sensed(self._robot, self._state_port.Eval(context))
+        measured = np.concatenate([exact.joint_position, exact.joint_velocity])
         if self._uniform_noise_port.HasValue(context):
             measured += self._half_width * (2.0 * self._uniform_noise_port.Eval(context) - 1.0)
-        sensors = Sensors(*np.split(measured, 2), told.touching)
+        sensors = Sensors(*np.split(measured, 2), exact.touching)
         followed = bool(self._followed_port.Eval(context)[0] > 0.5)
         message = pack_sensors(self._session, context.get_time(), sensors, followed=followed)
         output.set_value(message)

@@ -16,7 +16,8 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
 Symbols: TypeAlias = Sequence[drake.Variable]
@@ -52,7 +53,7 @@ def make_symbolic_policy(policy: Policy) -> SymbolicVectorSystem:
 
     Inputs: u0 (47 + n_states), the observation, in the order of the policy's `observation_names`,
     by which its variables are called.
-    Outputs: y0 (12), the action, FL FR RL RR, hip thigh calf; 0.25 rad of joint target a unit.
+    Outputs: y0 (12), the action, FL FR RL RR, hip thigh calf.
     State: none. Feedthrough: yes.
 
     It acts as `PolicySystem` does and converts to `AutoDiffXd` and back. Drake names the ports of a
@@ -84,7 +85,9 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
     match policy:
         case FormulaPolicy(formulas_by_state=formulas, vocabulary=vocabulary):
             expanded = ([vocabulary.expanded(formula) for formula in row] for row in formulas)
-            by_state = [_formulas(row, _quantities(policy, variables)) for row in expanded]
+            by_state = [
+                _formulas(policy.robot, row, _quantities(policy, variables)) for row in expanded
+            ]
         case LinearPolicy(weights=weights, intercepts=intercepts):
             by_state = [_weighted(weights, intercepts, variables)]
         case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
@@ -138,7 +141,7 @@ def _entry(column: Array, iterations: drake.Variable, first: int = 0) -> drake.E
 
 def _quantities(policy: Policy, variables: Symbols) -> list[drake.Expression]:
     """Returns what formulas are written in, of the observations."""
-    units = RobotUnits.of(policy.observation_names)
+    units = RobotUnits.of(policy.robot, policy.observation_names)
     return [
         x / scale + offset
         for x, scale, offset in zip(variables, units.scale, units.offset, strict=True)
@@ -146,7 +149,7 @@ def _quantities(policy: Policy, variables: Symbols) -> list[drake.Expression]:
 
 
 def _formulas(
-    formulas: Sequence[Expression], quantities: Sequence[drake.Expression]
+    robot: Robot, formulas: Sequence[Expression], quantities: Sequence[drake.Expression]
 ) -> list[drake.Expression]:
     """Returns the actions (12) whose joint targets formulas of the quantities are."""
     translated = []
@@ -159,8 +162,8 @@ def _formulas(
                 f"the formula of {joint} has no value ({error}); fit it again"
             ) from error
     return [
-        (target - stance) / robot.ACTION_SCALE
-        for target, stance in zip(translated, robot.DEFAULT_STANCE, strict=True)
+        (target - stance) / robot.action_scale
+        for target, stance in zip(translated, robot.default_stance, strict=True)
     ]
 
 

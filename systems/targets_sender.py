@@ -5,7 +5,8 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem, OutputPort
 
 from glassgait.models.link.messages import sensors_t, targets_t
 from glassgait.models.link.packing import pack_targets
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 
 
 class TargetsSender(LeafSystem):
@@ -25,8 +26,9 @@ class TargetsSender(LeafSystem):
     State: none. Feedthrough: both inputs.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot) -> None:
         super().__init__()
+        self._robot = robot
         self._action_port = self.DeclareVectorInputPort("action", quadruped.N_JOINTS)
         self._sensors_port = self.DeclareAbstractInputPort(
             "sensors", AbstractValue.Make(sensors_t())
@@ -51,5 +53,5 @@ class TargetsSender(LeafSystem):
         return self._message_port
 
     def _calc_message(self, context: Context, output: AbstractValue) -> None:
-        targets = robot.joint_targets(self._action_port.Eval(context), limited=True)
+        targets = self._robot.joint_targets(self._action_port.Eval(context), limited=True)
         output.set_value(pack_targets(self._sensors_port.Eval(context), targets))

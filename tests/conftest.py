@@ -23,7 +23,8 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -31,6 +32,9 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+
+A1 = load_robot()
+
 
 # How long an example takes says how busy the machine is, nothing else.
 settings.register_profile("fast", deadline=None, max_examples=50)
@@ -104,7 +108,7 @@ def generator() -> np.random.Generator:
 @pytest.fixture
 def standing() -> Array:
     """The plant's state of a robot that stands at rest."""
-    return kinematics.standing_state(robot.DEFAULT_STANCE)
+    return kinematics.standing_state(A1)
 
 
 @pytest.fixture
@@ -116,7 +120,7 @@ def random_states() -> Callable[[int], Array]:
         state = generator.normal(size=(count, quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
         state[:, :4] /= np.linalg.norm(state[:, :4], axis=1, keepdims=True)
         state[:, quadruped.JOINT_POSITION] = generator.uniform(
-            robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=(count, quadruped.N_JOINTS)
+            A1.lower_limits, A1.upper_limits, size=(count, quadruped.N_JOINTS)
         )
         return state
 
@@ -215,7 +219,9 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
         with pytest.raises(SystemExit) as ended:
             main(arguments)
         assert ended.value.code == BAD_INPUT
-        message = capsys.readouterr().err.strip()
+        # Beside the sentence stands where policies are from.
+        lines = capsys.readouterr().err.strip().splitlines()
+        message = "\n".join(line for line in lines if not line.startswith("· "))
         assert message.startswith("glassgait: ")
         assert "\n" not in message
         return message

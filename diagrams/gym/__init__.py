@@ -1,15 +1,15 @@
 """Gymnasium's two faces of the task: one robot in the systems diagram, and many in batch.
 
-Importing this module registers `glassgait/A1-v0`::
+Importing this module registers `glassgait/Locomotion-v0`::
 
     import gymnasium
     import glassgait.diagrams.gym
 
     gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing, but tells linters of the use
-    env = gymnasium.make("glassgait/A1-v0", gait="trot")
-    envs = gymnasium.make_vec("glassgait/A1-v0", num_envs=16, gait="trot")
+    env = gymnasium.make("glassgait/Locomotion-v0", gait="trot")
+    envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=16, gait="trot")
 
-`gymnasium.make("glassgait.diagrams.gym:glassgait/A1-v0")` imports it by itself.
+`gymnasium.make("glassgait.diagrams.gym:glassgait/Locomotion-v0")` imports it by itself.
 """
 
 import gymnasium
@@ -28,7 +28,7 @@ __all__ = [
     "observation_space",
 ]
 
-ENVIRONMENT_ID = "glassgait/A1-v0"
+ENVIRONMENT_ID = "glassgait/Locomotion-v0"
 
 gymnasium.register(
     ENVIRONMENT_ID,

@@ -10,6 +10,7 @@ from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.egl import check_egl
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 
 RENDER_MODES: Final = ("rgb_array",)
@@ -20,7 +21,7 @@ RENDER_FPS: Final = round(1 / CONTROL_PERIOD)
 class Renderer:
     """Takes a picture of each robot where the environment was made to render."""
 
-    def __init__(self, render_mode: str | None) -> None:
+    def __init__(self, robot: Robot, render_mode: str | None) -> None:
         """
         Raises:
             InputError: if there is no such mode, or EGL cannot render here.
@@ -30,7 +31,7 @@ class Renderer:
                 f"environment: render_mode is {shown(render_mode)}; give "
                 f"{' or '.join(map(repr, RENDER_MODES))}, or leave it out"
             )
-        self._mode = render_mode
+        self._robot, self._mode = robot, render_mode
         # It takes seconds to build, and its display does not outlive a fork of the process.
         self._camera: Camera | None = None
         if render_mode is not None:
@@ -45,7 +46,7 @@ class Renderer:
             )
             return None
         if self._camera is None:
-            self._camera = Camera()
+            self._camera = Camera(self._robot)
         return tuple(self._camera.take(state) for state in states)
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -49,6 +50,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self,
         gait: Gait | str | Path = "trot",
         *,
+        robot: str | Path = DEFAULT_ROBOT,
         station: StationConfig | None = None,
         randomization: Randomization | None = None,
         render_mode: str | None = None,
@@ -56,6 +58,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         """
         Args:
             gait: The gait, its name or its file.
+            robot: Name of a robot that ships, or path of one's own `robot.yaml`.
             station: Physics; its friction is drawn anew for each episode.
             randomization: What differs between episodes.
             render_mode: "rgb_array" for pictures (360, 640, 3); needs EGL.
@@ -65,11 +68,13 @@ class LocomotionEnv(gym.Env[Array, Array]):
         """
         gait = find_gait(gait)
         self.render_mode = render_mode
-        self._renderer = Renderer(render_mode)
+        self._robot = load_robot(robot)
+        self._renderer = Renderer(self._robot, render_mode)
         self.action_space = action_space()
         self.observation_space = observation_space(gait)
         self._randomization = randomization or Randomization()
         scenario = Scenario(
+            robot=str(robot),
             station=station or StationConfig(),
             sensor_noise=self._randomization.observation_noise,
         )
@@ -91,7 +96,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self._steps = 0
         self._simulator = make_simulator(
             self._diagram,
-            state=self._randomization.initial_states(1, generator)[0],
+            state=self._randomization.initial_states(self._robot, 1, generator)[0],
             seed=int(generator.integers(2**31)),
         )
         self._set_friction(generator.uniform(*self._randomization.friction))

@@ -52,7 +52,7 @@ def _batch_actions(space: ActionSpace, n: int = 1) -> ActionSpace:
 
 
 def action_space() -> ActionSpace:
-    """Returns the space of actions (12,); see `glassgait.models.robots.robot.joint_targets`."""
+    """Returns the space of actions (12,); see `Robot.joint_targets`."""
     return ActionSpace()
 
 

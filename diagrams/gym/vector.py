@@ -26,6 +26,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.randomization import Randomization
@@ -54,6 +55,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         num_envs: int = 1,
         gait: Gait | str | Path = "trot",
         *,
+        robot: str | Path = DEFAULT_ROBOT,
         stations: Sequence[StationConfig] | None = None,
         randomization: Randomization | None = None,
         max_episode_steps: int = EPISODE_STEPS,
@@ -64,6 +66,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         Args:
             num_envs: Number of robots.
             gait: The gait, its name or its file.
+            robot: Name of a robot that ships, or path of one's own `robot.yaml`.
             stations: Physics of each group of robots, which also has a friction of its own; by
                 default all robots form one group.
             randomization: What differs between robots and episodes.
@@ -80,7 +83,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.num_envs = check_num_envs(num_envs)
         gait = find_gait(gait)
         self.render_mode = render_mode
-        self._renderer = Renderer(render_mode)
+        self._renderer = Renderer(load_robot(robot), render_mode)
         self._mode = find_autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self.single_action_space = action_space()
@@ -88,8 +91,13 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._simulator = BatchSimulator(
-            TaskConfig(gait, randomization or Randomization(), episode_steps=max_episode_steps),
-            BatchPhysics(*(stations or [StationConfig()])),
+            TaskConfig(
+                gait,
+                randomization or Randomization(),
+                episode_steps=max_episode_steps,
+                robot=load_robot(robot),
+            ),
+            BatchPhysics(load_robot(robot), *(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
             estimator=None,

@@ -19,7 +19,6 @@ from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 INSIDE = 1e-9
@@ -59,7 +58,7 @@ class AdditiveTargets:
         if np.any(policy.pairs[:, 0] == policy.pairs[:, 1]):
             raise InputError("a pair of the policy is of one observation; nothing is proved of it")
         self._policy = policy
-        self._units = RobotUnits.of(policy.observation_names)
+        self._units = RobotUnits.of(policy.robot, policy.observation_names)
         self._positions = indices_of("joint position", policy.observation_names)
 
     def used(self, state: int, joint: int) -> frozenset[int]:
@@ -70,7 +69,7 @@ class AdditiveTargets:
 
     def rounding(self, state: int, joint: int, region: Region) -> float:
         # As much again, twice, for the sums of bounds: here, and in a checker.
-        return 3.0 * sum_error(self._sizes(joint), joint)
+        return 3.0 * sum_error(self._policy.robot, self._sizes(joint), joint)
 
     def _sizes(self, joint: int) -> list[float]:
         """Returns the greatest size of each summand, in actions."""
@@ -96,7 +95,7 @@ class AdditiveTargets:
             if question.of == "offset" and index == self._positions[joint]:
                 # The angle counts by itself: the least of a bin for the greatest offset.
                 end = own.first if sign > 0 else own.last
-                values = values - sign * self._angle(index, end) / robot.ACTION_SCALE
+                values = values - sign * self._angle(index, end) / self._policy.robot.action_scale
                 at = end + INSIDE * (own.middle - end)
                 lost = INSIDE * float(np.max(own.last - own.first) / self._units.scale[index])
             best = np.full(len(self._labels(index)), -np.inf)
@@ -107,10 +106,11 @@ class AdditiveTargets:
         pairs = [(first, second, sign * table) for first, second, table in self._pairs_of(joint)]
         value, labels = greatest_sum(unary, pairs)
         observation = np.array([own[label] for own, label in zip(chosen, labels, strict=True)])
+        robot = self._policy.robot
         constant = sign * (
-            robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * self._policy.intercepts[joint]
+            robot.default_stance[joint] + robot.action_scale * self._policy.intercepts[joint]
         )
-        found = float(constant + robot.ACTION_SCALE * value)
+        found = float(constant + robot.action_scale * value)
         return Maximum(found, found - lost, self._witness(observation, region))
 
     def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
@@ -166,7 +166,7 @@ class AdditiveTargets:
             label = choice[own.coarse[before], own.coarse[after]]
             theirs = cells[partner]
             observation[partner] = theirs.middle[np.flatnonzero(theirs.coarse == label)[0]]
-        found = float(robot.ACTION_SCALE * whole[before, after])
+        found = float(self._policy.robot.action_scale * whole[before, after])
         witness = self._witness(observation, region)
         observation[index] = own.middle[before]
         other = self._witness(observation, region)[index]

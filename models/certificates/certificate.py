@@ -16,6 +16,7 @@ from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.certificates.statement import Statement
 from glassgait.models.files import digest
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import mirrored_states
 
@@ -37,9 +38,11 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
         verdicts: The claims that were decided.
         policy_file: The policy's file, whose every byte counts.
     """
+    robot = prover.policy.robot.name
     gait, images = prover.gait, mirrored_states(prover.gait)
     content = {
         "format": FORMAT,
+        **({} if robot == DEFAULT_ROBOT else {"robot": robot}),
         "gait": gait.name,
         "states": list(gait.states),
         "mirror": None if images is None else list(images),

@@ -9,7 +9,7 @@ from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 
 PAIRS = 512
 SWEEPS = 3
@@ -17,7 +17,12 @@ SWEEPS = 3
 
 
 def largest_change(
-    targets: Targets, state: int, joints: NDArray[np.intp], changes: Array, region: Region
+    robot: Robot,
+    targets: Targets,
+    state: int,
+    joints: NDArray[np.intp],
+    changes: Array,
+    region: Region,
 ) -> float:
     """Bounds the squared change of the action.
 
@@ -25,6 +30,7 @@ def largest_change(
     observation can do.
 
     Args:
+        robot: The robot.
         targets: The policy's targets.
         state: State of the machine, which is held.
         joints: The joints whose actions count.
@@ -36,7 +42,7 @@ def largest_change(
         used = sorted(targets.used(state, joint) & set(np.flatnonzero(changes).tolist()))
         most = sum(targets.change(state, joint, i, float(changes[i]), region) for i in used)
         most += 2.0 * targets.rounding(state, joint, region)
-        whole += (most / robot.ACTION_SCALE) ** 2
+        whole += (most / robot.action_scale) ** 2
     return whole
 
 
@@ -52,7 +58,7 @@ def widest_change(
     Returns:
         The squared change of the action, and both observations in the robot's units (n, n).
     """
-    generator, units = np.random.default_rng(0), RobotUnits.of(box.names)
+    generator, units = np.random.default_rng(0), RobotUnits.of(box.robot, box.names)
     counted = np.isin(np.arange(len(changes)), list(region.counted))
     # A hair less, so that two witnesses are not a rounding further apart than is claimed.
     changes = np.where(counted, np.floor(changes), (1.0 - 1e-12) * changes)

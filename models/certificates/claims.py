@@ -9,7 +9,8 @@ from annotated_types import MaxLen, MinLen
 
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
@@ -132,18 +133,18 @@ class Claim(Settings):
         """Returns the indices of the observations that the claim is of, for a joint."""
         return tuple(symbols.index(_of_joint(name, joint)) for name in self.observations)
 
-    def greatest(self, joint: int) -> float:
+    def greatest(self, robot: Robot, joint: int) -> float:
         """Returns the greatest target, torque or squared change that is claimed."""
         defaults = {
-            "torque": robot.EFFORT_LIMIT,
+            "torque": float(robot.effort[joint]),
             "change": TerminationLimits().action_change,
-            "limits": float(robot.UPPER_LIMITS[joint]),
+            "limits": float(robot.upper_limits[joint]),
         }
         return defaults[self.kind] if self.most is None else self.most
 
-    def smallest(self, joint: int) -> float:
+    def smallest(self, robot: Robot, joint: int) -> float:
         """Returns the least target that is claimed."""
-        return float(robot.LOWER_LIMITS[joint]) if self.least is None else self.least
+        return float(robot.lower_limits[joint]) if self.least is None else self.least
 
     def change_of(self, symbol: str) -> float:
         """Returns how much an observation may change, in the robot's units."""

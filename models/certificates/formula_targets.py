@@ -21,7 +21,7 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
 
@@ -32,18 +32,20 @@ class FormulaTargets:
     def __init__(
         self,
         formulas: Sequence[Sequence[Expression]],
+        units: RobotUnits,
         names: tuple[str, ...],
         weights: tuple[Array, Array] | None = None,
     ) -> None:
         """
         Args:
             formulas: Formulas of the observed quantities, of each state (n_states, 12).
+            units: Of the observations.
             names: Names of the observations (n).
             weights: Of linear policies the weights (n_states, 12, n) and intercepts
                 (n_states, 12) that robots add up.
         """
         self._weights = weights
-        self._units = RobotUnits.of(names)
+        self._units = units
         self._formulas = formulas
         self._n = len(names)
         self._positions = indices_of("joint position", names)
@@ -59,7 +61,9 @@ class FormulaTargets:
             [policy.vocabulary.expanded(formula) for formula in row]
             for row in policy.formulas_by_state
         ]
-        return cls(rows if len(rows) > 1 else rows * n_states, policy.observation_names)
+        names = policy.observation_names
+        units = RobotUnits.of(policy.robot, names)
+        return cls(rows if len(rows) > 1 else rows * n_states, units, names)
 
     @classmethod
     def of_linear(cls, policy: LinearPolicy | StatewiseLinearPolicy) -> "FormulaTargets":
@@ -70,7 +74,7 @@ class FormulaTargets:
         weights = np.tile(
             policy.weights.reshape(*shape, policy.weights.shape[-1]), (n_states, 1, 1)
         )
-        units = RobotUnits.of(policy.observation_names)
+        units = RobotUnits.of(policy.robot, policy.observation_names)
         rows = [
             [
                 _weighted_sum(weights[state, joint], intercepts[state, joint], units, joint)
@@ -78,7 +82,7 @@ class FormulaTargets:
             ]
             for state in range(n_states)
         ]
-        return cls(rows, policy.observation_names, (weights, intercepts))
+        return cls(rows, units, policy.observation_names, (weights, intercepts))
 
     def used(self, state: int, joint: int) -> frozenset[int]:
         """Returns the quantities that a target is written with, also those that cancel out."""
@@ -91,7 +95,7 @@ class FormulaTargets:
         weights, intercept = self._weights[0][state, joint], self._weights[1][state, joint]
         ends = (np.stack([region.lower, region.upper]) - self._units.offset) * self._units.scale
         sizes = np.abs(weights) * np.abs(ends).max(axis=0)
-        return sum_error([abs(float(intercept)), *sizes.tolist()], joint)
+        return sum_error(self._units.robot, [abs(float(intercept)), *sizes.tolist()], joint)
 
     def polynomial(self, state: int, joint: int) -> Polynomial:
         """Returns a joint's target, multiplied out; equal formulas have equal ones."""
@@ -187,5 +191,5 @@ def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: in
         deviation = Expression("sub", (variable(index), constant(float(units.offset[index]))))
         scaled = Expression("mul", (constant(float(units.scale[index])), deviation))
         whole = Expression("add", (whole, Expression("mul", (constant(weight), scaled))))
-    action = Expression("mul", (constant(robot.ACTION_SCALE), whole))
-    return Expression("add", (constant(float(robot.DEFAULT_STANCE[joint])), action))
+    action = Expression("mul", (constant(units.robot.action_scale), whole))
+    return Expression("add", (constant(float(units.robot.default_stance[joint])), action))

@@ -13,6 +13,7 @@ from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Observed, Verdict
 from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.assurance import Region
 from glassgait.models.task.observation import entries_of, indices_of, machine_state_entries
 
@@ -64,8 +65,8 @@ def nearness(
         targets: The policy's targets, which tell what they depend on.
         observations: What the robot observed (n_steps, n), scaled.
     """
-    names = boxes["operating"].names
-    witnesses = np.array([observation_of(own, names) for own in verdict.witnesses])
+    robot, names = boxes["operating"].robot, boxes["operating"].names
+    witnesses = np.array([observation_of(robot, own, names) for own in verdict.witnesses])
     one_hot = machine_state_entries(names)
     state = int(np.argmax(witnesses[0, one_hot]))
     box = box_of(verdict.claim, boxes).in_state(state)
@@ -93,7 +94,7 @@ def region_of_box(box: ObservationBox) -> Region:
 
 
 def overruns(box: ObservationBox, observations: Array) -> Array:
-    """Tells by how much observations (n_steps, n) are outside of a box.
+    """Measures by how much observations (n_steps, n) are outside of a box.
 
     Returns:
         Overruns (n_steps, n) in widths of the ranges; 0 inside.
@@ -102,9 +103,9 @@ def overruns(box: ObservationBox, observations: Array) -> Array:
     return np.where(found > TOLERANCE, found, 0.0)
 
 
-def observation_of(witness: Observed, names: tuple[str, ...]) -> Array:
+def observation_of(robot: Robot, witness: Observed, names: tuple[str, ...]) -> Array:
     """Returns a witness, whose quantities are in the robot's units, as it is observed (n)."""
-    units = RobotUnits.of(names)
+    units = RobotUnits.of(robot, names)
     quantities = np.array([witness[entry.symbol] for entry in entries_of(names)])
     return (quantities - units.offset) * units.scale
 

@@ -14,7 +14,8 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.robots import robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_of, shipped_folder
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
@@ -30,13 +31,13 @@ from glassgait.models.task.termination import TerminationLimits
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
 
 FASTEST_JOINT = 50.0
-"""Greatest joint velocity that the encoders tell (rad/s), stated; the motors reach 21."""
+"""Greatest joint velocity that the encoders measure (rad/s), stated; the motors reach 21."""
 
 FASTEST_TRUNK = 3.0
-"""Greatest trunk velocity that the estimator tells, along any axis (m/s), stated."""
+"""Greatest trunk velocity that the estimator gives, along any axis (m/s), stated."""
 
 FOOT_HEIGHTS = (-0.1, 0.4)
-"""Least and greatest foot height that the estimator tells (m), stated: a leg is 0.4 m long."""
+"""Least and greatest foot height that the estimator gives (m), stated: a leg is 0.4 m long."""
 
 DECIMALS = 4
 """Decimals of a box's numbers in the robot's units; measured ends are rounded outward to them."""
@@ -50,11 +51,13 @@ class ObservationBox:
     """All observations between two corners, in the observation's own scaled units.
 
     Attributes:
+        robot: The robot.
         names: Names of the observations (n), in order.
         lower: Least value of each (n).
         upper: Greatest value of each (n).
     """
 
+    robot: Robot
     names: tuple[str, ...]
     lower: Array
     upper: Array
@@ -74,7 +77,7 @@ class ObservationBox:
 
     @classmethod
     def of_quantities(
-        cls, names: tuple[str, ...], ranges: Mapping[str, tuple[float, float]]
+        cls, robot: Robot, names: tuple[str, ...], ranges: Mapping[str, tuple[float, float]]
     ) -> Self:
         """Builds a box from ranges in the robot's units, by symbol such as "q.FL_hip".
 
@@ -85,15 +88,15 @@ class ObservationBox:
         for symbol in symbols:
             if symbol not in ranges:
                 raise InputError(f"the box lacks {symbol!r}; give its least and greatest value")
-        units = RobotUnits.of(names)
+        units = RobotUnits.of(robot, names)
         corners = np.array([ranges[symbol] for symbol in symbols], dtype=float).T
         lower, upper = (corners - units.offset) * units.scale
-        return cls(names, lower, upper)
+        return cls(robot, names, lower, upper)
 
     @property
     def quantities(self) -> tuple[Array, Array]:
         """The corners in the robot's units, rounded to `DECIMALS` as files hold them (n, n)."""
-        units = RobotUnits.of(self.names)
+        units = RobotUnits.of(self.robot, self.names)
         low, high = units.quantities(self.lower), units.quantities(self.upper)
         return _rounded(low), _rounded(high)
 
@@ -138,7 +141,7 @@ class ObservationBox:
 
     def random(self, count: int, generator: np.random.Generator) -> Array:
         """Draws observations (count, n) of the box: counts whole, and the machine in one state."""
-        units = RobotUnits.of(self.names)
+        units = RobotUnits.of(self.robot, self.names)
         observations = generator.uniform(self.lower, self.upper, (count, len(self.names)))
         for index, entry in enumerate(entries_of(self.names)):
             if entry.group in COUNTED:
@@ -168,16 +171,17 @@ class ObservationBox:
         """
         ends = zip(entries_of(self.names), *self.quantities, strict=True)
         ranges = {entry.symbol: [float(low), float(high)] for entry, low, high in ends}
-        whole = {"gait": gait.name, "measured": measured, "ranges": ranges}
+        robot = {} if self.robot.name == DEFAULT_ROBOT else {"robot": self.robot.name}
+        whole = {"gait": gait.name, **robot, "measured": measured, "ranges": ranges}
         text = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
         write_atomically(path, text)
 
 
-def load_box(path: Path, gait: Gait) -> ObservationBox:
+def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
     """Loads a box of what a gait's robots observe from its file.
 
     Raises:
-        InputError: if the file cannot be read, is of another gait, or lacks a range or holds
+        InputError: if the file cannot be read, is of another gait or robot, lacks a range, or holds
             another thing in its place; the message names file and key.
     """
     found = read_yaml(path)
@@ -189,6 +193,7 @@ def load_box(path: Path, gait: Gait) -> ObservationBox:
             f"{path}: key 'gait' is {shown(theirs)}; give a box of the {gait.name}, or add "
             "--measure to 'glassgait verify prove'"
         )
+    robot_of(path, found.get("robot"), robot)
     names = ObservationLayout(gait.n_states).names
     for symbol, ends in ranges.items():
         if not _is_range(ends):
@@ -199,28 +204,29 @@ def load_box(path: Path, gait: Gait) -> ObservationBox:
     if unknown := [symbol for symbol in ranges if symbol not in known]:
         raise InputError(f"{path}: no quantity is called {shown(unknown[0])}; remove it")
     try:
-        return ObservationBox.of_quantities(names, ranges)
+        return ObservationBox.of_quantities(robot, names, ranges)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def operating_box(gait: Gait, path: Path | None = None) -> ObservationBox:
+def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> ObservationBox:
     """Loads the box that robots of a gait were measured in.
 
     Args:
         gait: The gait.
+        robot: The robot.
         path: The box's file; the shipped one by default.
 
     Raises:
         InputError: if there is none, or its file is not one.
     """
-    path = path or BOX_DIRECTORY / f"{gait.name}.yaml"
+    path = path or shipped_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
     if not path.exists():
         raise InputError(
             f"{path}: there is no operating box of the {gait.name}; add --measure to "
             "'glassgait verify prove', or give its file by --box"
         )
-    return load_box(path, gait)
+    return load_box(path, gait, robot)
 
 
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
@@ -230,32 +236,33 @@ def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     targets of the step before reach the joints' limits. Where the operating box goes further, as
     policies do that ask for more than a joint can reach, so does this one. Commands are the gait's.
     """
-    return _limits(gait).hull(operating)
+    return _limits(gait, operating.robot).hull(operating)
 
 
 def commanded(box: ObservationBox, gait: Gait) -> ObservationBox:
     """Returns a box with commands, counts and machine state at their true ranges."""
     groups = ("commanded velocity", "machine state", *COUNTED)
-    return box.taking([e.name for e in entries_of(box.names) if e.group in groups], _limits(gait))
+    taken = [entry.name for entry in entries_of(box.names) if entry.group in groups]
+    return box.taking(taken, _limits(gait, box.robot))
 
 
-def _limits(gait: Gait) -> ObservationBox:
+def _limits(gait: Gait, robot: Robot) -> ObservationBox:
     names = ObservationLayout(gait.n_states).names
-    ranges = {entry.symbol: _physical_range(entry, gait) for entry in entries_of(names)}
-    return ObservationBox.of_quantities(names, ranges)
+    ranges = {entry.symbol: _physical_range(entry, gait, robot) for entry in entries_of(names)}
+    return ObservationBox.of_quantities(robot, names, ranges)
 
 
-def _physical_range(entry: ObservationEntry, gait: Gait) -> tuple[float, float]:
+def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[float, float]:
     reach = TerminationLimits().joint_overrun + JOINT_POSITION_NOISE
     match entry.group:
         case "commanded velocity":
             most = gait.max_speed if entry.symbol == "cmd.v" else gait.max_yaw_rate
             return -most, most
         case "joint position":
-            low, high = robot.POSITION_LIMITS[entry.symbol.rpartition("_")[2]]
+            low, high = _joint_range(entry, robot)
             return round(low - reach, DECIMALS), round(high + reach, DECIMALS)
         case "previous action":
-            return robot.POSITION_LIMITS[entry.symbol.rpartition("_")[2]]
+            return _joint_range(entry, robot)
         case "joint velocity":
             return -FASTEST_JOINT, FASTEST_JOINT
         case "machine state":
@@ -270,14 +277,19 @@ def _physical_range(entry: ObservationEntry, gait: Gait) -> tuple[float, float]:
             return FOOT_HEIGHTS
 
 
+def _joint_range(entry: ObservationEntry, robot: Robot) -> tuple[float, float]:
+    joint = quadruped.joint_index(entry.symbol.partition(".")[2])
+    return float(robot.lower_limits[joint]), float(robot.upper_limits[joint])
+
+
 def rounded_outward(box: ObservationBox) -> ObservationBox:
     """Returns the least box around one whose ends, in the robot's units, have `DECIMALS`."""
-    units, factor = RobotUnits.of(box.names), 10.0**DECIMALS
+    units, factor = RobotUnits.of(box.robot, box.names), 10.0**DECIMALS
     low = np.floor(units.quantities(box.lower) * factor) / factor
     high = np.ceil(units.quantities(box.upper) * factor) / factor
     symbols = [entry.symbol for entry in entries_of(box.names)]
     ends = zip(symbols, low.tolist(), high.tolist(), strict=True)
-    return ObservationBox.of_quantities(box.names, {name: (a, b) for name, a, b in ends})
+    return ObservationBox.of_quantities(box.robot, box.names, {name: (a, b) for name, a, b in ends})
 
 
 def _rounded(quantities: Array) -> Array:

@@ -21,7 +21,7 @@ from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
 from glassgait.models.certificates.statement import Place, Statement
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.symmetry import mirrored_states
@@ -96,7 +96,7 @@ class Prover:
         """
         self.policy = policy
         self.gait = gait
-        operating = operating or operating_box(gait)
+        operating = operating or operating_box(gait, policy.robot)
         self.boxes: Mapping[str, ObservationBox] = {
             "operating": operating,
             "physical": physical_box(gait, operating),
@@ -120,7 +120,8 @@ class Prover:
         key = question, place
         kept = self.statements.get(key)
         if kept is None:
-            width = robot.UPPER_LIMITS[question.joint] - robot.LOWER_LIMITS[question.joint]
+            robot = self.policy.robot
+            width = robot.upper_limits[question.joint] - robot.lower_limits[question.joint]
             kept = self._asked(question, place, GAPS[place.box] * width, threshold)
         elif threshold is not None and kept.found.reached <= threshold < kept.bound:
             kept = self._asked(question, place, FINE, threshold)
@@ -193,7 +194,7 @@ class Prover:
                     found.append((statement, limit))
         if not found:
             return Verdict(claim, "proved", 0.0, claim.most or 0.0, UNASKED)
-        unit = robot.STIFFNESS if claim.kind == "torque" else 1.0
+        unit = self.policy.robot.stiffness if claim.kind == "torque" else 1.0
         reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
         if reached.found.reached > allowed + REFUTED:
             witnesses = self._witnesses(reached)
@@ -208,10 +209,12 @@ class Prover:
         """Lists what must not be greater than what, for a claim to hold."""
         match claim.kind:
             case "limits":
-                ends = ((1, claim.greatest(joint)), (-1, -claim.smallest(joint)))
+                robot = self.policy.robot
+                ends = ((1, claim.greatest(robot, joint)), (-1, -claim.smallest(robot, joint)))
                 return [(Question("target", state, joint, sign), end) for sign, end in ends]
             case "torque":
-                most = claim.greatest(joint) / robot.STIFFNESS
+                robot = self.policy.robot
+                most = claim.greatest(robot, joint) / robot.stiffness
                 return [(Question("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
@@ -287,13 +290,13 @@ class Prover:
         return Verdict(claim, "undecided", difference, 0.0, where)
 
     def _changed(self, claim: Claim) -> Verdict:
-        box, most = self.boxes[claim.box], claim.greatest(0)
+        box, most = self.boxes[claim.box], claim.greatest(self.policy.robot, 0)
         changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
         states = claim.state_indices(self.gait)
         joints = np.array(claim.joint_indices())
         regions = {state: region_of(box, state) for state in states}
         bounds = {
-            state: largest_change(self.targets, state, joints, changes, region)
+            state: largest_change(self.policy.robot, self.targets, state, joints, changes, region)
             for state, region in regions.items()
         }
         worst = max(bounds, key=lambda state: bounds[state])

@@ -15,6 +15,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import RECORD_BYTES, read_text
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.robots.robot import Robot, robot_of
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -23,10 +24,11 @@ _CLAIM_KEYS = {own.name for own in fields(Claim)}
 
 @dataclass(frozen=True)
 class Certificate:
-    """What a certificate says. Whether it holds, the checker alone tells.
+    """What a certificate says. Whether it holds, the checker alone decides.
 
     Attributes:
         path: Its file.
+        robot: Name of the robot.
         gait: Name of the gait.
         states: Names of the machine's states.
         policy_kind: Kind of the policy.
@@ -37,6 +39,7 @@ class Certificate:
     """
 
     path: Path
+    robot: str
     gait: str
     states: tuple[str, ...]
     policy_kind: str
@@ -61,8 +64,12 @@ class Certificate:
         return own == (gait.name, gait.states, policy_digest)
 
 
-def read_certificate(path: Path) -> Certificate:
+def read_certificate(path: Path, robot: Robot | None = None) -> Certificate:
     """Reads a certificate, without checking what it says.
+
+    Args:
+        path: Its file.
+        robot: The robot that it has to be of; by default the one that ships which it names.
 
     Raises:
         InputError: if the file cannot be read, is damaged or is no certificate.
@@ -78,17 +85,19 @@ def read_certificate(path: Path) -> Certificate:
     if not sound:
         raise InputError(f"{path}: is damaged, its digest is of other contents; certify anew")
     try:
+        robot = robot_of(path, content.get("robot"), robot)
         layout = ObservationLayout(len(content["states"]))
         symbols = [entry.symbol for entry in layout.entries]
         return Certificate(
             path,
+            robot.name,
             str(content["gait"]),
             tuple(map(str, content["states"])),
             str(content["policy"]["kind"]),
             str(content["policy"]["file"]),
             str(content["policy"]["sha256"]),
             {
-                name: ObservationBox.of_quantities(layout.names, content["boxes"][name])
+                name: ObservationBox.of_quantities(robot, layout.names, content["boxes"][name])
                 for name in ("operating", "physical")
             },
             tuple(_verdict(told, symbols) for told in content["claims"]),

@@ -10,7 +10,7 @@ from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 SAMPLES = 1000
@@ -46,7 +46,7 @@ def asymmetry(
     observations = box.random(SAMPLES, np.random.default_rng(0))
     reflection = reflect_observation(policy.observation_names, images)
     image = REFLECT_JOINTS(policy(reflection(observations)))
-    difference = robot.ACTION_SCALE * np.abs(policy(observations) - image)
+    difference = policy.robot.action_scale * np.abs(policy(observations) - image)
     row, joint = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    quantities = RobotUnits.of(box.names).quantities(observations[row])
+    quantities = RobotUnits.of(box.robot, box.names).quantities(observations[row])
     return float(difference[row, joint]), int(joint), quantities

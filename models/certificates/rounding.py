@@ -14,7 +14,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import FUNCTIONS, Interval
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 
 UNIT = 2.0**-53
 """Error of one operation, as a share of its result."""
@@ -54,23 +54,24 @@ def formula_error(formula: Expression, joint: int, region: Region, units: RobotU
             box.
     """
     values, error = _Rounding(region, units).ranged(formula)
-    stance = abs(float(robot.DEFAULT_STANCE[joint]))
+    stance = abs(float(units.robot.default_stance[joint]))
     # A policy returns an action, which the robot turns into the target again.
     return _accepted(error + 4.0 * UNIT * (_size(values) + error + stance))
 
 
-def sum_error(sizes: Sequence[float], joint: int) -> float:
+def sum_error(robot: Robot, sizes: Sequence[float], joint: int) -> float:
     """Bounds the error of a target that is a sum, added up in any order (rad).
 
     Args:
+        robot: The robot.
         sizes: Greatest size of each summand, in actions.
         joint: The joint.
 
     Raises:
         InputError: if it may exceed `LARGEST_ERROR`.
     """
-    whole = robot.ACTION_SCALE * float(np.sum(np.abs(sizes)))
-    stance = abs(float(robot.DEFAULT_STANCE[joint]))
+    whole = robot.action_scale * float(np.sum(np.abs(sizes)))
+    stance = abs(float(robot.default_stance[joint]))
     return _accepted((len(sizes) + 8) * 2.0 * UNIT * (whole + stance) + SMALLEST)
 
 

@@ -12,7 +12,6 @@ from glassgait.models.certificates.question import Question
 from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 SLACK = 1e-12
@@ -29,7 +28,7 @@ class TreeTargets:
 
     def __init__(self, policy: BoostedTreesPolicy) -> None:
         self._policy = policy
-        self._units = RobotUnits.of(policy.observation_names)
+        self._units = RobotUnits.of(policy.robot, policy.observation_names)
         self._positions = indices_of("joint position", policy.observation_names)
 
     def used(self, state: int, joint: int) -> frozenset[int]:
@@ -40,7 +39,9 @@ class TreeTargets:
     def rounding(self, state: int, joint: int, region: Region) -> float:
         leaves = np.abs(self._policy.leaves[joint]).max(axis=-1).tolist()
         # As much again, twice, for the sums of bounds: here, and in a checker.
-        return 3.0 * sum_error([float(self._policy.intercepts[joint]), *leaves], joint)
+        return 3.0 * sum_error(
+            self._policy.robot, [float(self._policy.intercepts[joint]), *leaves], joint
+        )
 
     def answer(
         self, question: Question, region: Region, *, gap: float, threshold: float | None = None
@@ -50,9 +51,9 @@ class TreeTargets:
         if question.of in ("slope", "effect"):
             return self._change(question, region, most - least)
         ends = most if sign > 0 else -least
-        constant = robot.DEFAULT_STANCE[joint]
-        constant += robot.ACTION_SCALE * self._policy.intercepts[joint]
-        bound = sign * constant + robot.ACTION_SCALE * ends.sum()
+        constant = self._policy.robot.default_stance[joint]
+        constant += self._policy.robot.action_scale * self._policy.intercepts[joint]
+        bound = sign * constant + self._policy.robot.action_scale * ends.sum()
         if question.of == "offset":
             angle = region.lower if sign > 0 else -region.upper
             bound -= angle[self._positions[joint]]
@@ -69,7 +70,7 @@ class TreeTargets:
         asks = (policy.features[joint] == question.observation) & np.isfinite(
             policy.thresholds[joint]
         )
-        bound = robot.ACTION_SCALE * float(spans[asks.any(axis=-1)].sum())
+        bound = self._policy.robot.action_scale * float(spans[asks.any(axis=-1)].sum())
         return Maximum(bound, 0.0, np.append(region.lower, region.lower[question.observation]))
 
     def _ends_of_trees(self, joint: int, region: Region) -> tuple[Array, Array]:
@@ -117,7 +118,7 @@ class TreeTargets:
             node = 2 * node + 1 + (observed[row, asked] > policy.thresholds[joint, tree, node])
         leaves = policy.leaves[joint, tree, node - (2**policy.depth - 1)]
         action = leaves.sum(axis=-1) + policy.intercepts[joint]
-        values = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * action
+        values = self._policy.robot.default_stance[joint] + self._policy.robot.action_scale * action
         if question.of == "offset":
             values = values - quantities[..., self._positions[joint]]
         return question.sign * values

@@ -11,7 +11,6 @@ from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.cells import Cells
 from glassgait.models.counterfactuals.question import Question
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import robot
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Forest:
         self._question, self._depth = question, policy.depth
         self._features = policy.features[joint]
         self._thresholds = policy.thresholds[joint]
-        self._values = question.sign * robot.ACTION_SCALE * policy.leaves[joint]
+        self._values = question.sign * policy.robot.action_scale * policy.leaves[joint]
         self._free = question.room.free
         self.before = float(self.total(question.observation[None])[0])
 

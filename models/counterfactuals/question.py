@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import Group, entries_of
 
@@ -64,7 +63,7 @@ class Room:
         for index, entry in enumerate(entries_of(names)):
             if entry.group == "commanded velocity" and commands is not None:
                 own = commands.max_speed if entry.unit == "m/s" else commands.max_yaw_rate
-                most = entry.scale * own
+                most = entry.factor * own
                 spread[index], lower[index], upper[index] = most / np.sqrt(3.0), -most, most
             elif entry.group in HELD or spread[index] < 1e-9:
                 spread[index] = 0.0
@@ -114,7 +113,7 @@ class Question:
         """Returns by how much other observations (..., n) change the joint's target (...; rad)."""
         action = self.policy(observations)[..., self.joint]
         before = self.policy(self.observation)[self.joint]
-        return robot.ACTION_SCALE * (action - before)
+        return self.policy.robot.action_scale * (action - before)
 
     def distance(self, observation: Array) -> float:
         """Returns how far another observation (n) is, in spreads."""

@@ -14,7 +14,6 @@ from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
 from glassgait.models.task.observation import indices_of
 
 
@@ -60,7 +59,7 @@ class AffineTarget(SmoothTarget):
             weights = policy.weights[state, question.joint]
         else:
             weights = policy.weights[question.joint]
-        scale = question.sign * robot.ACTION_SCALE
+        scale = question.sign * question.policy.robot.action_scale
         self._slopes = scale * (weights * room.spread)[room.free]
         self.size = len(room.free)
         self.curved = np.zeros(0, dtype=np.intp)
@@ -79,7 +78,7 @@ class FormulaTarget(SmoothTarget):
     def __init__(self, question: Question) -> None:
         policy, room = cast(FormulaPolicy, question.policy), question.room
         names = policy.observation_names
-        units = RobotUnits.of(names)
+        units = RobotUnits.of(policy.robot, names)
         self._here = units.quantities(question.observation)
         self._spread = (room.spread / units.scale)[room.free]
         self._free = room.free.tolist()

@@ -12,7 +12,6 @@ from glassgait.models.counterfactuals.pairs import Chosen, nearest_pair, nearest
 from glassgait.models.counterfactuals.program import SLACK, Program
 from glassgait.models.counterfactuals.question import Answer, Question, answered
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.robots import robot
 
 _PRICES = 14
 """Prices of distance that descents are tried with."""
@@ -46,7 +45,7 @@ class AdditiveSearch:
         policy, self._question = cast(AdditivePolicy, question.policy), question
         cuts = [np.concatenate(own) for own in zip(policy.cuts, policy.pair_cuts, strict=True)]
         self._cells = cells_of(question, cuts)
-        scale = question.sign * robot.ACTION_SCALE
+        scale = question.sign * question.policy.robot.action_scale
         self._gains = [
             scale
             * policy.tables[question.joint, own.index][

@@ -12,6 +12,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import INITIALISED, ControllerSource
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import touches_ground
 
@@ -28,7 +29,7 @@ ACTION = slice(0, quadruped.N_JOINTS)
 FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + quadruped.N_LEGS)
 TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
 MACHINE = slice(TOUCHED.stop, N_MEMORY)
-"""Where its parts stand among them, as `Step` tells."""
+"""Where its parts stand among them, as `Step` has it."""
 
 
 class Step(NamedTuple):
@@ -62,12 +63,12 @@ class Sensors:
     touching: NDArray[np.bool_]
 
 
-def sensed(state: Array) -> Sensors:
+def sensed(robot: Robot, state: Array) -> Sensors:
     """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
     return Sensors(
         state[quadruped.JOINT_POSITION],
         state[quadruped.JOINT_VELOCITY],
-        touches_ground(kinematics.foot_heights(state)),
+        touches_ground(kinematics.foot_heights(robot, state)),
     )
 
 

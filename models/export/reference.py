@@ -18,7 +18,7 @@ from glassgait.models.export.binding import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import proprioception
@@ -66,6 +66,7 @@ class PythonController:
             commanded_dwell=command.dwell,
         ).machine
         own = proprioception(
+            self._policy.robot,
             command=command.velocity,
             joint_position=sensors.joint_position,
             joint_velocity=sensors.joint_velocity,
@@ -79,7 +80,9 @@ class PythonController:
         after = np.empty(N_MEMORY)
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
-        return Step(after, robot.joint_targets(action, limited=self._limits_targets), OK)
+        return Step(
+            after, self._policy.robot.joint_targets(action, limited=self._limits_targets), OK
+        )
 
     def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
         return self._machine.step(machine, **senses)

@@ -93,7 +93,12 @@ def write_switching_controller(
     first = switch.gaits[0]
     values = {
         **common_values(
-            switch.gait, name, policy_name, version, limits_targets=switched.limits_targets
+            switched.robot,
+            switch.gait,
+            name,
+            policy_name,
+            version,
+            limits_targets=switched.limits_targets,
         ),
         "title": f"a controller that changes its gait: policy {commented(policy_name)}",
         "gaits": gaits,
@@ -102,7 +107,7 @@ def write_switching_controller(
         "greatest_change": float(np.sqrt(switched.greatest_change)),
         "initial": gaits[0].constants[first.states.index(first.initial)],
         **_tables(switch),
-        "shared_places": _shared(places(ObservationLayout(1))),
+        "shared_places": _shared(places(switched.robot, ObservationLayout(1))),
         "n_states": [f"{gait.own.upper()}N_STATES" for gait in gaits],
         "n_observations": [f"{gait.own.upper()}N_OBSERVATIONS" for gait in gaits],
         "most_observations": max(gait.n_observations for gait in gaits),
@@ -134,7 +139,7 @@ def _gait_code(gait: Gait, policy: Policy, expert: Policy, identifier: str, real
     own = f"{identifier}_"
     layout = ObservationLayout(gait.n_states)
     constants = state_constants(gait, own)
-    shared = len(_shared(places(layout)))
+    shared = len(_shared(places(policy.robot, layout)))
     return GaitCode(
         title=commented(gait.name),
         constant=identifier.upper(),
@@ -144,7 +149,7 @@ def _gait_code(gait: Gait, policy: Policy, expert: Policy, identifier: str, real
         constants=constants,
         state_names=named_states(gait),
         cases=cases(gait, real, own),
-        places=places(layout)[shared:],
+        places=places(policy.robot, layout)[shared:],
         n_observations=layout.size,
         estimator=network_code(expert.estimator, f"{own}estimator", f"{own}estimate", real),
         policy=policy_code(policy, Style(constants, real, own)),

@@ -20,15 +20,15 @@ with the one before. Formulas that serve all states of the machine stand under `
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
 `targets: limited` says that joints follow the nearest targets within their ranges, where a formula
-asks for one beyond.
+asks for one beyond. `robot: …` names the robot, where it is not the default one.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
 with a space goes on with the line before.
 
     file       = header [ "definitions" { name "=" formula } ] targets
-    header     = "format: 1" "gait: " text "states: " number [ "mirror: " { number } ]
-                 [ "targets: limited" ]
+    header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
+                 [ "mirror: " { number } ] [ "targets: limited" ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
@@ -45,6 +45,7 @@ from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.text import written_lines
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.observation import ObservationLayout, entries_of
 
 FORMAT = 1
@@ -68,6 +69,7 @@ class FormulaFile:
             mirror images included.
         mirror: State that each state is in the mirror; none where no formula has a mirror image.
         limits_targets: Whether joints follow targets within their ranges alone.
+        robot: Name of the robot; files of the default one leave it out.
     """
 
     gait: str
@@ -75,6 +77,7 @@ class FormulaFile:
     formulas: Mapping[Place, Expression]
     mirror: tuple[int, ...] | None = None
     limits_targets: bool = False
+    robot: str = DEFAULT_ROBOT
 
     @property
     def n_states(self) -> int | None:
@@ -122,6 +125,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
         )
     yield f"format: {FORMAT}"
     yield f"gait: {file.gait}"
+    if file.robot != DEFAULT_ROBOT:
+        yield f"robot: {file.robot}"
     yield f"states: {n_states}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"

@@ -14,7 +14,8 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, constant, variable
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import ObservationEntry, entries_of
 
 LATE = 4.0
@@ -31,40 +32,42 @@ class RobotUnits:
     Attributes:
         scale: What a quantity, less its offset, is multiplied by to be observed (n).
         offset: The quantity where the observation is 0 (n).
+        robot: The robot.
     """
 
     scale: Array
     offset: Array
+    robot: Robot
 
     @classmethod
-    def of(cls, names: Sequence[str]) -> Self:
-        """Returns the map of observations of the given names.
+    def of(cls, robot: Robot, names: Sequence[str]) -> Self:
+        """Returns the map of a robot's observations of the given names.
 
         Raises:
             InputError: if a name is unknown.
         """
         entries = entries_of(names)
-        scale = np.array([entry.scale for entry in entries])
-        return cls(scale, np.array([_offset(entry) for entry in entries]))
+        scale = np.array([entry.scale(robot) for entry in entries])
+        return cls(scale, np.array([_offset(robot, entry) for entry in entries]), robot)
 
     def quantities(self, observation: Array) -> Array:
         """Maps observations (..., n) to quantities (..., n)."""
         return observation / self.scale + self.offset
 
 
-def actions_of(target: Array) -> Array:
+def actions_of(robot: Robot, target: Array) -> Array:
     """Maps joint targets (..., 12; rad) to actions (..., 12)."""
-    # A formula may say anything; who acts by it refuses what is not finite.
+    # A formula may say anything; what is not finite is refused where it would act.
     with np.errstate(over="ignore", invalid="ignore"):
-        return (target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE
+        return (target - robot.default_stance) / robot.action_scale
 
 
-def _offset(entry: ObservationEntry) -> float:
+def _offset(robot: Robot, entry: ObservationEntry) -> float:
     """Positions and targets are observed from the default stance; formulas hold the angles."""
     if entry.group not in ("joint position", "previous action"):
         return 0.0
     joint = entry.symbol.split(".")[1]
-    return float(robot.DEFAULT_STANCE[quadruped.joint_index(joint)])
+    return float(robot.default_stance[quadruped.joint_index(joint)])
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Definition:
     Attributes:
         symbol: Its name in formulas, such as "e.v".
         formula: What it is, of the observed quantities, in canonical form.
-        note: What it tells, in words, with its unit if it has one.
+        note: What it means, in words, with its unit if it has one.
     """
 
     symbol: str
@@ -140,7 +143,7 @@ def _renamed(formula: Expression, places: Mapping[int, int]) -> Expression:
 
 
 @cache
-def known_definitions(names: tuple[str, ...]) -> tuple[Definition, ...]:
+def known_definitions(robot: Robot, names: tuple[str, ...]) -> tuple[Definition, ...]:
     """Returns the defined quantities that fits may use, of observations of the given names.
 
     Raises:
@@ -163,19 +166,19 @@ def known_definitions(names: tuple[str, ...]) -> tuple[Definition, ...]:
             Expression("sub", (of["cmd.v"], of["v.x"])),
             "m/s, by how much the robot is slower than it should be",
         ),
-        *(definition for leg in quadruped.LEGS for definition in _of_leg(leg, of)),
+        *(definition for leg in quadruped.LEGS for definition in _of_leg(robot, leg, of)),
     )
 
 
 GATES = ("late", *(f"lifted.{leg}" for leg in quadruped.LEGS))
-"""Definitions that tell where in the gait the robot is.
+"""Definitions of where in the gait the robot is.
 
 All are bounded. A product with the time itself would grow without bound where the robot is late.
 """
 
 
-def _of_leg(leg: str, of: dict[str, Expression]) -> list[Definition]:
-    forward, up = _foot_in_plane(of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
+def _of_leg(robot: Robot, leg: str, of: dict[str, Expression]) -> list[Definition]:
+    forward, up = _foot_in_plane(robot, of[f"q.{leg}_thigh"], of[f"q.{leg}_calf"])
     return [
         Definition(
             f"lifted.{leg}",
@@ -193,13 +196,15 @@ def _turning(quantity: Expression, *, slope: float, shift: float) -> Expression:
     return Expression("tanh", (Expression("sub", (inner, constant(shift))),))
 
 
-def _foot_in_plane(thigh: Expression, calf: Expression) -> tuple[Expression, Expression]:
+def _foot_in_plane(
+    robot: Robot, thigh: Expression, calf: Expression
+) -> tuple[Expression, Expression]:
     """Returns where a foot is from its hip, forward and up in the plane of the leg."""
     shank = Expression("add", (thigh, calf))
 
     def sum_of(function: str) -> Expression:
-        upper = Expression("mul", (constant(-robot.THIGH_LENGTH), Expression(function, (thigh,))))
-        lower = Expression("mul", (constant(robot.CALF_LENGTH), Expression(function, (shank,))))
+        upper = Expression("mul", (constant(-robot.thigh_length), Expression(function, (thigh,))))
+        lower = Expression("mul", (constant(robot.calf_length), Expression(function, (shank,))))
         return Expression("sub", (upper, lower))
 
     return sum_of("sin"), sum_of("cos")

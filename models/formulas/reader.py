@@ -22,6 +22,7 @@ from glassgait.models.formulas.text import (
     refuse_unprintable,
 )
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
 
@@ -30,7 +31,7 @@ MAX_TEXT = 1_000_000
 
 MAX_DEFINITIONS = 200
 
-HEADER = ("format", "gait", "states", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
 """Keys of a file's header."""
 
 _SECTION = re.compile(r"state (\d{1,3})")
@@ -213,7 +214,8 @@ class _Reader:
                 raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
         ordered = {place: formulas[place] for place in wanted}
         limited = "targets" in self.header
-        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited)
+        robot = self.header.get("robot", DEFAULT_ROBOT)
+        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited, robot)
 
 
 def _is_title(line: str) -> bool:

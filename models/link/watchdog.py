@@ -18,7 +18,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 
@@ -51,13 +51,6 @@ CROUCH = spread_pose(-2.4)
 
 FOLDING, BRACING = 0.05, 0.1
 """Times in which the targets go to the former two (s)."""
-
-FARTHEST = robot.EFFORT_LIMIT / robot.STIFFNESS
-"""Greatest distance of targets from the joints' ranges in an answer that is one (rad).
-
-Within its range a joint would be given all of its motor's torque for a target as far as that: one
-beyond asks for no more, and is a mistake.
-"""
 
 _ROUNDING = 1e-6
 """Times in messages are whole microseconds (s)."""
@@ -141,18 +134,25 @@ class Watch(NamedTuple):
         return self.phase in (Phase.FOLLOWING, Phase.HOLDING)
 
 
-def initial_watch() -> Watch:
-    """Returns the watch of a robot that stands, and has heard of no controller."""
-    stance = robot.DEFAULT_STANCE
+def initial_watch(robot: Robot) -> Watch:
+    """Returns the watch of a robot that stands, and has had no answer from a controller."""
+    stance = robot.default_stance
     return Watch(Phase.STANDING, -np.inf, -np.inf, -np.inf, stance, stance, stance)
 
 
 def step_watch(
-    watch: Watch, answer: Answer | None, now: float, settings: Watchdog, *, lean: float = 0.0
+    robot: Robot,
+    watch: Watch,
+    answer: Answer | None,
+    now: float,
+    settings: Watchdog,
+    *,
+    lean: float = 0.0,
 ) -> Watch:
     """Decides what the joints are to do.
 
     Args:
+        robot: The robot.
         watch: The watch before.
         answer: The latest answer to this session's sensors that came, whether or not it was judged
             before; None before the first.
@@ -164,8 +164,8 @@ def step_watch(
         The watch now. An answer that is no news (see `is_news`) changes nothing. Of one that is,
         joints follow the nearest targets within their ranges.
     """
-    if answer is not None and is_news(answer, watch.answered, now):
-        watch = watch._replace(answered=answer.time, newest=_within_ranges(answer.targets))
+    if answer is not None and is_news(robot, answer, watch.answered, now):
+        watch = watch._replace(answered=answer.time, newest=_within_ranges(robot, answer.targets))
     age = now - watch.answered
     in_time = age <= CONTROL_PERIOD + _ROUNDING
     if not in_time:
@@ -177,7 +177,7 @@ def step_watch(
     elapsed = now - watch.since
     match phase:
         case Phase.STANDING:
-            targets = _between(watch.begin, robot.DEFAULT_STANCE, elapsed / settings.rising)
+            targets = _between(watch.begin, robot.default_stance, elapsed / settings.rising)
         case Phase.LOWERED:
             targets = lowering_targets(watch.begin, elapsed, settings)
         case Phase.TIPPED:
@@ -187,25 +187,27 @@ def step_watch(
     return watch._replace(targets=targets)
 
 
-def is_news(answer: Answer, answered: float, now: float) -> bool:
-    """Tells whether joints are to follow an answer.
+def is_news(robot: Robot, answer: Answer, answered: float, now: float) -> bool:
+    """Decides whether joints are to follow an answer.
 
     Args:
+        robot: The robot.
         answer: An answer to this session's sensors.
         answered: Time of the sensors that the newest answer so far is to (s).
         now: Time by the robot's clock (s).
 
     Returns:
         Whether it is newer, answers sensors that were sent already, and asks for targets that can
-        be meant: finite, and no farther than `FARTHEST` from the joints' ranges.
+        be meant: finite, and no farther from the joints' ranges than where a joint within its range
+        would be given all of its motor's torque; one beyond asks for no more, and is a mistake.
     """
     of_the_past = answered < answer.time <= now + _ROUNDING
-    beyond = np.abs(answer.targets - _within_ranges(answer.targets))
-    return of_the_past and bool(np.all(beyond <= FARTHEST))
+    beyond = np.abs(answer.targets - _within_ranges(robot, answer.targets))
+    return of_the_past and bool(np.all(beyond <= robot.effort / robot.stiffness))
 
 
-def _within_ranges(targets: Array) -> Array:
-    return np.clip(targets, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+def _within_ranges(robot: Robot, targets: Array) -> Array:
+    return np.clip(targets, robot.lower_limits, robot.upper_limits)
 
 
 def lowering_targets(begin: Array, elapsed: float, settings: Watchdog) -> Array:

@@ -17,7 +17,7 @@ from glassgait.models.policies.policy import (
     contributions_of_action,
 )
 from glassgait.models.policies.precision import rounded
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 
 if TYPE_CHECKING:
     from interpret.glassbox import ExplainableBoostingRegressor
@@ -27,7 +27,9 @@ def _factors(policy: "AdditivePolicy", joint: int) -> tuple[FactoredTerm, ...]:
     pairs = policy.pairs[policy.pair_joints == joint].tolist()
     of = [(index,) for index in range(len(policy.observation_names))] + pairs
     functions = (FactoredTerm((), tuple(variable(index) for index in own)) for own in of)
-    intercept = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * policy.intercepts[joint]
+    intercept = (
+        policy.robot.default_stance[joint] + policy.robot.action_scale * policy.intercepts[joint]
+    )
     return (FactoredTerm((float(intercept),), ()), *functions)
 
 
@@ -97,6 +99,7 @@ class AdditivePolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         *,
+        robot: Robot | None = None,
         cuts: Array,
         pair_cuts: Array,
         tables: Array,
@@ -110,6 +113,7 @@ class AdditivePolicy(Policy):
         super().__init__(
             gait,
             observation_names,
+            robot=robot,
             cuts=cuts,
             pair_cuts=pair_cuts,
             tables=tables,
@@ -131,6 +135,7 @@ class AdditivePolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         models: "Sequence[ExplainableBoostingRegressor]",
+        robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted interpret model a joint.
 
@@ -161,6 +166,7 @@ class AdditivePolicy(Policy):
         return cls(
             gait,
             observation_names,
+            robot=robot,
             cuts=cuts,
             pair_cuts=pair_cuts,
             tables=tables[0],
@@ -259,7 +265,7 @@ class AdditivePolicy(Policy):
         values = np.concatenate([constant, single[:, joint], paired[:, mine]], axis=1)
         terms = (INTERCEPT, *self.term_names(joint))
         values = values.reshape(*observation.shape[:-1], -1)
-        return contributions_of_action(terms, values, joint)
+        return contributions_of_action(self.robot, terms, values, joint)
 
 
 def _digitize(rows: Array, cuts: Array) -> NDArray[np.int64]:

@@ -18,6 +18,7 @@ from glassgait.models.policies.precision import (
     rounded,
     single_precision_cuts,
 )
+from glassgait.models.robots.robot import Robot
 
 _LOWER = "thresholds_lower_neighbours"
 """The array that a file holds instead of thresholds which tell no more."""
@@ -67,6 +68,7 @@ class BoostedTreesPolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         *,
+        robot: Robot | None = None,
         features: NDArray[np.integer],
         thresholds: Array,
         leaves: Array,
@@ -76,6 +78,7 @@ class BoostedTreesPolicy(Policy):
         super().__init__(
             gait,
             observation_names,
+            robot=robot,
             features=features,
             thresholds=thresholds,
             leaves=leaves,
@@ -104,9 +107,11 @@ class BoostedTreesPolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor],
+        robot: Robot | None = None,
     ) -> Self:
         """Compiles one fitted scikit-learn model a joint."""
-        return cls(gait, observation_names, **compiled_trees(models, len(observation_names)))
+        compiled = compiled_trees(models, len(observation_names))
+        return cls(gait, observation_names, robot=robot, **compiled)
 
     def __call__(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
@@ -157,11 +162,12 @@ class BoostedTreesPolicy(Policy):
         observation_names: tuple[str, ...],
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
+        robot: Robot | None = None,
     ) -> Self:
         own = dict(arrays)
         if _LOWER in own and "thresholds" not in own:
             own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
-        return super().from_arrays(gait, observation_names, own, values)
+        return super().from_arrays(gait, observation_names, own, values, robot)
 
     def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
         """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy, refuse_other_estimator
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.assurance import (
     Hysteresis,
@@ -58,6 +59,11 @@ class Controller(Protocol):
     @property
     def policies(self) -> Mapping[str, Policy]:
         """Those of `expert` and `student` that ever act, by these names."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
         ...
 
     @property
@@ -130,6 +136,11 @@ class AlternatingController:
         """
         (policy,) = self.policies.values()
         return policy
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
 
     @property
     def estimator(self) -> Estimator | None:
@@ -207,6 +218,11 @@ class AssuredController:
         return {"expert": self.expert, "student": self.student}
 
     @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
+
+    @property
     def estimator(self) -> Estimator | None:
         """Maps proprioception to the body state; None where the true one is observed."""
         return self.expert.estimator
@@ -264,6 +280,10 @@ class WrappedController:
     def policies(self) -> Mapping[str, Policy]:
         """Those of `expert` and `student` that ever act, by these names."""
         return self.inner.policies
+
+    @property
+    def robot(self) -> Robot:
+        return self.inner.robot
 
     @property
     def estimator(self) -> Estimator | None:

@@ -19,6 +19,13 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
+from glassgait.models.robots.robot import (
+    DEFAULT_ROBOT,
+    Robot,
+    load_robot,
+    robot_of,
+    shipped_folder,
+)
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
 
@@ -61,20 +68,25 @@ def policy_path(folder: Path, name: str) -> Path:
     return next((path for path in paths if path.exists()), paths[0])
 
 
-def load_policy(path: Path) -> Policy:
+def load_policy(path: Path, robot: Robot | None = None) -> Policy:
     """Loads a policy of any kind.
 
+    Args:
+        path: Its file.
+        robot: The robot that it has to be of; by default the one that ships which it names.
+
     Raises:
-        InputError: if the file is missing, damaged, of an unknown kind, or holds anything that a
-            policy of its kind must not.
+        InputError: if the file is missing, damaged, of an unknown kind, of another robot, or holds
+            anything that a policy of its kind must not.
     """
     if path.suffix == FormulaPolicy.suffix:
         # The checker of certificates reads every byte.
         text = read_text(path, encoding="utf-8")
         try:
-            return FormulaPolicy.from_file(read_formulas(text))
+            file = read_formulas(text)
+            return FormulaPolicy.from_file(file, robot_of(path, file.robot, robot))
         except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+            raise InputError(_of_file(path, error)) from error
     arrays, header = read_policy_file(path)
     policy = POLICY_CLASSES.get(header["kind"])
     if policy is None or issubclass(policy, FormulaPolicy):
@@ -83,10 +95,16 @@ def load_policy(path: Path) -> Policy:
             "register the class of one of your own in POLICY_CLASSES"
         )
     names = tuple(header["observation_names"])
+    robot = robot_of(path, header.get("robot"), robot)
     try:
-        return policy.from_arrays(header["gait"], names, arrays, header["values"])
+        return policy.from_arrays(header["gait"], names, arrays, header["values"], robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _of_file(path: Path, error: InputError) -> str:
+    """Returns what is wrong with a file, its path before it once."""
+    return str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
 
 
 def save_policy(policy: Policy, path: Path, observations: Array) -> None:
@@ -103,7 +121,7 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
     policy.save(path)
     told = None
     try:
-        loaded = load_policy(path)(observations)
+        loaded = load_policy(path, policy.robot)(observations)
     except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
         told = f"it cannot be loaded again ({error})"
     else:
@@ -121,14 +139,15 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
         )
 
 
-def shipped_experts() -> tuple[str, ...]:
-    """Lists the gaits whose expert ships with the project."""
-    return tuple(sorted(path.stem for path in EXPERT_DIRECTORY.glob("*.safetensors")))
+def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
+    """Lists the gaits whose expert for a robot ships with the project."""
+    folder = shipped_folder(EXPERT_DIRECTORY, robot)
+    return tuple(sorted(path.stem for path in folder.glob("*.safetensors")))
 
 
-def shipped_students(gait: str) -> tuple[str, ...]:
-    """Lists the kinds of students of a gait that ship with the project."""
-    folder = STUDENT_DIRECTORY / gait
+def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
+    """Lists the kinds of students of a gait for a robot that ship with the project."""
+    folder = shipped_folder(STUDENT_DIRECTORY, robot) / gait
     paths = (path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES)
     return tuple(sorted(path.stem for path in paths))
 
@@ -161,7 +180,7 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
         InputError: if the file is no policy, the student does not fit the expert, or it was
             distilled with another one.
     """
-    student = load_policy(path)
+    student = load_policy(path, expert.robot)
     student.check(gait=expert.gait, observation_names=expert.observation_names)
     if student.estimator is not None:
         return student
@@ -175,28 +194,34 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     return student.with_estimator_of(expert)
 
 
-def load_student(gait: str, kind: str) -> Policy:
+def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
     """Loads a shipped student, with the estimator of the shipped expert.
 
     Raises:
         InputError: if no such student ships with the project, or the shipped expert is not the one
             that it was distilled with.
     """
-    if kind not in shipped_students(gait):
-        kinds = ", ".join(shipped_students(gait)) or "none"
+    robot = robot or load_robot()
+    shipped = shipped_students(gait, robot.name)
+    if kind not in shipped:
+        kinds = ", ".join(shipped) or "none"
         raise InputError(
             f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
             f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
-    return load_student_of(load_expert(gait), policy_path(STUDENT_DIRECTORY / gait, kind))
+    folder = shipped_folder(STUDENT_DIRECTORY, robot.name) / gait
+    return load_student_of(load_expert(gait, robot=robot), policy_path(folder, kind))
 
 
-def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
+def load_expert(
+    gait: str | Gait, path: Path | None = None, robot: Robot | None = None
+) -> NeuralPolicy:
     """Loads the shipped expert of a gait, or one of one's own.
 
     Args:
         gait: The gait, or its name if it ships.
         path: The expert's file; the shipped one by default.
+        robot: The robot; the default one by default.
 
     Raises:
         InputError: if there is no expert, or the file holds something else, or the expert of
@@ -204,14 +229,15 @@ def load_expert(gait: str | Gait, path: Path | None = None) -> NeuralPolicy:
     """
     machine = load_gait(gait) if isinstance(gait, str) else gait
     gait = machine.name
+    robot = robot or load_robot()
     if path is None:
-        path = EXPERT_DIRECTORY / f"{gait}.safetensors"
+        path = shipped_folder(EXPERT_DIRECTORY, robot.name) / f"{gait}.safetensors"
         if not path.exists():
             raise InputError(
-                f"no expert for gait {gait!r} ships with the project; train one with "
-                "'glassgait train', or give its path with --expert"
+                f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "
+                "one with 'glassgait train', or give its path with --expert"
             )
-    policy = load_policy(path)
+    policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
     if policy.gait != gait:

@@ -13,18 +13,20 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import machine_state_entries
 
 
 def _factors(policy: "LinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
-    weights = [(weight,) for weight in (robot.ACTION_SCALE * policy.weights[joint]).tolist()]
-    intercept = robot.DEFAULT_STANCE[joint] + robot.ACTION_SCALE * policy.intercepts[joint]
+    weights = [(weight,) for weight in (policy.robot.action_scale * policy.weights[joint]).tolist()]
+    intercept = (
+        policy.robot.default_stance[joint] + policy.robot.action_scale * policy.intercepts[joint]
+    )
     return weighted_terms((float(intercept),), weights)
 
 
 def _statewise_factors(policy: "StatewiseLinearPolicy", joint: int) -> tuple[FactoredTerm, ...]:
-    scale, stance = robot.ACTION_SCALE, robot.DEFAULT_STANCE[joint]
+    scale, stance = policy.robot.action_scale, policy.robot.default_stance[joint]
     weights = [tuple(own) for own in (scale * policy.weights[:, joint]).T.tolist()]
     intercepts = stance + scale * policy.intercepts[:, joint]
     return weighted_terms(tuple(intercepts.tolist()), weights)
@@ -64,9 +66,17 @@ class LinearPolicy(Policy):
     intercepts: Array
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        weights: Array,
+        intercepts: Array,
+        *,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
+        super().__init__(
+            gait, observation_names, robot=robot, weights=weights, intercepts=intercepts
+        )
 
     def __call__(self, observation: Array) -> Array:
         return observation @ self.weights.T + self.intercepts
@@ -74,7 +84,7 @@ class LinearPolicy(Policy):
     def _explain(self, observation: Array, joint: int) -> Contributions:
         intercepts = np.full(observation.shape[:-1], self.intercepts[joint])
         parts = self.weights[joint] * observation
-        return _contributions(self.observation_names, intercepts, parts, joint)
+        return _contributions(self, intercepts, parts, joint)
 
 
 class StatewiseLinearPolicy(Policy):
@@ -103,9 +113,17 @@ class StatewiseLinearPolicy(Policy):
     intercepts: Array
 
     def __init__(
-        self, gait: str, observation_names: tuple[str, ...], weights: Array, intercepts: Array
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        weights: Array,
+        intercepts: Array,
+        *,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names, weights=weights, intercepts=intercepts)
+        super().__init__(
+            gait, observation_names, robot=robot, weights=weights, intercepts=intercepts
+        )
         self._one_hot = machine_state_entries(observation_names)
 
     def __call__(self, observation: Array) -> Array:
@@ -121,11 +139,10 @@ class StatewiseLinearPolicy(Policy):
         state = np.argmax(observation[..., self._one_hot], axis=-1)
         parts = self.weights[state, joint] * observation
         intercepts = self.intercepts[state, joint]
-        return _contributions(self.observation_names, intercepts, parts, joint)
+        return _contributions(self, intercepts, parts, joint)
 
 
-def _contributions(
-    names: tuple[str, ...], intercepts: Array, parts: Array, joint: int
-) -> Contributions:
+def _contributions(policy: Policy, intercepts: Array, parts: Array, joint: int) -> Contributions:
     values = np.concatenate([intercepts[..., None], parts], axis=-1)
-    return contributions_of_action((INTERCEPT, *names), values, joint)
+    terms = INTERCEPT, *policy.observation_names
+    return contributions_of_action(policy.robot, terms, values, joint)

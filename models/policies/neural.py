@@ -13,6 +13,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.policies.arrays import ArraySpec, Reals, take_arrays
 from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
 
@@ -149,6 +150,7 @@ class NeuralPolicy(Policy):
         mirrored_states: tuple[int, ...] | None = None,
         *,
         limits_targets: bool = False,
+        robot: Robot | None = None,
     ) -> None:
         """
         Args:
@@ -164,7 +166,7 @@ class NeuralPolicy(Policy):
         Raises:
             InputError: if a layer is not what it must be, or the states are no mirror images.
         """
-        super().__init__(gait, observation_names)
+        super().__init__(gait, observation_names, robot=robot)
         self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
         self._networks = actor, estimator
         self.mirrored_states = self._checked_states(mirrored_states)
@@ -202,6 +204,7 @@ class NeuralPolicy(Policy):
         observation_names: tuple[str, ...],
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
+        robot: Robot | None = None,
     ) -> Self:
         layers = cls._taken(arrays, observation_names)
         actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
@@ -212,6 +215,7 @@ class NeuralPolicy(Policy):
             estimator,
             values.get("mirrored_states"),
             limits_targets=values.get("limits_targets", False),
+            robot=robot,
         )
 
     def _checked_limits(self, limits: bool) -> bool:

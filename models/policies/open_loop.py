@@ -8,6 +8,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.arrays import Reals
 from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
 
 
@@ -26,8 +27,15 @@ class OpenLoopPolicy(Policy):
     needed_groups = ("machine state", "iterations")
     table: Array
 
-    def __init__(self, gait: str, observation_names: tuple[str, ...], table: Array) -> None:
-        super().__init__(gait, observation_names, table=table)
+    def __init__(
+        self,
+        gait: str,
+        observation_names: tuple[str, ...],
+        table: Array,
+        *,
+        robot: Robot | None = None,
+    ) -> None:
+        super().__init__(gait, observation_names, robot=robot, table=table)
         self._one_hot = machine_state_entries(observation_names)
         (self._iterations,) = indices_of("iterations", observation_names)
 

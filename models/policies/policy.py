@@ -19,7 +19,8 @@ from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.precision import narrowest
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from glassgait.models.task.observation import Group, ObservationLayout, indices_of
 
 FORMAT_VERSION = 1
@@ -53,16 +54,19 @@ class Contributions:
     values: Array
 
 
-def contributions_of_action(terms: Sequence[str], values: Array, joint: int) -> Contributions:
+def contributions_of_action(
+    robot: Robot, terms: Sequence[str], values: Array, joint: int
+) -> Contributions:
     """Turns parts of a joint's actions into parts of its targets.
 
     Args:
+        robot: The robot.
         terms: What the parts come from (k), the intercept first.
         values: How much each adds to the action (..., k).
         joint: Index of the joint, whose default stance the intercept takes up.
     """
-    of_target = robot.ACTION_SCALE * values
-    of_target[..., 0] += robot.DEFAULT_STANCE[joint]
+    of_target = robot.action_scale * values
+    of_target[..., 0] += robot.default_stance[joint]
     return Contributions(tuple(terms), of_target)
 
 
@@ -76,6 +80,7 @@ class Policy(ABC):
 
     Attributes:
         kind: Name of the sort of policy, as in files and on the command line.
+        robot: The robot that it was made for.
         gait: Name of the gait it was made for.
         observation_names: Names of the observations, in order.
         limits_targets: Whether the joints that it moves follow its targets within their ranges
@@ -99,11 +104,19 @@ class Policy(ABC):
     capabilities: ClassVar[Capabilities] = Capabilities()
     """What can be done with policies of this class, besides letting them act."""
 
-    def __init__(self, gait: str, observation_names: Sequence[str], **arrays: NDArray[Any]) -> None:
+    def __init__(
+        self,
+        gait: str,
+        observation_names: Sequence[str],
+        *,
+        robot: Robot | None = None,
+        **arrays: NDArray[Any],
+    ) -> None:
         """
         Args:
             gait: Name of the gait.
             observation_names: Names of the observations, in order.
+            robot: The robot that it is made for; the default one by default.
             arrays: What `array_specs` lists.
 
         Raises:
@@ -112,6 +125,7 @@ class Policy(ABC):
         with self._naming_this_kind():
             _refuse_other_than_names("the gait", [gait])
             taken = take_arrays(arrays, self.array_specs, self._sizes(observation_names))
+        self.robot = robot or load_robot()
         self.gait = gait
         self.observation_names = tuple(observation_names)
         for name, array in taken.items():
@@ -155,6 +169,7 @@ class Policy(ABC):
         observation_names: tuple[str, ...],
         arrays: Mapping[str, NDArray[Any]],
         values: Mapping[str, Any],
+        robot: Robot | None = None,
     ) -> Self:
         """Rebuilds the policy that `to_arrays` took apart.
 
@@ -163,7 +178,11 @@ class Policy(ABC):
         """
         with cls._naming_this_kind():
             refuse_other_arrays(arrays, cls.array_specs)
-        return cls(gait, observation_names, **arrays)
+        # A class of one's own may know of the default robot alone.
+        other: dict[str, Any] = (
+            {} if robot is None or robot.name == DEFAULT_ROBOT else {"robot": robot}
+        )
+        return cls(gait, observation_names, **arrays, **other)
 
     @property
     def estimator(self) -> Callable[[Array], Array] | None:
@@ -228,6 +247,8 @@ class Policy(ABC):
             "observation_names": list(self.observation_names),
             "values": values,
         }
+        if self.robot.name != DEFAULT_ROBOT:
+            header["robot"] = self.robot.name
         save_arrays(path, {name: narrowest(array) for name, array in arrays.items()}, header)
 
     def compact(self) -> Self:
@@ -235,19 +256,31 @@ class Policy(ABC):
         return self
 
     def digest(self) -> str:
-        """Tells policies apart that would not act alike."""
+        """Returns what differs where policies would not act alike."""
         arrays, values = self.to_arrays()
-        whole = hashlib.sha256(json.dumps([self.kind, self.gait, values]).encode())
+        whole = hashlib.sha256(json.dumps([*self._named(), values]).encode())
         for name in sorted(arrays):
             whole.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
         return whole.hexdigest()[:16]
 
-    def check(self, *, gait: str, observation_names: tuple[str, ...]) -> None:
-        """Refuses to serve another gait or another observation layout.
+    def _named(self) -> list[str]:
+        """Returns kind and gait, and the robot where it is not the default one."""
+        robot = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
+        return [self.kind, self.gait, *robot]
+
+    def check(
+        self, *, gait: str, observation_names: tuple[str, ...], robot: Robot | None = None
+    ) -> None:
+        """Refuses to serve another robot, another gait or another observation layout.
 
         Raises:
-            InputError: if either differs; the message names the difference.
+            InputError: if one differs; the message names the difference.
         """
+        if robot is not None and self.robot.name != robot.name:
+            raise InputError(
+                f"this {self.kind} policy was made for robot {self.robot.name!r}, not "
+                f"{robot.name!r}; load a policy of that robot"
+            )
         if self.gait != gait:
             raise InputError(
                 f"this {self.kind} policy was made for gait {self.gait!r}, not {gait!r}; "
@@ -289,14 +322,14 @@ def read_policy_file(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any
     version = header.get("format") if isinstance(header, dict) else None
     if type(version) is not int or version != FORMAT_VERSION:
         raise InputError(f"{path}: is not a policy of format {FORMAT_VERSION}; make it anew")
-    for key, (kind, told) in _HEADER.items():
+    for key, (kind, wanted) in _HEADER.items():
         if key not in header:
             raise InputError(f"{path}: its header lacks the key {key!r}; make it anew")
         if not isinstance(header[key], kind):
             found = type(header[key]).__name__
             raise InputError(
-                f"{path}: key {key!r} of its header is of type {found}; it must be {told}, so make "
-                "the policy anew"
+                f"{path}: key {key!r} of its header is of type {found}; it must be {wanted}, so "
+                "make the policy anew"
             )
     return arrays, header
 

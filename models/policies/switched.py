@@ -62,7 +62,8 @@ class SwitchedPolicy(Policy):
                 or one is missing or left over.
         """
         layout = ObservationLayout(switch.n_states)
-        super().__init__(switch.gait.name, layout.names)
+        robot = controllers[0].robot if controllers else None
+        super().__init__(switch.gait.name, layout.names, robot=robot)
         if len(controllers) != len(switch.gaits):
             raise InputError(
                 f"switched policy: {len(controllers)} policies cannot act in {len(switch.gaits)} "
@@ -72,7 +73,7 @@ class SwitchedPolicy(Policy):
         self.policies = [_acting(controller) for controller in controllers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states).names
-            policy.check(gait=gait.name, observation_names=names)
+            policy.check(robot=self.robot, gait=gait.name, observation_names=names)
         self.experts = [controller.expert for controller in controllers]
         self.limits_targets = all(own.limits_targets for own in controllers)
         self._digests = [expert.digest() for expert in self.experts]

@@ -21,7 +21,8 @@ from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import machine_state_entries
 
 
@@ -64,7 +65,7 @@ def _importance(policy: "FormulaPolicy", observations: Array) -> tuple[str, Arra
 class FormulaPolicy(Policy):
     """A policy that is made of formulas, the same ones always or others in each machine state.
 
-    A formula tells a joint's target in rad, from quantities in the robot's units. Its file is text:
+    A formula gives a joint's target in rad, from quantities in the robot's units. Its file is text:
     see `glassgait.models.formulas.file`.
 
     Attributes:
@@ -94,8 +95,9 @@ class FormulaPolicy(Policy):
         definitions: Sequence[Definition] = (),
         mirror: Sequence[int] | None = None,
         limits_targets: bool = False,
+        robot: Robot | None = None,
     ) -> None:
-        super().__init__(gait, observation_names)
+        super().__init__(gait, observation_names, robot=robot)
         self.limits_targets = limits_targets
         self.vocabulary = Vocabulary(self.observation_names, tuple(definitions))
         with self._naming_this_kind():
@@ -105,7 +107,7 @@ class FormulaPolicy(Policy):
             # A sign that has moved may stand one deeper.
             self._refuse_unfit(self.expressions, shape)
             self.mirror = None if mirror is None else self._refuse_other_states(mirror)
-        self._units = RobotUnits.of(self.observation_names)
+        self._units = RobotUnits.of(self.robot, self.observation_names)
 
     @property
     @abstractmethod
@@ -137,7 +139,14 @@ class FormulaPolicy(Policy):
             place: reduce(lambda entries, index: entries[index], place, self.expressions)
             for place in np.ndindex(*shape)
         }
-        return FormulaFile(self.gait, self.vocabulary, formulas, self.mirror, self.limits_targets)
+        return FormulaFile(
+            self.gait,
+            self.vocabulary,
+            formulas,
+            self.mirror,
+            self.limits_targets,
+            self.robot.name,
+        )
 
     def to_text(self) -> str:
         """Writes the policy as text, from which `from_file` builds the same policy.
@@ -148,8 +157,8 @@ class FormulaPolicy(Policy):
         return write_formulas(self.to_file())
 
     @staticmethod
-    def from_file(file: FormulaFile) -> "FormulaPolicy":
-        """Builds the policy that a file holds."""
+    def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
+        """Builds the policy that a file holds, of the robot that it names."""
         rows = file.formulas.values()
         kind: type[FormulaPolicy] = SymbolicPolicy
         expressions: Any = tuple(rows)
@@ -168,6 +177,7 @@ class FormulaPolicy(Policy):
             definitions=definitions,
             mirror=file.mirror,
             limits_targets=file.limits_targets,
+            robot=robot,
         )
 
     def save(self, path: Path) -> None:
@@ -185,7 +195,7 @@ class FormulaPolicy(Policy):
             for definition in self.vocabulary.definitions
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
-        own = [self.kind, self.gait, self.observation_names, definitions, formulas]
+        own = [*self._named(), self.observation_names, definitions, formulas]
         whole = json.dumps([*own, "limited"] if self.limits_targets else own)
         return hashlib.sha256(whole.encode()).hexdigest()[:16]
 
@@ -219,7 +229,7 @@ class FormulaPolicy(Policy):
             joints, variables, expressions = zip(*slopes, strict=True)
             found = Tape(expressions, n)(self._units.quantities(observation))
             derivatives[..., list(joints), list(variables)] = found
-        return derivatives / (robot.ACTION_SCALE * self._units.scale)
+        return derivatives / (self.robot.action_scale * self._units.scale)
 
     def _refuse_other_states(self, mirror: Sequence[int]) -> tuple[int, ...]:
         """Returns the states in the mirror, and refuses what is not its own mirror image."""
@@ -253,7 +263,7 @@ class SymbolicPolicy(FormulaPolicy):
         self._tape = self._targets(self.expressions)
 
     def __call__(self, observation: Array) -> Array:
-        return actions_of(self._tape(self._units.quantities(observation)))
+        return actions_of(self.robot, self._tape(self._units.quantities(observation)))
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
@@ -286,14 +296,14 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         quantities = self._units.quantities(observation)
         if observation.ndim == 1:
             state = int(np.argmax(observation[self._one_hot]))
-            return actions_of(self._tapes[state](quantities))
+            return actions_of(self.robot, self._tapes[state](quantities))
         states = np.argmax(observation[..., self._one_hot], axis=-1)
         targets = np.empty((*states.shape, quadruped.N_JOINTS))
         for index, tape in enumerate(self._tapes):
             mine = states == index
             if mine.any():
                 targets[mine] = tape(quantities[mine])
-        return actions_of(targets)
+        return actions_of(self.robot, targets)
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:

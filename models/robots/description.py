@@ -1,99 +1,59 @@
-"""Writes the A1's URDF from the vendor's inertial table.
+"""Writes a robot's URDF: `python -m glassgait.models.robots.description …/robot.yaml`.
 
-`python -m glassgait.models.robots.description` does it. The feet are merged into the calves, one
-body fewer a leg; every shape is a primitive. The file is kept beside this module so that any URDF
-reader can open it, and a test holds the two together.
+The feet are merged into the calves, one body fewer a leg; every shape is a primitive, and looks are
+those of one robot, stretched to the sizes of another. The file is kept so that any URDF reader can
+open it. A robot may also have a URDF that was written in another way.
 """
 
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.errors import InputError
+from glassgait.models.robots.quadruped import JOINTS, LEGS
+from glassgait.models.robots.robot import AXES, Inertial, Robot, read_robot
 
-ROBOT_NAME = "a1"
+TRUNK_LENGTH, LIMB_LENGTH = 0.267, 0.2
+"""Sizes (m) of the robot that the looks were drawn for."""
 
 _BLACK = "0.10 0.10 0.11 1"
 _GRAPHITE = "0.22 0.23 0.25 1"
 _SILVER = "0.72 0.74 0.76 1"
 _LENS = "0.15 0.35 0.55 1"
 _RUBBER = "0.05 0.05 0.05 1"
+_QUARTER = np.pi / 2
+
+Triple = Sequence[float]
 
 
-@dataclass(frozen=True)
-class Inertial:
-    """Mass (kg), centre of mass (m) and inertia about it (kg·m²) of a body, in the body's axes."""
-
-    mass: float
-    center: tuple[float, float, float]
-    ixx: float
-    ixy: float
-    ixz: float
-    iyy: float
-    iyz: float
-    izz: float
-
-    def mirrored(self, *, x: bool = False, y: bool = False) -> "Inertial":
-        """Reflects the body through the plane x = 0, the plane y = 0, or both."""
-        sign_x, sign_y = (-1 if x else 1), (-1 if y else 1)
-        center = (sign_x * self.center[0], sign_y * self.center[1], self.center[2])
-        return Inertial(
-            mass=self.mass,
-            center=center,
-            ixx=self.ixx,
-            ixy=sign_x * sign_y * self.ixy,
-            ixz=sign_x * self.ixz,
-            iyy=self.iyy,
-            iyz=sign_y * self.iyz,
-            izz=self.izz,
-        )
-
-    def matrix(self) -> Array:
-        """Returns the inertia about the centre of mass (3, 3)."""
-        return np.array(
-            [
-                [self.ixx, self.ixy, self.ixz],
-                [self.ixy, self.iyy, self.iyz],
-                [self.ixz, self.iyz, self.izz],
-            ]
-        )
+def mirrored(body: Inertial, *, x: bool = False, y: bool = False) -> Inertial:
+    """Reflects a body through the plane x = 0, the plane y = 0, or both."""
+    sign_x, sign_y = (-1 if x else 1), (-1 if y else 1)
+    return Inertial(
+        mass=body.mass,
+        center=(sign_x * body.center[0], sign_y * body.center[1], body.center[2]),
+        ixx=body.ixx,
+        ixy=sign_x * sign_y * body.ixy,
+        ixz=sign_x * body.ixz,
+        iyy=body.iyy,
+        iyz=sign_y * body.iyz,
+        izz=body.izz,
+    )
 
 
-TRUNK = Inertial(
-    6.0, (0.0, 0.0041, -0.0005), 0.0158533, -3.66e-5, -6.11e-5, 0.0377999, -2.75e-5, 0.0456542
-)
-HIP = Inertial(
-    0.595,
-    (-0.003875, 0.001622, 0.000042),
-    4.02747e-4,
-    -8.709e-6,
-    -2.97e-7,
-    6.91123e-4,
-    -5.45e-7,
-    4.87919e-4,
-)
-THIGH = Inertial(
-    0.888,
-    (-0.003574, -0.019529, -0.030323),
-    0.005251806,
-    -2.168e-6,
-    3.46889e-4,
-    0.005000475,
-    -2.8174e-5,
-    0.00111020,
-)
-CALF = Inertial(
-    0.151,
-    (0.007105, -0.000239, -0.096933),
-    0.002344758,
-    0.0,
-    -1.41275e-4,
-    0.002360755,
-    0.0,
-    3.1158e-5,
-)
-FOOT = Inertial(0.06, (0.0, 0.0, -robot.CALF_LENGTH), 9.6e-6, 0.0, 0.0, 9.6e-6, 0.0, 9.6e-6)
+def matrix(body: Inertial) -> Array:
+    """Returns the inertia about the centre of mass (3, 3)."""
+    return np.array(
+        [
+            [body.ixx, body.ixy, body.ixz],
+            [body.ixy, body.iyy, body.iyz],
+            [body.ixz, body.iyz, body.izz],
+        ]
+    )
 
 
 def merged(first: Inertial, second: Inertial) -> Inertial:
@@ -104,104 +64,87 @@ def merged(first: Inertial, second: Inertial) -> Inertial:
     inertia = np.zeros((3, 3))
     for body in (first, second):
         arm = np.array(body.center) - center
-        inertia += body.matrix() + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Inertial(
-        mass=mass,
-        center=(float(center[0]), float(center[1]), float(center[2])),
-        ixx=inertia[0, 0],
-        ixy=inertia[0, 1],
-        ixz=inertia[0, 2],
-        iyy=inertia[1, 1],
-        iyz=inertia[1, 2],
-        izz=inertia[2, 2],
-    )
+        inertia += matrix(body) + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inertia.tolist()
+    x, y, z = center.tolist()
+    return Inertial(mass, (x, y, z), ixx, ixy, ixz, iyy, iyz, izz)
 
 
-def urdf() -> str:
-    """Returns the robot's description."""
-    parts = [_trunk()]
-    for leg in quadruped.LEGS:
-        parts.append(_leg(leg))
-    body = "\n".join(parts)
+def urdf(robot: Robot) -> str:
+    """Returns a robot's description.
+
+    Raises:
+        InputError: if an inertia is missing.
+    """
+    for name in ("trunk", "hip", "thigh", "calf"):
+        if name not in robot.inertias:
+            raise InputError(f"{robot.path}: key 'inertias' lacks {name!r}; add it")
+    body = "\n".join([_trunk(robot), *(_leg(robot, leg) for leg in LEGS)])
     return (
         '<?xml version="1.0"?>\n'
-        "<!-- Unitree A1. Written by models/robots/description.py; change it there. -->\n"
-        f'<robot xmlns:drake="http://drake.mit.edu" name="{ROBOT_NAME}">\n{body}\n</robot>\n'
+        f"<!-- {robot.full_name}. Written by models/robots/description.py from robot.yaml. -->\n"
+        f'<robot xmlns:drake="http://drake.mit.edu" name="{robot.name}">\n{body}\n</robot>\n'
     )
 
 
-def _trunk() -> str:
+def _trunk(robot: Robot) -> str:
+    looks = _Looks(robot.trunk_box[0] / TRUNK_LENGTH)
     visuals = [
-        _visual(_box(0.25, 0.13, 0.112), _GRAPHITE, xyz=(0, 0, 0)),
-        _visual(_box(0.267, 0.194, 0.05), _BLACK, xyz=(0, 0, -0.012)),
-        _visual(_box(0.27, 0.1, 0.02), _SILVER, xyz=(0, 0, 0.052)),
-        _visual(_box(0.24, 0.012, 0.05), _SILVER, xyz=(0, 0.096, 0.008)),
-        _visual(_box(0.24, 0.012, 0.05), _SILVER, xyz=(0, -0.096, 0.008)),
+        looks.box((0.25, 0.13, 0.112), _GRAPHITE),
+        looks.box((0.267, 0.194, 0.05), _BLACK, (0, 0, -0.012)),
+        looks.box((0.27, 0.1, 0.02), _SILVER, (0, 0, 0.052)),
+        looks.box((0.24, 0.012, 0.05), _SILVER, (0, 0.096, 0.008)),
+        looks.box((0.24, 0.012, 0.05), _SILVER, (0, -0.096, 0.008)),
         # The head: a wedge of two boxes with the depth camera's bar in front.
-        _visual(_box(0.11, 0.11, 0.07), _BLACK, xyz=(0.18, 0, 0.01)),
-        _visual(_box(0.05, 0.13, 0.052), _GRAPHITE, xyz=(0.235, 0, 0.015), rpy=(0, 0.25, 0)),
-        _visual(_box(0.008, 0.09, 0.022), _LENS, xyz=(0.262, 0, 0.014), rpy=(0, 0.25, 0)),
-        _visual(_box(0.11, 0.1, 0.06), _BLACK, xyz=(-0.18, 0, 0.005)),
-        _visual(_cylinder(0.012, 0.11), _SILVER, xyz=(0.0, 0.0, 0.072), rpy=(0, np.pi / 2, 0)),
+        looks.box((0.11, 0.11, 0.07), _BLACK, (0.18, 0, 0.01)),
+        looks.box((0.05, 0.13, 0.052), _GRAPHITE, (0.235, 0, 0.015), (0, 0.25, 0)),
+        looks.box((0.008, 0.09, 0.022), _LENS, (0.262, 0, 0.014), (0, 0.25, 0)),
+        looks.box((0.11, 0.1, 0.06), _BLACK, (-0.18, 0, 0.005)),
+        looks.cylinder(0.012, 0.11, _SILVER, (0, 0, 0.072), (0, _QUARTER, 0)),
     ]
-    collision = _collision(_box(*robot.TRUNK_BOX))
-    return _link("trunk", TRUNK, visuals, [collision])
+    return _link("trunk", robot.inertias["trunk"], visuals, [_collision(_box(*robot.trunk_box))])
 
 
-def _leg(leg: str) -> str:
+def _leg(robot: Robot, leg: str) -> str:
     hind, right = leg[0] == "R", leg[1] == "R"
     side = -1 if right else 1
-    hip_xyz = (
-        robot.HIP_OFFSET_X * (-1 if hind else 1),
-        robot.HIP_OFFSET_Y * side,
-        0,
-    )
-    calf = merged(CALF, FOOT)
-    outward = robot.THIGH_OFFSET_Y * side
-    quarter = np.pi / 2
-    hip_visuals = [
-        _visual(_cylinder(0.046, 0.05), _BLACK, rpy=(0, quarter, 0)),
-        _visual(_cylinder(0.046, 0.04), _SILVER, xyz=(0, 0.55 * outward, 0), rpy=(quarter, 0, 0)),
+    x, y = robot.hip_offset
+    outward, foot = robot.thigh_offset * side, (0, 0, -robot.calf_length)
+    inertias = robot.inertias
+    calf = inertias["calf"]
+    if "foot" in inertias:
+        calf = merged(calf, inertias["foot"])
+    looks, quarter = _Looks(robot.thigh_length / LIMB_LENGTH), (_QUARTER, 0, 0)
+    hip_looks = [
+        looks.cylinder(0.046, 0.05, _BLACK, rpy=(0, _QUARTER, 0)),
+        _Looks(1.0).cylinder(0.046, 0.04, _SILVER, (0, 0.55 * outward, 0), quarter),
     ]
-    thigh_visuals = [
-        _visual(_cylinder(0.045, 0.036), _BLACK, rpy=(quarter, 0, 0)),
-        _visual(_cylinder(0.03, 0.042), _SILVER, rpy=(quarter, 0, 0)),
-        _visual(_box(0.05, 0.026, 0.1), _GRAPHITE, xyz=(-0.004, 0, -0.05)),
-        _visual(_box(0.034, 0.0245, 0.17), _BLACK, xyz=(0, 0, -0.105)),
-        _visual(_cylinder(0.019, 0.03), _SILVER, xyz=(0, 0, -0.2), rpy=(quarter, 0, 0)),
+    thigh_looks = [
+        looks.cylinder(0.045, 0.036, _BLACK, rpy=quarter),
+        looks.cylinder(0.03, 0.042, _SILVER, rpy=quarter),
+        looks.box((0.05, 0.026, 0.1), _GRAPHITE, (-0.004, 0, -0.05)),
+        looks.box((0.034, 0.0245, 0.17), _BLACK, (0, 0, -0.105)),
+        looks.cylinder(0.019, 0.03, _SILVER, (0, 0, -0.2), quarter),
     ]
-    calf_visuals = [
-        _visual(_capsule(0.0105, 0.16), _GRAPHITE, xyz=(0.004, 0, -0.1)),
-        _visual(_sphere(robot.FOOT_RADIUS), _RUBBER, xyz=(0, 0, -robot.CALF_LENGTH)),
+    sphere = _sphere(robot.foot_radius)
+    calf_looks = [
+        looks.capsule(0.0105, 0.16, _GRAPHITE, (0.004, 0, -0.1)),
+        _visual(sphere, _RUBBER, foot),
     ]
-    links = [
-        _link(f"{leg}_hip", HIP.mirrored(x=hind, y=right), hip_visuals, []),
-        _link(
-            f"{leg}_thigh",
-            THIGH.mirrored(y=right),
-            thigh_visuals,
-            [_limb_collision(robot.THIGH_BOX, robot.THIGH_LENGTH)],
-        ),
-        _link(
-            f"{leg}_calf",
-            calf.mirrored(y=right),
-            calf_visuals,
-            [
-                _limb_collision(robot.CALF_BOX, robot.CALF_LENGTH),
-                _collision(
-                    _sphere(robot.FOOT_RADIUS),
-                    xyz=(0, 0, -robot.CALF_LENGTH),
-                    name=f"{leg}_foot",
-                ),
-            ],
-        ),
+    calf_shapes = [
+        _limb_collision(robot.calf_box, robot.calf_length),
+        _collision(sphere, foot, name=f"{leg}_foot"),
     ]
-    joints = [
-        _joint(leg, "hip", "trunk", hip_xyz, "1 0 0"),
-        _joint(leg, "thigh", f"{leg}_hip", (0, outward, 0), "0 1 0"),
-        _joint(leg, "calf", f"{leg}_thigh", (0, 0, -robot.THIGH_LENGTH), "0 1 0"),
+    thigh_shapes = [_limb_collision(robot.thigh_box, robot.thigh_length)]
+    parts = [
+        _link(f"{leg}_hip", mirrored(inertias["hip"], x=hind, y=right), hip_looks, []),
+        _link(f"{leg}_thigh", mirrored(inertias["thigh"], y=right), thigh_looks, thigh_shapes),
+        _link(f"{leg}_calf", mirrored(calf, y=right), calf_looks, calf_shapes),
+        _joint(robot, f"{leg}_hip", "trunk", (-x if hind else x, y * side, 0)),
+        _joint(robot, f"{leg}_thigh", f"{leg}_hip", (0, outward, 0)),
+        _joint(robot, f"{leg}_calf", f"{leg}_thigh", (0, 0, -robot.thigh_length)),
     ]
-    return "\n".join(links + joints)
+    return "\n".join(parts)
 
 
 def _link(name: str, inertial: Inertial, visuals: list[str], collisions: list[str]) -> str:
@@ -224,12 +167,11 @@ def _link(name: str, inertial: Inertial, visuals: list[str], collisions: list[st
     return "\n".join(lines)
 
 
-def _joint(leg: str, kind: str, parent: str, xyz: tuple[float, float, float], axis: str) -> str:
-    name = f"{leg}_{kind}"
-    lower, upper = robot.POSITION_LIMITS[kind]
+def _joint(robot: Robot, name: str, parent: str, xyz: Triple) -> str:
+    index = JOINTS.index(name)
     limits = (
-        f'lower="{lower:g}" upper="{upper:g}" '
-        f'effort="{robot.EFFORT_LIMIT:g}" velocity="{robot.VELOCITY_LIMIT:g}"'
+        f'lower="{robot.lower_limits[index]:g}" upper="{robot.upper_limits[index]:g}" '
+        f'effort="{robot.effort[index]:g}" velocity="{robot.velocity[index]:g}"'
     )
     return "\n".join(
         [
@@ -237,7 +179,7 @@ def _joint(leg: str, kind: str, parent: str, xyz: tuple[float, float, float], ax
             f'    <parent link="{parent}"/>',
             f'    <child link="{name}"/>',
             f'    <origin xyz="{_triple(xyz)}"/>',
-            f'    <axis xyz="{axis}"/>',
+            f'    <axis xyz="{_triple(AXES[name.partition("_")[2]])}"/>',
             f"    <limit {limits}/>",
             "  </joint>",
             f'  <transmission name="{name}">',
@@ -249,20 +191,52 @@ def _joint(leg: str, kind: str, parent: str, xyz: tuple[float, float, float], ax
     )
 
 
-def _visual(shape: str, color: str, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0)) -> str:
+@dataclass(frozen=True)
+class _Looks:
+    """Shapes that are seen, and touch nothing, drawn at a scale."""
+
+    scale: float
+
+    def box(
+        self, sizes: Triple, color: str, xyz: Triple = (0, 0, 0), rpy: Triple = (0, 0, 0)
+    ) -> str:
+        return _visual(_box(*self._scaled(sizes)), color, self._scaled(xyz), rpy)
+
+    def cylinder(
+        self,
+        radius: float,
+        length: float,
+        color: str,
+        xyz: Triple = (0, 0, 0),
+        rpy: Triple = (0, 0, 0),
+    ) -> str:
+        sizes = self._scaled((radius, length))
+        shape = '<cylinder radius="{:g}" length="{:g}"/>'.format(*sizes)
+        return _visual(shape, color, self._scaled(xyz), rpy)
+
+    def capsule(self, radius: float, length: float, color: str, xyz: Triple) -> str:
+        sizes = self._scaled((radius, length))
+        shape = '<drake:capsule radius="{:g}" length="{:g}"/>'.format(*sizes)
+        return _visual(shape, color, self._scaled(xyz))
+
+    def _scaled(self, sizes: Triple) -> list[float]:
+        return [self.scale * size for size in sizes]
+
+
+def _visual(shape: str, color: str, xyz: Triple = (0, 0, 0), rpy: Triple = (0, 0, 0)) -> str:
     origin = f'<origin xyz="{_triple(xyz)}" rpy="{_triple(rpy)}"/>'
     material = f'<material><color rgba="{color}"/></material>'
     return f"    <visual>{origin}<geometry>{shape}</geometry>{material}</visual>"
 
 
-def _collision(shape: str, xyz: tuple = (0, 0, 0), rpy: tuple = (0, 0, 0), name: str = "") -> str:
+def _collision(shape: str, xyz: Triple = (0, 0, 0), rpy: Triple = (0, 0, 0), name: str = "") -> str:
     named = f' name="{name}"' if name else ""
     origin = f'<origin xyz="{_triple(xyz)}" rpy="{_triple(rpy)}"/>'
     return f"    <collision{named}>{origin}<geometry>{shape}</geometry></collision>"
 
 
-def _limb_collision(box: tuple[float, float, float], length: float) -> str:
-    return _collision(_box(*box), xyz=(0, 0, -0.5 * length), rpy=(0, np.pi / 2, 0))
+def _limb_collision(box: Triple, length: float) -> str:
+    return _collision(_box(*box), (0, 0, -0.5 * length), (0, _QUARTER, 0))
 
 
 def _box(x: float, y: float, z: float) -> str:
@@ -273,17 +247,11 @@ def _sphere(radius: float) -> str:
     return f'<sphere radius="{radius:g}"/>'
 
 
-def _cylinder(radius: float, length: float) -> str:
-    return f'<cylinder radius="{radius:g}" length="{length:g}"/>'
-
-
-def _capsule(radius: float, length: float) -> str:
-    return f'<drake:capsule radius="{radius:g}" length="{length:g}"/>'
-
-
-def _triple(values: tuple) -> str:
-    return " ".join(f"{value:.10g}" for value in values)
+def _triple(values: Triple) -> str:
+    # A product with -1 or 0 may be -0.
+    return " ".join(f"{value + 0.0:.10g}" for value in values)
 
 
 if __name__ == "__main__":
-    robot.URDF_PATH.write_text(urdf())
+    for _robot in (read_robot(Path(_path).resolve()) for _path in sys.argv[1:]):
+        _robot.urdf_path.write_text(urdf(_robot))

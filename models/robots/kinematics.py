@@ -1,8 +1,7 @@
-"""Closed-form kinematics of the A1, for any number of robots at once.
+"""Closed-form kinematics of a quadruped, for any number of robots at once.
 
 Every function takes the plant's state or positions with robots along the leading axes; see
-`glassgait.models.robots.robot` for the layout. Vectors are expressed in the trunk's
-frame (B) or the world's (W).
+`quadruped` for the layout.
 """
 
 from typing import NamedTuple
@@ -10,17 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped, robot
-
-_SIDE: Array = np.array([1.0, -1.0, 1.0, -1.0])
-_HIP_ORIGIN: Array = np.stack(
-    [
-        robot.HIP_OFFSET_X * np.array([1.0, 1.0, -1.0, -1.0]),
-        robot.HIP_OFFSET_Y * _SIDE,
-        np.zeros(quadruped.N_LEGS),
-    ],
-    axis=-1,
-)
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Box, Robot
 
 
 def rotation_matrix(quaternion: Array) -> Array:
@@ -64,55 +54,58 @@ class LegPoints(NamedTuple):
     foot: Array
 
 
-def leg_points(joint_position: Array) -> LegPoints:
+def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
     """Locates thigh joint, knee and foot centre of each leg.
 
     Args:
+        robot: What robots they are.
         joint_position: Joint positions (..., 12; rad).
     """
     q_hip, q_thigh, q_calf = _by_leg(joint_position)
     cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
     q_shank = q_thigh + q_calf
-    offset = np.broadcast_to(_SIDE * robot.THIGH_OFFSET_Y, q_hip.shape)
+    offset = np.broadcast_to(robot.side * robot.thigh_offset, q_hip.shape)
 
     def in_trunk(x: Array, z: Array) -> Array:
         swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
-        return _HIP_ORIGIN + swung
+        return robot.hip_origin + swung
 
-    knee_x = -robot.THIGH_LENGTH * np.sin(q_thigh)
-    knee_z = -robot.THIGH_LENGTH * np.cos(q_thigh)
-    foot_x = knee_x - robot.CALF_LENGTH * np.sin(q_shank)
-    foot_z = knee_z - robot.CALF_LENGTH * np.cos(q_shank)
+    knee_x = -robot.thigh_length * np.sin(q_thigh)
+    knee_z = -robot.thigh_length * np.cos(q_thigh)
+    foot_x = knee_x - robot.calf_length * np.sin(q_shank)
+    foot_z = knee_z - robot.calf_length * np.cos(q_shank)
     zero = np.zeros_like(q_hip)
     return LegPoints(
         thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
     )
 
 
-def foot_positions(joint_position: Array) -> Array:
+def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
-    return leg_points(joint_position).foot
+    return leg_points(robot, joint_position).foot
 
 
-def foot_heights(positions: Array) -> Array:
+def foot_heights(robot: Robot, positions: Array) -> Array:
     """Measures how far each foot's lowest point is above the ground.
 
     Args:
+        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
 
     Returns:
         Heights (..., 4; m), negative where a foot is pressed into the ground.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
-    feet = foot_positions(positions[..., quadruped.JOINT_POSITION])
+    feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
     base_height = positions[..., quadruped.POSITION][..., 2]
-    return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.FOOT_RADIUS
+    return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
 
 
-def body_clearance(positions: Array, shank_share: float = 1.0) -> Array:
+def body_clearance(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
     """Measures the lowest point above ground of each collision box that must never touch it.
 
     Args:
+        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         shank_share: Share of the calf's box, from the knee down, that is measured.
 
@@ -123,23 +116,23 @@ def body_clearance(positions: Array, shank_share: float = 1.0) -> Array:
     base_height = positions[..., quadruped.POSITION][..., 2]
     joint_position = positions[..., quadruped.JOINT_POSITION]
     q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    points = leg_points(joint_position)
+    points = leg_points(robot, joint_position)
 
     up_x, up_y, up_z = (up[..., None, axis] for axis in range(3))
     lateral = np.cos(q_hip) * up_y + np.sin(q_hip) * up_z
     vertical = -np.sin(q_hip) * up_y + np.cos(q_hip) * up_z
 
-    def limb(start: Array, end: Array, angle: Array, box: tuple[float, float, float]) -> Array:
+    def limb(start: Array, end: Array, angle: Array, box: Box) -> Array:
         along = np.sin(angle) * up_x + np.cos(angle) * vertical
         across = np.cos(angle) * up_x - np.sin(angle) * vertical
         reach = np.abs(along) * box[0] + np.abs(lateral) * box[1] + np.abs(across) * box[2]
         centre = np.einsum("...lk,...k->...l", 0.5 * (start + end), up)
         return centre + base_height[..., None] - 0.5 * reach
 
-    trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.TRUNK_BOX)
-    thigh = limb(points.thigh, points.knee, q_thigh, robot.THIGH_BOX)
+    trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.trunk_box)
+    thigh = limb(points.thigh, points.knee, q_thigh, robot.thigh_box)
     shank_end = points.knee + shank_share * (points.foot - points.knee)
-    length, width, depth = robot.CALF_BOX
+    length, width, depth = robot.calf_box
     shank_box = (shank_share * length, width, depth)
     calf = limb(points.knee, shank_end, q_thigh + q_calf, shank_box)
     return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
@@ -160,19 +153,22 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
     return linear, angular
 
 
-def standing_state(joint_position: Array) -> Array:
+def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     """Places level robots, facing along x, at rest with their lowest foot just on the ground.
 
     Args:
-        joint_position: Joint positions (..., 12; rad).
+        robot: What robots they are.
+        joint_position: Joint positions (..., 12; rad); the default stance by default.
 
     Returns:
         The plant's state x (..., 37), at the world's origin.
     """
+    if joint_position is None:
+        joint_position = robot.default_stance
     state = np.zeros((*joint_position.shape[:-1], quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
     state[..., 0] = 1.0
     state[..., quadruped.JOINT_POSITION] = joint_position
-    state[..., 6] = -foot_heights(state).min(axis=-1)
+    state[..., 6] = -foot_heights(robot, state).min(axis=-1)
     return state
 
 
@@ -185,5 +181,5 @@ def _unit_components(quaternion: Array) -> Array:
     # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
     # walking it is a tenth too long.
     norm = np.sqrt(np.sum(np.square(quaternion), axis=-1, keepdims=True))
-    # All zeros stand for a state that is not finite; they are nobody's attitude.
+    # All zeros stand for a state that is not finite; no attitude.
     return np.moveaxis(quaternion / np.where(norm > 0.0, norm, 1.0), -1, 0)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics
+from glassgait.models.robots.robot import Robot
 
 
 class FootSense(NamedTuple):
@@ -24,7 +25,7 @@ class FootSense(NamedTuple):
 
 
 def touches_ground(height: Array) -> NDArray[np.bool_]:
-    """Tells from the heights (..., 4; m) of the feet which of them press on the ground.
+    """Decides by the heights (..., 4; m) of the feet which of them press on the ground.
 
     Point contact on a half space presses exactly where a foot's sphere reaches below the plane, so
     in Drake the contact follows from the pose alone.
@@ -33,6 +34,7 @@ def touches_ground(height: Array) -> NDArray[np.bool_]:
 
 
 def sense_feet(
+    robot: Robot,
     positions: Array,
     previously_touching: NDArray[np.bool_],
     touching: NDArray[np.bool_] | None = None,
@@ -40,11 +42,12 @@ def sense_feet(
     """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
     Args:
+        robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         previously_touching: `touching` of the previous control step (..., 4).
-        touching: Whether each foot presses on the ground (..., 4); by default as its pose tells.
+        touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.
     """
-    height = kinematics.foot_heights(positions)
+    height = kinematics.foot_heights(robot, positions)
     if touching is None:
         touching = touches_ground(height)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
@@ -53,7 +56,7 @@ def sense_feet(
 def flip_contacts(
     contact: NDArray[np.bool_], uniform: Array, flip_share: float
 ) -> NDArray[np.bool_]:
-    """Reads contacts by sensors that now and then tell the opposite.
+    """Reads contacts by sensors that are wrong now and then.
 
     Args:
         contact: Whether each foot touches (..., 4).

@@ -9,7 +9,8 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait_keys import MOST_STATES
 
 JOINT_VELOCITY_SCALE = 0.05
@@ -29,7 +30,7 @@ JOINT_NOISE.flags.writeable = False
 OVERDUE = 2
 """Control steps by which the observed time in a state may pass the commanded one.
 
-Who waits longer is where hardly a sample was. Copies of a walk that saw the time grow there waited
+Longer waits are hardly among the samples. Copies of a walk that observed the growing time waited
 two seconds and fell; with the time held they go on.
 """
 
@@ -51,7 +52,6 @@ Group = Literal[
 
 _SCALED_UNITS: dict[Group, str] = {
     "joint position": "rad from the default stance",
-    "previous action": f"{robot.ACTION_SCALE} rad of joint target",
     "machine state": "0 or 1",
 }
 
@@ -65,8 +65,9 @@ class ObservationEntry:
         group: The quantity.
         leg: The leg that it belongs to, or None.
         unit: Unit of the quantity; none for the one-hot state of the machine.
-        scale: What the quantity, in its unit, is multiplied by. Joint positions are counted from
-            the default stance, and so are joint targets, which the previous action stands for.
+        factor: What the quantity, in its unit, is multiplied by; of the previous action it is the
+            robot's, see `scale`. Joint positions are counted from the default stance, and so are
+            joint targets, which the previous action stands for.
         symbol: Short symbol, such as "dq.FL_hip".
         latex: The same for LaTeX.
         merged_name: The name without its leg and without the number of the machine's state.
@@ -78,16 +79,21 @@ class ObservationEntry:
     group: Group
     leg: str | None
     unit: str
-    scale: float
+    factor: float
     symbol: str
     latex: str
     merged_name: str
     mirror_sign: float = 1.0
 
-    @property
-    def scaled_unit(self) -> str:
-        """Unit as pages print it, with the factor that the entry is scaled by."""
-        plain = self.unit if self.scale == 1.0 else f"{self.scale:g} · {self.unit}"
+    def scale(self, robot: Robot) -> float:
+        """Returns what the quantity, in its unit, is multiplied by."""
+        return 1.0 / robot.action_scale if self.group == "previous action" else self.factor
+
+    def scaled_unit(self, robot: Robot) -> str:
+        """Returns the unit as pages print it, with the factor that the entry is scaled by."""
+        if self.group == "previous action":
+            return f"{robot.action_scale} rad of joint target"
+        plain = self.unit if self.factor == 1.0 else f"{self.factor:g} · {self.unit}"
         return _SCALED_UNITS.get(self.group, plain)
 
 
@@ -104,7 +110,7 @@ class ObservationLayout:
     @cached_property
     def entries(self) -> tuple[ObservationEntry, ...]:
         """All entries, in order."""
-        velocity, action = JOINT_VELOCITY_SCALE, 1.0 / robot.ACTION_SCALE
+        velocity = JOINT_VELOCITY_SCALE
         return (
             _single("Command X", "commanded velocity", "m/s", 1.0, "cmd.v", "v_x^{*}"),
             _single(
@@ -118,7 +124,7 @@ class ObservationLayout:
             ),
             *_of_joints("DoF Pos", "joint position", "rad", 1.0, "q", "q"),
             *_of_joints("DoF Vel", "joint velocity", "rad/s", velocity, "dq", r"\dot q"),
-            *_of_joints("Prev Action", "previous action", "rad", action, "a", "a^{-}"),
+            *_of_joints("Prev Action", "previous action", "rad", 1.0, "a", "a^{-}"),
             *(_machine_state(i) for i in range(self.n_machine_states)),
             _single("RM Iters", "iterations", "control steps", ITERATIONS_SCALE, "t", "n"),
             _single(
@@ -153,19 +159,19 @@ def _single(
     name: str,
     group: Group,
     unit: str,
-    scale: float,
+    factor: float,
     symbol: str,
     latex: str,
     *,
     mirror_sign: float = 1.0,
 ) -> ObservationEntry:
     return ObservationEntry(
-        name, group, None, unit, scale, symbol, latex, merged_name=name, mirror_sign=mirror_sign
+        name, group, None, unit, factor, symbol, latex, merged_name=name, mirror_sign=mirror_sign
     )
 
 
 def _of_joints(
-    title: str, group: Group, unit: str, scale: float, symbol: str, latex: str
+    title: str, group: Group, unit: str, factor: float, symbol: str, latex: str
 ) -> list[ObservationEntry]:
     return [
         ObservationEntry(
@@ -173,7 +179,7 @@ def _of_joints(
             group=group,
             leg=leg,
             unit=unit,
-            scale=scale,
+            factor=factor,
             symbol=f"{symbol}.{leg}_{joint}",
             latex=rf"{latex}_{{\mathrm{{{leg} {joint.title()}}}}}",
             merged_name=f"{title} {joint.title()}",
@@ -190,7 +196,7 @@ def _machine_state(number: int) -> ObservationEntry:
         group="machine state",
         leg=None,
         unit="",
-        scale=1.0,
+        factor=1.0,
         symbol=f"s{number}",
         latex=f"s_{{{number}}}",
         merged_name="RM State",
@@ -216,7 +222,7 @@ def _foot_height(leg: str) -> ObservationEntry:
         group="foot height",
         leg=leg,
         unit="m",
-        scale=1.0,
+        factor=1.0,
         symbol=f"h.{leg}",
         latex=rf"\hat h_{{\mathrm{{{leg}}}}}",
         merged_name="Foot Height",
@@ -261,7 +267,7 @@ def machine_state_entries(names: Sequence[str]) -> slice:
     """
     indices = indices_of("machine state", names)
     if not indices:
-        raise InputError("no observation tells the machine's state; make the policy anew")
+        raise InputError("no observation is of the machine's state; make the policy anew")
     return slice(indices[0], indices[-1] + 1)
 
 
@@ -271,6 +277,7 @@ def _entries_by_name() -> dict[str, ObservationEntry]:
 
 
 def proprioception(
+    robot: Robot,
     *,
     command: Array,
     joint_position: Array,
@@ -284,6 +291,7 @@ def proprioception(
     """Assembles the part of the observation that needs no estimator.
 
     Args:
+        robot: What robots they are.
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
@@ -303,7 +311,7 @@ def proprioception(
     return np.concatenate(
         [
             command,
-            measured[..., : quadruped.N_JOINTS] - robot.DEFAULT_STANCE,
+            measured[..., : quadruped.N_JOINTS] - robot.default_stance,
             measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
             previous_action,
             rm_state,
@@ -313,15 +321,16 @@ def proprioception(
     )
 
 
-def body_state(state: Array) -> Array:
+def body_state(robot: Robot, state: Array) -> Array:
     """Returns the true values of what the estimator estimates.
 
     Args:
+        robot: What robots they are.
         state: The plant's state x (..., 37).
 
     Returns:
         Base linear velocity in the trunk's frame, scaled by 2, and foot heights (..., 7; m/s, m).
     """
     linear, _ = kinematics.base_velocity(state)
-    heights = kinematics.foot_heights(state)
+    heights = kinematics.foot_heights(robot, state)
     return np.concatenate([BASE_VELOCITY_SCALE * linear, heights], axis=-1)

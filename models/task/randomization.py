@@ -8,7 +8,8 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import flip_contacts
@@ -52,14 +53,14 @@ class Randomization(Settings):
     contact_flips: ContactFlips = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
-    def initial_states(self, count: int, generator: np.random.Generator) -> Array:
+    def initial_states(self, robot: Robot, count: int, generator: np.random.Generator) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.
 
         Joints are kept inside their limits.
         """
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
-        joints = np.clip(robot.DEFAULT_STANCE * scale, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
-        state = kinematics.standing_state(joints)
+        joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
+        state = kinematics.standing_state(robot, joints)
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]

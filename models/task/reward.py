@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Positive, Settings
 from glassgait.models.task import CONTROL_PERIOD
 
@@ -19,9 +20,6 @@ AIR_TIME_TARGET = 0.5
 
 AIR_TIME_MIN_SPEED = 0.1
 """Commanded speed above which air time counts (m/s)."""
-
-_MIDDLE = 0.5 * (robot.UPPER_LIMITS + robot.LOWER_LIMITS)
-_HALF_RANGE = 0.5 * (robot.UPPER_LIMITS - robot.LOWER_LIMITS)
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array
     Args:
         state: The plant's state x (..., 37).
         before: What this returned a control step before (..., 2; m/s, rad/s).
-        weights: What tells the time of the average.
+        weights: They hold the time of the average.
 
     Returns:
         Forward speed and yaw rate (..., 2; m/s, rad/s).
@@ -104,6 +102,7 @@ def tracked_speeds(state: Array, before: Array, weights: RewardWeights) -> Array
 
 
 def step_reward(
+    robot: Robot,
     state: Array,
     *,
     previous_joint_velocity: Array,
@@ -119,6 +118,7 @@ def step_reward(
     """Rewards the step that led to `state`.
 
     Args:
+        robot: What robots they are.
         state: The plant's state x after the step (..., 37).
         previous_joint_velocity: Joint velocities before the step (..., 12; rad/s).
         action: Action held during the step (..., 12).
@@ -139,7 +139,7 @@ def step_reward(
         velocity=joint_velocity,
     )
     acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
-    excursion = np.abs(joint_position - _MIDDLE) - SOFT_LIMIT_FRACTION * _HALF_RANGE
+    excursion = np.abs(joint_position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
 
     air_time = air_time + CONTROL_PERIOD
     landed = foot_contact & (air_time > CONTROL_PERIOD)

@@ -8,7 +8,8 @@ from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 
 FAILURES = (
@@ -47,11 +48,17 @@ class TerminationLimits(Settings):
 
 
 def failures(
-    state: Array, *, action: Array, previous_action: Array, limits: TerminationLimits
+    robot: Robot,
+    state: Array,
+    *,
+    action: Array,
+    previous_action: Array,
+    limits: TerminationLimits,
 ) -> NDArray[np.bool_]:
-    """Tells which failures a robot shows.
+    """Finds which failures robots show.
 
     Args:
+        robot: What robots they are.
         state: The plant's state x after the step (..., 37).
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
@@ -65,16 +72,16 @@ def failures(
     state = np.where(finite[..., None], state, 0.0)
     joint_position = state[..., quadruped.JOINT_POSITION]
     overrun = np.maximum(
-        joint_position - robot.UPPER_LIMITS, robot.LOWER_LIMITS - joint_position
+        joint_position - robot.upper_limits, robot.lower_limits - joint_position
     ).max(axis=-1)
     change = np.where(finite[..., None], action - previous_action, 0.0)
     shown = np.stack(
         [
-            kinematics.body_clearance(state, limits.shank_share).min(axis=-1) < 0.0,
+            kinematics.body_clearance(robot, state, limits.shank_share).min(axis=-1) < 0.0,
             state[..., quadruped.POSITION][..., 2] < limits.trunk_height,
             overrun > limits.joint_overrun,
             np.sum(np.square(change), axis=-1) > limits.action_change,
-            kinematics.foot_heights(state).max(axis=-1) > limits.foot_height,
+            kinematics.foot_heights(robot, state).max(axis=-1) > limits.foot_height,
         ],
         axis=-1,
     )

@@ -56,7 +56,8 @@ class World(NamedTuple):
             InputError: if commands come from sliders, or the gait is not made for them.
         """
         task = TaskConfig.of_scenario(gait, scenario, controller)
-        return cls(task, make_physics(scenario.station), scenario.true_body_state)
+        physics = make_physics(task.robot, scenario.station)
+        return cls(task, physics, scenario.true_body_state)
 
 
 class ControlStep(NamedTuple):
@@ -291,7 +292,8 @@ def _maker(
     }
     if isinstance(gait, GaitSwitch):
         assert isinstance(scenario, Scenario)
-        switch, world, physics = gait, scenario, make_physics(scenario.station)
+        switch, world = gait, scenario
+        physics = make_physics(scenario.robot_of(controller), scenario.station)
         return lambda n: SwitchingSimulator(
             switch, world, physics, n_robots=n, policy=controller, **shared
         )

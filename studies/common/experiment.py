@@ -287,7 +287,7 @@ class Experiment(Settings):
             )
         kept = []
         for name in names:
-            policies = find_policies(load_gait(name))
+            policies = find_policies(load_gait(name), quiet=True)
             lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
             if len(lacks) < len(self.policy):
                 kept.append(name)

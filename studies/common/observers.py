@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.studies.common.episode import BoolArray, ControlStep, IntArray, Observer
 
 
@@ -56,8 +57,8 @@ class Log(Observer):
         limited: Whether joints follow targets within their ranges alone.
     """
 
-    def __init__(self, *, limited: bool) -> None:
-        self._limited = limited
+    def __init__(self, robot: Robot, *, limited: bool) -> None:
+        self._robot, self._limited = robot, limited
         self._values: dict[str, list[Any]] = {name: [] for name in RolloutLog.__annotations__}
 
     def observe(self, step: ControlStep) -> None:
@@ -65,7 +66,8 @@ class Log(Observer):
         plant, outcome, values = step.after.plant, step.outcome, self._values
         values["velocity"].append(forward_and_yaw(plant))
         values["command"].append(step.before.command.velocity)
-        values["power"].append(joint_power(plant, step.after.action, limited=self._limited))
+        power = joint_power(self._robot, plant, step.after.action, limited=self._limited)
+        values["power"].append(power)
         values["action"].append(step.action)
         values["expert_acts"].append(step.output.expert_acts)
         values["reward"].append(outcome.reward)
@@ -132,7 +134,7 @@ def forward_and_yaw(plant: Array) -> Array:
     return np.stack([linear[..., 0], angular[..., 2]], axis=-1)
 
 
-def joint_power(plant: Array, action: Array, *, limited: bool) -> Array:
+def joint_power(robot: Robot, plant: Array, action: Array, *, limited: bool) -> Array:
     """Returns the absolute mechanical power of all joints (...; W).
 
     Args:

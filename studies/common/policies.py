@@ -219,13 +219,14 @@ def is_file(name: str) -> bool:
     return Path(name).suffix in POLICY_SUFFIXES
 
 
-def find_policies(gait: Gait, source: Path | None = None) -> Policies:
+def find_policies(gait: Gait, source: Path | None = None, *, quiet: bool = False) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
     Args:
         gait: The gait.
         source: Folder of a run of train, distill or refine; by default what ships is taken and, of
             a gait that does not ship, what the default folders hold.
+        quiet: Whether nothing is printed.
 
     Raises:
         InputError: if there is no expert of the gait, the folder holds no policies of it, or the
@@ -241,6 +242,8 @@ def find_policies(gait: Gait, source: Path | None = None) -> Policies:
         found = _in_run(gait, DISTILLATION_FOLDER / name)
     else:
         found = _in_run(gait, TRAINING_FOLDER / name)
+    if quiet:
+        return found
     if found.place == SHIPPED:
         note(f"{name}: policies are those that ship")
     elif found.expert_place == SHIPPED:

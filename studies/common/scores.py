@@ -8,7 +8,7 @@ from scipy import stats
 
 from glassgait.models.arrays import Array
 from glassgait.models.policies.policy import first_not_finite
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.observers import RolloutLog
@@ -32,7 +32,7 @@ GRAVITY = 9.81
 """Acceleration by which energy is made comparable (m/s²)."""
 
 
-def score_rollouts(log: RolloutLog, mass: float = robot.MASS) -> pd.DataFrame:
+def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
     """Scores every robot up to its first failure.
 
     Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's

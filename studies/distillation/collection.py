@@ -63,11 +63,11 @@ def collect(
     own_speeds = speeds[(numbers - 1) % len(speeds)]
     world = worlds if isinstance(worlds, Scenario) else None
     if isinstance(worlds, Worlds):
-        limited = controller.limits_targets
-        drawn = worlds.stations(generator)
+        limited, robot = controller.limits_targets, controller.robot
+        drawn = worlds.stations(robot, generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
-        task = TaskConfig(gait, worlds.randomization, limit_targets=limited)
-        world = World(task, make_physics(*stations))
+        task = TaskConfig(gait, worlds.randomization, limit_targets=limited, robot=robot)
+        world = World(task, make_physics(robot, *stations))
     assert world is not None
     turns = None
 

@@ -186,12 +186,14 @@ class _Distillation:
         """Fits the student to the samples so far, and rolls a round out with it."""
         started = time.monotonic()
         config, title = self.config, STUDENTS[kind].title
-        student = untrained_student(self.gait.name, self.expert.observation_names)
+        student = untrained_student(self.expert)
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
             self.report(f"{title}: fitting to {len(seen.actions)} samples")
             student = self._fit(
-                kind, config.settings.of(kind).for_rounds(), seen.training_set(self.gait)
+                kind,
+                config.settings.of(kind).for_rounds(),
+                seen.training_set(self.gait, self.expert.robot),
             )
         ratio = ratio_title(plan.period)
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
@@ -211,7 +213,7 @@ class _Distillation:
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, seen.training_set(self.gait))
+        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert.robot))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
@@ -228,7 +230,9 @@ class _Distillation:
         )
         train, test = (np.asarray(share) for share in shares)
         shuffled = self._fit(
-            kind, settings.for_shuffled_split(), paper.training_set(self.gait).subset(train)
+            kind,
+            settings.for_shuffled_split(),
+            paper.training_set(self.gait, self.expert.robot).subset(train),
         )
         tested = paper.subset(np.isin(index, test))
         return {

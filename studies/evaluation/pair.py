@@ -20,7 +20,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.policy import Policy, first_not_finite
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import COLORS
@@ -105,9 +105,9 @@ class Pair:
         title = f"{self.gait.name}: {self.titles[0]} acts; {self.titles[1]}"
         ends = [_end(rollout) for rollout in rollouts]
         robots = [
-            ReplayedRobot(letter, f"{name}{_fall(end)}", color, rollout)
-            for letter, name, end, color, rollout in zip(
-                "AB", self.titles, ends, PAIR_COLORS, rollouts, strict=True
+            ReplayedRobot(letter, f"{name}{_fall(end)}", color, rollout, own.robot)
+            for letter, name, end, color, rollout, own in zip(
+                "AB", self.titles, ends, PAIR_COLORS, rollouts, self.policies, strict=True
             )
         ]
         files: dict[str, Any] = {"replay.html": partial(save_pair_replay, *robots)}
@@ -187,7 +187,7 @@ def target_difference(rollout: Rollout, a: Policy, b: Policy) -> TargetDifferenc
         b: The other one.
     """
     observations = rollout["observations"]
-    targets_a, targets_b = (robot.joint_targets(policy(observations)) for policy in (a, b))
+    targets_a, targets_b = (policy.robot.joint_targets(policy(observations)) for policy in (a, b))
     values = targets_b - targets_a
     if lost := first_not_finite(values):
         step, joint = lost

@@ -10,7 +10,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.heading_frame import COORDINATES, from_heading_frame, to_heading_frame
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import sense_feet
@@ -105,7 +105,7 @@ class StrideMap:
             Coordinates (m, 45); NaN where it fell or never entered.
         """
         n = len(self.command.dwell)
-        standing = np.tile(kinematics.standing_state(robot.DEFAULT_STANCE), (n, 1))
+        standing = np.tile(kinematics.standing_state(self.controller.robot), (n, 1))
 
         def stand(running: Episode, _: BoolArray) -> None:
             running.simulator.start_at(standing, self.command)
@@ -146,7 +146,7 @@ class StrideMap:
             iterations=np.zeros(n, dtype=np.int64),
             age=np.full(n, LONG_AGO),
         )
-        feet = sense_feet(plant, np.zeros((n, quadruped.N_LEGS), dtype=bool))
+        feet = sense_feet(self.controller.robot, plant, np.zeros((n, quadruped.N_LEGS), dtype=bool))
 
         def enter(running: Episode, _: BoolArray) -> None:
             simulator = running.simulator

@@ -58,15 +58,18 @@ class Symmetry(Experiment):
         Raises:
             InputError: if none has.
         """
-        kept = []
-        for name in gaits_named(self.gait):
+        kept, named = [], gaits_named(self.gait)
+        for name in named:
             if mirrored_states(load_gait(name)) is None:
                 say(f"{name}: has no mirror image, since its machine favours a side; left out")
             else:
                 kept.append(name)
         if not kept:
             raise InputError("--gait: no gait of these has a mirror image; name another")
-        super(Symmetry, replace(self, gait=tuple(kept))).run()
+        output = self.output
+        if output is not None and len(named) > 1 == len(kept):
+            output /= load_gait(kept[0]).name
+        super(Symmetry, replace(self, gait=tuple(kept), output=output)).run()
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Measures a policy where its expert goes.

@@ -71,7 +71,7 @@ class Tracking(Experiment):
             np.repeat(commands, n, axis=0),
             np.tile(np.rint(np.linspace(*case.gait.dwell, n)), len(commands)),
         )
-        recorder = Log(limited=case.scenario.limits_targets(case.controller))
+        recorder = Log(case.controller.robot, limited=case.scenario.limits_targets(case.controller))
         episode(
             case.gait,
             case.controller,

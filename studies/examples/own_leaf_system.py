@@ -13,11 +13,13 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.library import load_expert
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 
-WEIGHT = 9.81 * robot.MASS  # N
+ROBOT = load_robot()
+WEIGHT = 9.81 * ROBOT.mass  # N
 
 
 class PowerMeter(LeafSystem):
@@ -40,8 +42,8 @@ class PowerMeter(LeafSystem):
     def _add(self, context: Context, after: State) -> None:
         state, action = self._state.Eval(context), self._actions.Eval(context)
         position, velocity = state[quadruped.JOINT_POSITION], state[quadruped.JOINT_VELOCITY]
-        target = robot.joint_targets(action)
-        torque = robot.joint_torque(target=target, position=position, velocity=velocity)
+        target = ROBOT.joint_targets(action)
+        torque = ROBOT.joint_torque(target=target, position=position, velocity=velocity)
         work = np.maximum(torque * velocity, 0.0).sum() * CONTROL_PERIOD
         after.get_mutable_discrete_state(0)[0] += work
 

@@ -11,9 +11,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
-from glassgait.diagrams.station import AddA1Station, StationConfig, actuated_joints
+from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_hold import ActionHold
@@ -27,19 +28,19 @@ from glassgait.systems.symbolic_policy import make_symbolic_policy
 
 def make_diagram() -> Diagram:
     """Connects the robot, what it senses, the policy and the joints."""
-    gait, builder = load_gait("trot"), DiagramBuilder()
+    robot, gait, builder = load_robot(), load_gait("trot"), DiagramBuilder()
     layout = ObservationLayout(gait.n_states)
-    plant, _, instance = AddA1Station(builder, StationConfig())
+    plant, _, instance = AddStation(builder, robot, StationConfig())
     command = builder.AddSystem(ConstantVectorSource([0.5, 0.0]))  # m/s, rad/s
     dwell = builder.AddSystem(ConstantVectorSource([8.0]))  # control steps in a state
-    feet = builder.AddSystem(FootSensor())
+    feet = builder.AddSystem(FootSensor(robot))
     machine = builder.AddSystem(RewardMachineSystem(gait))
-    sensed = builder.AddSystem(Proprioception(layout))
-    body = builder.AddSystem(BodyStateSensor())
+    sensed = builder.AddSystem(Proprioception(robot, layout))
+    body = builder.AddSystem(BodyStateSensor(robot))
     observation = builder.AddSystem(Multiplexer([layout.n_proprioceptive, N_ESTIMATED]))
     policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_linear")))
     hold = builder.AddSystem(ActionHold())
-    targets = builder.AddSystem(JointTargets(actuated_joints(plant)))
+    targets = builder.AddSystem(JointTargets(robot, actuated_joints(plant)))
 
     for system in (feet, sensed, body):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))

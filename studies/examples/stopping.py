@@ -44,7 +44,7 @@ class Stopping(Experiment):
         n, dwell = self.n_robots, np.full(self.n_robots, float(case.gait.dwell[0]))
         walk = Command(np.tile([self.speed, 0.0], (n, 1)), dwell)
         stand = Command(np.zeros((n, 2)), dwell)
-        log = Log(limited=case.scenario.limits_targets(case.controller))
+        log = Log(case.controller.robot, limited=case.scenario.limits_targets(case.controller))
         episode(
             case.gait,
             case.controller,

@@ -23,7 +23,6 @@ from glassgait.models.certificates.reading import Certificate
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
 from glassgait.studies.explanation.variables import variables_of
 
 MARKS: dict[Outcome, str] = {"proved": "✓", "refuted": "✗", "undecided": "○"}
@@ -103,7 +102,7 @@ def certificate_panel(
             for name, box in certificate.boxes.items()
         ),
         data={
-            "limits": np.transpose([robot.LOWER_LIMITS, robot.UPPER_LIMITS]).tolist(),
+            "limits": np.transpose([policy.robot.lower_limits, policy.robot.upper_limits]).tolist(),
             "outside": [_furthest(own) for own in beyond],
             "witnesses": [
                 _witness(verdict, certificate.boxes, targets, policy, observed)
@@ -163,7 +162,7 @@ def _witness(
     found = nearness(verdict, boxes, targets, observed)
     values, inputs = variables_of(policy, found.witnesses).values, found.inputs
     # Of formulas the page tells quantities, of other policies what they observe.
-    scale = RobotUnits.of(policy.observation_names).scale
+    scale = RobotUnits.of(policy.robot, policy.observation_names).scale
     widths = found.widths / scale if isinstance(policy, FormulaPolicy) else found.widths
     return {
         "joint": claimed_joint(verdict),
@@ -171,7 +170,7 @@ def _witness(
         "inputs": inputs.tolist(),
         "widths": widths[inputs].tolist(),
         "values": np.round(values[:, inputs], 5).tolist(),
-        "targets": np.round(robot.joint_targets(policy(found.witnesses)), 5).tolist(),
+        "targets": np.round(policy.robot.joint_targets(policy(found.witnesses)), 5).tolist(),
         "distances": [
             round(own, 3) if np.isfinite(own) else None for own in found.distances.tolist()
         ],

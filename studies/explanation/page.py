@@ -15,7 +15,7 @@ from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.capabilities import FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
@@ -87,7 +87,7 @@ def explain_rollout(policy: Policy, rollout: Rollout) -> tuple[ExplainedJoint, .
     Raises:
         InputError: if this kind of policy has no such terms.
     """
-    observations, targets = rollout["observations"], robot.joint_targets(rollout["actions"])
+    observations, targets = rollout["observations"], policy.robot.joint_targets(rollout["actions"])
     states = rollout["rm_state"].argmax(axis=1)
     return tuple(
         ExplainedJoint(

@@ -33,7 +33,7 @@ def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
     """
     entries = entries_of(policy.observation_names)
     if not isinstance(policy, FormulaPolicy):
-        units = tuple(entry.scaled_unit for entry in entries)
+        units = tuple(entry.scaled_unit(policy.robot) for entry in entries)
         return Variables(policy.observation_names, units, observations)
     notes = (definition.note for definition in policy.vocabulary.definitions)
     units = (*(entry.unit for entry in entries), *notes)

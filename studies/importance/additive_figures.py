@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from glassgait.models.policies.policy import Contributions
+from glassgait.models.robots.robot import Robot
 from glassgait.studies.common.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 
 POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
@@ -32,7 +33,9 @@ def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 
 
 
 @styled
-def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str) -> Figure:
+def shape_figure(
+    robot: Robot, model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str
+) -> Figure:
     """Draws functions of one observation with bands of two standard deviations between the bagged
     models, above where the observations lie (paper, Figure 8, top)."""
     explanation: Any = model.explain_global()
@@ -43,7 +46,7 @@ def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], ti
     for (above, below), term in zip(panels.T, terms, strict=True):
         _draw_shape(above, below, explanation.data(term))
         name = model.term_names_[term]
-        below.set_xlabel(label_with_unit(name))
+        below.set_xlabel(label_with_unit(robot, name))
         below.set_yticks([])
     panels[0, 0].set_ylabel("adds to the action")
     panels[1, 0].set_ylabel("samples")
@@ -52,7 +55,7 @@ def shape_figure(model: ExplainableBoostingRegressor, terms: tuple[int, ...], ti
 
 
 @styled
-def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> Figure:
+def pair_figure(robot: Robot, model: ExplainableBoostingRegressor, term: int, title: str) -> Figure:
     """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
     explanation: Any = model.explain_global()
     data = explanation.data(term)
@@ -65,7 +68,11 @@ def pair_figure(model: ExplainableBoostingRegressor, term: int, title: str) -> F
         left, right, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
     )
     axes.grid(visible=False)
-    axes.set(xlabel=label_with_unit(first), ylabel=label_with_unit(second), title=title)
+    axes.set(
+        xlabel=label_with_unit(robot, first),
+        ylabel=label_with_unit(robot, second),
+        title=title,
+    )
     figure.colorbar(image, ax=axes).set_label("adds to the action")
     return figure
 

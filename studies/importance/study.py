@@ -180,9 +180,9 @@ def draw_student(
             singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
             pairs = [term for term in ranked if term >= n][:N_PAIRS]
             figures["terms"] = term_figure(model, title)
-            figures["shapes"] = shape_figure(model, singles, title)
+            figures["shapes"] = shape_figure(student.robot, model, singles, title)
             for place, term in enumerate(pairs, start=1):
-                figures[f"pair_{place}"] = pair_figure(model, term, title)
+                figures[f"pair_{place}"] = pair_figure(student.robot, model, term, title)
     stems = {what: folder / f"{kind}_{name}_{what}" for what in figures}
     for what, figure in figures.items():
         save_figure(figure, stems[what])

@@ -103,7 +103,7 @@ def dependence_figure(
         pd_line_kw={"color": "#D55E00", "linewidth": 1.8, "linestyle": "-"},
     )
     for panel, column in zip(panels[0], columns, strict=True):
-        panel.set(xlabel=label_with_unit(policy.observation_names[column]), ylabel="")
+        panel.set(xlabel=label_with_unit(policy.robot, policy.observation_names[column]), ylabel="")
         panel.get_legend().remove()
     panels[0][0].set_ylabel(f"action of {_title(joint)}")
     lines = panels[0][0].get_lines()

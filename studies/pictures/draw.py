@@ -22,6 +22,7 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
@@ -60,8 +61,10 @@ def draw_all() -> None:
         say(f"filming the {name}")
         gait = load_gait(name)
         rollout = expert_rollout(gait, COMMAND, SETTLING_STEPS + FILMED_STEPS)
-        save_figure(gait_strip(rollout, gait), FOLDER / f"{name}_gait", extensions=("png",))
-        camera = Camera(480, 300)
+        save_figure(
+            gait_strip(load_robot(), rollout, gait), FOLDER / f"{name}_gait", extensions=("png",)
+        )
+        camera = Camera(load_robot(), 480, 300)
         frames = [camera.take(x) for x in rollout["state"][SETTLING_STEPS::FRAME_STEPS]]
         write_atomically(FOLDER / f"{name}.gif", gif(frames))
     say("drawing the learning curves")
@@ -82,7 +85,7 @@ def expert_rollout(gait: Gait, command: FixedCommand, n_steps: int) -> Rollout:
 def loop_svg(gait: Gait) -> str:
     """Draws the locomotion diagram, with expert and student, as SVG."""
     expert = load_expert(gait.name)
-    student = untrained_student(gait.name, expert.observation_names)
+    student = untrained_student(expert)
     scenario = Scenario(command=COMMAND, sensor_noise=0.0)
     diagram = MakeLocomotion(
         gait, scenario, policy=AlternatingController(expert, student, period=4)

@@ -10,6 +10,7 @@ import pandas as pd
 import tyro
 
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
@@ -30,8 +31,9 @@ from glassgait.studies.reproduction.report.gait import GaitResults, study_gait
 from glassgait.studies.training.command import train_job
 
 DEVIATIONS = (
-    "The robot is a Unitree A1 in Drake, SAP contact at 10 ms, on flat ground; the paper's stands "
-    "in IsaacGym. What else differs in robot and task is listed in studies/training/README.md.",
+    f"The robot is a {load_robot().full_name} in Drake, SAP contact at 10 ms, "
+    "on flat ground; the paper's stands in IsaacGym. What else differs in robot and task is "
+    "listed in studies/training/README.md.",
     "Friction differs between 16 groups of robots while experts learn, not between all robots.",
     "In distillation and rollouts an episode ends where the trunk is below 0.20 m or an action "
     "changes by more than 60 squared; while experts learn, at the reference code's 0.25 m and 40.",

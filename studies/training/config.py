@@ -8,6 +8,7 @@ from annotated_types import Le, MaxLen, MinLen
 
 from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import (
     IN_ORDER,
     Count,
@@ -124,6 +125,7 @@ class TrainingConfig(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file; the command takes several.
+        robot: Name of a robot that ships, or path of a `robot.yaml` of one's own.
         seed: Seed of all randomness.
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
@@ -144,6 +146,7 @@ class TrainingConfig(Settings):
     title: ClassVar[str] = "training"
 
     gait: Annotated[str, tyro.conf.Suppress] = "trot"
+    robot: str = DEFAULT_ROBOT
     seed: Seed = 0
     updates: Count = 800
     n_robots: Count = 256

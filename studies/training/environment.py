@@ -15,6 +15,7 @@ from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.training.config import TrainingConfig
@@ -69,8 +70,8 @@ class TrainingEnvironment:
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
         self.generator = generator
-        worlds = config.worlds
-        stations = worlds.stations(generator)
+        worlds, robot = config.worlds, load_robot(config.robot)
+        stations = worlds.stations(robot, generator)
         self.simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -79,8 +80,9 @@ class TrainingEnvironment:
                 limits=config.limits,
                 command=DrawnCommands(speed_range),
                 limit_targets=config.limit_targets,
+                robot=robot,
             ),
-            BatchPhysics(*stations),
+            BatchPhysics(robot, *stations),
             n_robots=config.n_robots,
             generator=generator,
             # It estimates by itself, with the network that learns.

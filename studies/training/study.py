@@ -3,6 +3,7 @@
 import numpy as np
 
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.training.environment import TrainingEnvironment
@@ -44,5 +45,6 @@ class TrainingRun(LearningRun):
             self.estimator.to_network(),
             self._mirrored_states,
             limits_targets=self.config.limit_targets,
+            robot=load_robot(self.config.robot),
         )
         write_learned(policy, self.gait.name, self.config, self.progress, self.folder)

@@ -79,7 +79,8 @@ def measure_box(
     if not found:
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
     lower, upper = (np.array(corners) for corners in zip(*found, strict=True))
-    box = ObservationBox(expert.observation_names, lower.min(axis=0), upper.max(axis=0))
+    names = expert.observation_names
+    box = ObservationBox(expert.robot, names, lower.min(axis=0), upper.max(axis=0))
     measured = (
         f"{gait.name}: what {config.n_robots} robots a scenario sensed in {config.n_steps} control "
         f"steps without a fall, in each of {len(stepped)} scenarios, led by the expert and each of "

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from glassgait.models.certificates.prover import Prover, Verdict
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 
 
 def claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
@@ -27,12 +27,12 @@ def claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
 
 def bounds_table(prover: Prover) -> pd.DataFrame:
     """Returns a row a box, state and joint: how far the target can go, and how sure that is."""
-    rows = []
+    rows, robot = [], prover.policy.robot
     for box in prover.boxes:
         for state, name in enumerate(prover.gait.states):
             for joint, title in enumerate(quadruped.JOINTS):
                 above, below = prover.range_of(state, joint, box)
-                width = robot.UPPER_LIMITS[joint] - robot.LOWER_LIMITS[joint]
+                width = robot.upper_limits[joint] - robot.lower_limits[joint]
                 rows.append(
                     {
                         "box": box,

@@ -180,7 +180,7 @@ class ShowRollout(Settings):
         )
         save_figure(figure, stem)
         if self.stills:
-            save_figure(gait_strip(rollout, shown), stem.with_name(f"{name}_stills"))
+            save_figure(gait_strip(policy.robot, rollout, shown), stem.with_name(f"{name}_stills"))
         console.print(told)
         console.print(_summary(rollout, scenario))
         stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from glassgait.diagrams.camera import Camera
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
@@ -28,11 +29,12 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
 
 
 @styled
-def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
+def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
     moment in the gait diagram.
 
     Args:
+        robot: The robot.
         rollout: A rollout with at least one whole cycle.
         gait: Its gait.
         n_stills: Number of stills.
@@ -43,7 +45,7 @@ def gait_strip(rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     start, stop = last_cycle(rollout, gait)
     middles = (np.arange(n_stills) + 0.5) / n_stills
     steps = start + np.floor(middles * (stop - start)).astype(int)
-    camera = Camera(480, 320)
+    camera = Camera(robot, 480, 320)
     figure = Figure(figsize=(2 * COLUMN_WIDTH, 2.2))
     grid = figure.add_gridspec(2, n_stills, height_ratios=(1.0, 1.3))
     colors = state_colors(gait)

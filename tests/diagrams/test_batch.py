@@ -14,7 +14,8 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import COMMAND_STEPS
 from glassgait.models.task.command import Command
 from glassgait.models.task.observation import indices_of
@@ -22,13 +23,15 @@ from glassgait.models.task.randomization import NOMINAL, Randomization
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import FAILURES, TerminationLimits
 
+A1 = load_robot()
+
 
 def make_simulator(
     gait, *, n_robots=6, randomization=NOMINAL, n_groups=1, seed=0, estimator=None, **task
 ):
     return BatchSimulator(
         TaskConfig(gait, randomization, **task),
-        BatchPhysics(*[StationConfig()] * n_groups),
+        BatchPhysics(A1, *[StationConfig()] * n_groups),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=estimator,
@@ -55,16 +58,16 @@ def test_either_engine_follows_the_nearest_targets_within_the_joints_ranges(
     if engine == "mujoco":
         pytest.importorskip("mujoco")
     task = TaskConfig(trot, NOMINAL, limit_targets=limited)
-    physics = make_physics(StationConfig(time_step=0.01, engine=engine))
+    physics = make_physics(A1, StationConfig(time_step=0.01, engine=engine))
     simulator = BatchSimulator(
         task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
     )
     asked = generator.normal(size=(3, 12), scale=6.0)
     before = simulator.state.plant
-    targets = robot.joint_targets(asked)
-    assert np.any(targets > robot.UPPER_LIMITS)
+    targets = A1.joint_targets(asked)
+    assert np.any(targets > A1.upper_limits)
     if limited:
-        targets = np.clip(targets, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+        targets = np.clip(targets, A1.lower_limits, A1.upper_limits)
     expected = physics.step(before, targets, previous_targets=targets).states
     simulator.step(asked)
     np.testing.assert_array_equal(simulator.state.plant, expected)
@@ -156,7 +159,7 @@ def test_a_scenario_is_played_as_it_says(trot):
         NOMINAL, friction=(0.3, 0.3), push_speed=0.7, push_interval=3.0, observation_noise=2.0
     )
     assert (task.weights, task.limits) == (scenario.weights, scenario.limits)
-    physics = BatchPhysics(scenario.station)
+    physics = BatchPhysics(A1, scenario.station)
     simulator = BatchSimulator(
         task, physics, n_robots=3, generator=np.random.default_rng(0), estimator=None
     )
@@ -188,7 +191,7 @@ def test_pushes_add_to_the_base_velocity(trot):
         for randomization in (always, replace(always, push_speed=0.0))
     )
     for simulator in (pushed, quiet):
-        states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (6, 1)))
+        states = kinematics.standing_state(A1, np.tile(A1.default_stance, (6, 1)))
         simulator.start_at(states, Command(np.zeros((6, 2)), np.full(6, 8.0)))
         simulator.step(np.zeros((6, 12)))
     difference = (pushed.state.plant - quiet.state.plant)[:, quadruped.LINEAR_VELOCITY]

@@ -6,17 +6,20 @@ import pytest
 from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["one thread", "two threads"])
 def physics(request):
-    return BatchPhysics(StationConfig(), n_threads=request.param)
+    return BatchPhysics(A1, StationConfig(), n_threads=request.param)
 
 
 def standing_batch(count):
-    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
-    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+    states = kinematics.standing_state(A1, np.tile(A1.default_stance, (count, 1)))
+    return states, np.tile(A1.default_stance, (count, 1))
 
 
 def test_robots_stand(physics):
@@ -48,7 +51,7 @@ def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
 
 
 def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
-    loop, threads = (BatchPhysics(StationConfig(), n_threads=count) for count in (1, 2))
+    loop, threads = (BatchPhysics(A1, StationConfig(), n_threads=count) for count in (1, 2))
     states, targets = standing_batch(7)
     ends = []
     for physics in (loop, threads):
@@ -61,7 +64,7 @@ def test_drakes_threads_and_pythons_loop_agree_in_every_bit():
 
 
 def test_as_few_as_python_steps_are_as_all_that_drake_steps():
-    physics = BatchPhysics(StationConfig(), n_threads=2)
+    physics = BatchPhysics(A1, StationConfig(), n_threads=2)
     states, targets = standing_batch(5)
     states[:, 6] += np.linspace(0.0, 0.1, 5)
     together = physics.step(states, targets).states
@@ -70,7 +73,7 @@ def test_as_few_as_python_steps_are_as_all_that_drake_steps():
 
 
 def test_slippery_groups_slide_further():
-    physics = BatchPhysics(StationConfig(), StationConfig())
+    physics = BatchPhysics(A1, StationConfig(), StationConfig())
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing_batch(4)
     states[:, quadruped.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
@@ -85,11 +88,11 @@ def test_slippery_groups_slide_further():
 def test_steps_that_do_not_divide_the_control_period_are_refused():
     for step in (0.0, 0.015):
         with pytest.raises(InputError, match="must divide the control period"):
-            BatchPhysics(StationConfig(time_step=step))
+            BatchPhysics(A1, StationConfig(time_step=step))
 
 
 def test_robots_of_one_group_get_their_targets_each_at_its_time():
-    physics = BatchPhysics(StationConfig(time_step=0.005))
+    physics = BatchPhysics(A1, StationConfig(time_step=0.005))
     states, targets = standing_batch(4)
     states[:, 6] += 0.2
     moved = targets + 0.3
@@ -104,7 +107,7 @@ def test_robots_of_one_group_get_their_targets_each_at_its_time():
 
 
 def _by_quarters(station, state, old, new, delay):
-    quarter = BatchPhysics(station)._groups[0]
+    quarter = BatchPhysics(A1, station)._groups[0]
     for step in range(4):
         state = quarter._advance(state, old if step < delay else new, 1, None)
     return state

@@ -16,10 +16,14 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.randomization import NOMINAL
+
+A1 = load_robot()
+
 
 COMMAND = FixedCommand(speed=0.4, yaw_rate=0.2, dwell=7)
 CALM = Scenario(command=COMMAND, sensor_noise=0.0)
@@ -43,7 +47,7 @@ def batch(switch, policy, scenario, n_robots=1, seed=0):
     return SwitchingSimulator(
         switch,
         scenario,
-        BatchPhysics(scenario.station),
+        BatchPhysics(A1, scenario.station),
         n_robots=n_robots,
         generator=np.random.default_rng(seed),
         estimator=policy.estimator,
@@ -75,7 +79,9 @@ def recorded(diagram, state, requested):
 def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student, latency):
     switch, policy = two(source, target, student)
     scenario = replace(CALM, latency=latency)
-    (state,) = replace(NOMINAL, observation_noise=0.0).initial_states(1, np.random.default_rng(5))
+    (state,) = replace(NOMINAL, observation_noise=0.0).initial_states(
+        A1, 1, np.random.default_rng(5)
+    )
     rollout = recorded(MakeLocomotion(switch, scenario, policy=policy), state, 1)
     simulator = batch(switch, policy, scenario)
     velocity = np.array([[COMMAND.speed, COMMAND.yaw_rate]])

@@ -24,11 +24,14 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.termination import FAILURES
 
-ID = "glassgait/A1-v0"
+ID = "glassgait/Locomotion-v0"
 
 
 class StandIn:
     """A camera that needs no EGL: its pictures tell how far the robot is."""
+
+    def __init__(self, robot):
+        self.robot = robot
 
     def take(self, state):
         return np.full((4, 6, 3), abs(round(100 * state[4])), dtype=np.uint8)
@@ -69,7 +72,7 @@ def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(camera):
 
 def test_the_id_is_known_once_the_module_is_named():
     code = (
-        "import gymnasium; env = gymnasium.make('glassgait.diagrams.gym:glassgait/A1-v0'); "
+        "import gymnasium; env = gymnasium.make('glassgait.diagrams.gym:glassgait/Locomotion-v0'); "
         "env.reset(seed=0); env.step(env.action_space.sample()); "
         "print(env.spec.id, env.spec.max_episode_steps, type(env.unwrapped).__name__)"
     )

@@ -12,7 +12,7 @@ from glassgait.diagrams.gym import LocomotionVectorEnv
 from glassgait.models.errors import InputError
 from glassgait.models.task.termination import FAILURES
 
-ID = "glassgait/A1-v0"
+ID = "glassgait/Locomotion-v0"
 YAW = 1
 PREVIOUS_ACTION = slice(26, 38)
 
@@ -23,6 +23,9 @@ ABRUPT[1] = 10.0
 
 class StandIn:
     """A camera that needs no EGL."""
+
+    def __init__(self, robot):
+        self.robot = robot
 
     def take(self, state):
         return np.full((4, 6, 3), 128, dtype=np.uint8)

@@ -21,8 +21,12 @@ from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
+
+A1 = load_robot()
+
 
 CHANNELS = Channels("TEST_")
 N_STEPS = 120
@@ -41,7 +45,7 @@ class Ends:
         self.robot = RobotEnd(
             gait, scenario, self.lcm, CHANNELS, watchdog=Watchdog(), session=4, seed=seed
         )
-        self.controller = ControllerEnd(gait, policy, self.lcm, CHANNELS)
+        self.controller = ControllerEnd(A1, gait, policy, self.lcm, CHANNELS)
         self.late = late
 
     def step(self, *, answered=True):
@@ -71,10 +75,10 @@ def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
     world = replace(scenario, latency=late * time_step)
     one = record(make_simulator(MakeLocomotion(trot, world, policy=page), seed=3), N_STEPS)
     np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-12)
-    expected = robot.joint_targets(one["actions"][:-1], limited=True)
+    expected = A1.joint_targets(one["actions"][:-1], limited=True)
     np.testing.assert_allclose(targets, expected, rtol=0, atol=1e-12)
     # It walks: a foot was lifted.
-    assert kinematics.foot_heights(states).max() > 0.02
+    assert kinematics.foot_heights(A1, states).max() > 0.02
 
 
 def test_counts_and_survives_losses(trot, page):
@@ -113,7 +117,7 @@ def test_a_robot_on_its_back_does_not_rise(trot, page):
     ends = Ends(trot, page, Scenario(command=FixedCommand()))
     ends.run(20)
     ends.run(70, answered=False)
-    state = kinematics.standing_state(CROUCH)
+    state = kinematics.standing_state(A1, CROUCH)
     state[quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
     state[quadruped.POSITION] = 0.0, 0.0, 0.06
     set_plant_state(ends.robot.diagram, ends.robot.simulator.get_mutable_context(), state)
@@ -150,9 +154,7 @@ def test_a_robot_that_fell_is_put_back_and_its_controller_starts_anew(trot, page
     assert ends.robot.fallen
     ends.robot.put_back()
     assert ends.robot.phase is Phase.STANDING
-    np.testing.assert_array_equal(
-        ends.robot.output("state"), kinematics.standing_state(robot.DEFAULT_STANCE)
-    )
+    np.testing.assert_array_equal(ends.robot.output("state"), kinematics.standing_state(A1))
     ends.run(100)
     assert ends.robot.phase is Phase.FOLLOWING
     assert not ends.robot.fallen
@@ -326,7 +328,7 @@ def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, worl
 
 def test_a_policy_of_another_gait_is_refused(page):
     with pytest.raises(InputError, match="trot"):
-        MakeLinkedController(load_gait("pace"), page, DrakeLcm("memq://"), CHANNELS)
+        MakeLinkedController(A1, load_gait("pace"), page, DrakeLcm("memq://"), CHANNELS)
 
 
 def test_a_step_of_both_ends_takes_less_than_a_control_period(trot, page):

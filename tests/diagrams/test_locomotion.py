@@ -25,13 +25,16 @@ from glassgait.models.policies.library import (
     load_student,
 )
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.systems import command as command_system
+
+A1 = load_robot()
+
 
 QUIET = replace(NOMINAL, observation_noise=0.0)
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0)
@@ -62,7 +65,7 @@ def batch_of_one(gait, state, command, scenario, estimator, policy=None):
     task = TaskConfig.of_scenario(gait, scenario, policy)
     simulator = BatchSimulator(
         task,
-        BatchPhysics(scenario.station),
+        BatchPhysics(A1, scenario.station),
         n_robots=1,
         generator=np.random.default_rng(0),
         estimator=None if scenario.true_body_state else estimator,
@@ -74,7 +77,7 @@ def batch_of_one(gait, state, command, scenario, estimator, policy=None):
 def assert_agreement(gait, policy, scenario=CALM):
     """Plays a scenario in both executions and returns how often the machine's state changed."""
     scenario = replace(scenario, command=COMMAND)
-    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, policy.estimator, policy)
@@ -176,8 +179,8 @@ def test_they_agree_where_a_policy_asks_for_targets_beyond_the_joints_ranges(
     assert_agreement(trot, wild, scenario)
     diagram = MakeLocomotion(trot, scenario, policy=wild)
     rollout = record(make_simulator(diagram), 20, stop_on_failure=False)
-    asked = robot.joint_targets(rollout["actions"])
-    assert np.any(asked > robot.UPPER_LIMITS)
+    asked = A1.joint_targets(rollout["actions"])
+    assert np.any(asked > A1.upper_limits)
     system = diagram.GetSubsystemByName("joint_targets")
     context = system.CreateDefaultContext()
     system.get_input_port().FixValue(context, rollout["actions"][-1])
@@ -192,7 +195,7 @@ def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):
         monkeypatch.setattr(module, "COMMAND_STEPS", every)
     policy = load_expert("trot")
     scenario = replace(CALM, command=DrawnCommands())
-    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
     diagram = MakeLocomotion(trot, scenario, policy=policy)
     rollout = record(
         make_simulator(diagram, state=state, seed=seed), N_STEPS, stop_on_failure=False
@@ -208,7 +211,7 @@ def test_they_agree_at_the_instants_at_which_commands_change(trot, monkeypatch):
 
 def test_they_agree_where_a_planner_commands(trot):
     policy = load_expert("trot")
-    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
     diagram = MakeLocomotion(trot, replace(CALM, command=DrawnCommands()), policy=policy)
     simulator = make_simulator(diagram, state=state)
     context = simulator.get_mutable_context()
@@ -231,7 +234,7 @@ def test_they_agree_while_expert_and_student_act_under_assurance(trot):
     hysteresis = Hysteresis(0.05, 0.02, return_steps=3)
     policy = AssuredController(expert, student, Region(names, -upper, upper), hysteresis)
     scenario = replace(CALM, command=COMMAND)
-    (state,) = QUIET.initial_states(1, np.random.default_rng(5))
+    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
     diagram = MakeLocomotion(trot, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     simulator = batch_of_one(trot, state, COMMAND_OF_ONE, scenario, policy.estimator)

@@ -12,7 +12,11 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
+
 
 mujoco = pytest.importorskip(
     "mujoco", reason="MuJoCo is not installed: pip install 'glassgait[mujoco]'"
@@ -24,13 +28,13 @@ DRAKE = StationConfig(time_step=0.002)
 
 
 def standing(count, lift=0.0):
-    states = kinematics.standing_state(np.tile(robot.DEFAULT_STANCE, (count, 1)))
+    states = kinematics.standing_state(A1, np.tile(A1.default_stance, (count, 1)))
     states[:, 6] += lift
-    return states, np.tile(robot.DEFAULT_STANCE, (count, 1))
+    return states, np.tile(A1.default_stance, (count, 1))
 
 
 def after(station, states, targets, n_steps=1):
-    physics = make_physics(station)
+    physics = make_physics(A1, station)
     for _ in range(n_steps):
         step = physics.step(states, targets)
         states = step.states
@@ -51,9 +55,9 @@ def after(station, states, targets, n_steps=1):
 def test_both_engines_move_a_flying_robot_alike(change, random_states, generator):
     states = random_states(5)
     states[:, 6] = 5.0
-    states[:, quadruped.JOINT_POSITION] = robot.DEFAULT_STANCE
+    states[:, quadruped.JOINT_POSITION] = A1.default_stance
     states[:, quadruped.N_POSITIONS :] = generator.normal(size=(5, 18))
-    targets = robot.DEFAULT_STANCE + 0.2 * generator.normal(size=(5, 12))
+    targets = A1.default_stance + 0.2 * generator.normal(size=(5, 12))
     # Both converge to the same motion, from steps that are far from exact.
     fine = {"time_step": 0.00025}
     fields = vars(STATION) | change | fine, vars(DRAKE) | change | fine
@@ -98,7 +102,7 @@ def test_what_cannot_be_advanced_does_not_start_anew():
 
 
 def test_targets_come_late():
-    physics = make_physics(STATION)
+    physics = make_physics(A1, STATION)
     states, targets = standing(3, lift=0.3)
     moved = targets + 0.3
     step = physics.step(
@@ -109,7 +113,7 @@ def test_targets_come_late():
 
 
 def test_slippery_groups_slide_further():
-    physics = make_physics(STATION, STATION)
+    physics = make_physics(A1, STATION, STATION)
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing(4)
     states[:, quadruped.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]
@@ -120,11 +124,11 @@ def test_slippery_groups_slide_further():
 
 @pytest.mark.parametrize("strength", [1.0, 0.8])
 def test_its_motors_give_no_more_than_their_effort(strength):
-    model = make_model(StationConfig(time_step=0.002, engine="mujoco", motor_strength=strength))
+    model = make_model(A1, StationConfig(time_step=0.002, engine="mujoco", motor_strength=strength))
     data = mujoco.MjData(model)
     data.ctrl[:] = np.tile([30.0, -30.0], quadruped.N_JOINTS // 2)
     mujoco.mj_forward(model, data)
-    torque = np.sign(data.ctrl) * strength * robot.EFFORT_LIMIT
+    torque = np.sign(data.ctrl) * strength * A1.effort[0]
     np.testing.assert_allclose(data.actuator_force, torque)
     np.testing.assert_allclose(np.sort(data.qfrc_actuator[6:]), np.sort(torque))
 
@@ -134,7 +138,7 @@ def test_an_expert_trots_there(trot):
     task = TaskConfig.of_scenario(trot, load_scenario("mujoco"))
     simulator = BatchSimulator(
         task,
-        make_physics(STATION),
+        make_physics(A1, STATION),
         n_robots=4,
         generator=np.random.default_rng(0),
         estimator=expert.estimator,
@@ -169,5 +173,5 @@ def test_a_diagram_is_drakes(trot):
 
 def test_one_batch_has_one_engine():
     with pytest.raises(InputError, match="drake and mujoco"):
-        make_physics(DRAKE, STATION)
-    assert isinstance(make_physics(DRAKE), BatchPhysics)
+        make_physics(A1, DRAKE, STATION)
+    assert isinstance(make_physics(A1, DRAKE), BatchPhysics)

@@ -12,9 +12,13 @@ from glassgait.diagrams.plant_state import (
     set_plant_state,
 )
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import MakeA1Station
+from glassgait.diagrams.station import MakeStation
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
+
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
@@ -51,7 +55,7 @@ def test_contexts_of_other_diagrams_are_refused(trot, make_policy):
 @pytest.mark.parametrize("n_robots", [0, 2])
 def test_diagrams_of_no_robot_or_of_two_are_refused(n_robots, trot, make_policy):
     builder = DiagramBuilder()
-    builder.AddNamedSystem("station", MakeA1Station())
+    builder.AddNamedSystem("station", MakeStation(A1))
     for i in range(n_robots):
         diagram = MakeLocomotion(trot, CALM, policy=make_policy(trot))
         builder.AddNamedSystem(f"robot {i}", diagram)

@@ -9,24 +9,27 @@ from pydrake.common import RandomGenerator
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.station import AddA1Station, MakeA1Station, StationConfig, set_friction
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.diagrams.station import AddStation, MakeStation, StationConfig, set_friction
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 @pytest.fixture(scope="module")
 def station():
     builder = DiagramBuilder()
-    plant, scene_graph, instance = AddA1Station(builder, StationConfig(friction=0.7))
+    plant, scene_graph, instance = AddStation(builder, A1, StationConfig(friction=0.7))
     return plant, scene_graph, instance, builder.Build()
 
 
 def test_mass_joints_and_limits(station):
     plant, _, instance, _ = station
-    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(robot.MASS)
+    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(A1.mass)
     names = plant.GetPositionNames(instance, add_model_instance_prefix=False)
     assert names[7:] == [f"{joint}_q" for joint in quadruped.JOINTS]
-    np.testing.assert_allclose(plant.GetPositionLowerLimits()[7:], robot.LOWER_LIMITS)
-    np.testing.assert_allclose(plant.GetPositionUpperLimits()[7:], robot.UPPER_LIMITS)
+    np.testing.assert_allclose(plant.GetPositionLowerLimits()[7:], A1.lower_limits)
+    np.testing.assert_allclose(plant.GetPositionUpperLimits()[7:], A1.upper_limits)
 
 
 def test_every_joint_has_its_pd_controller_and_effort_limit(station):
@@ -34,14 +37,14 @@ def test_every_joint_has_its_pd_controller_and_effort_limit(station):
     for name in quadruped.JOINTS:
         actuator = plant.GetJointActuatorByName(name)
         gains = actuator.get_controller_gains()
-        assert (gains.p, gains.d) == (robot.STIFFNESS, robot.DAMPING)
-        assert actuator.effort_limit() == robot.EFFORT_LIMIT
+        assert (gains.p, gains.d) == (A1.stiffness, A1.damping)
+        assert actuator.effort_limit() == A1.effort[0]
 
 
 @pytest.mark.parametrize("strength", [1.0, 0.8])
 def test_the_plants_motors_give_no_more_than_their_effort(strength):
     builder = DiagramBuilder()
-    plant, _, instance = AddA1Station(builder, StationConfig(motor_strength=strength))
+    plant, _, instance = AddStation(builder, A1, StationConfig(motor_strength=strength))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     own = plant.GetMyMutableContextFromRoot(context)
@@ -49,7 +52,7 @@ def test_the_plants_motors_give_no_more_than_their_effort(strength):
     desired = np.concatenate([far, np.zeros(quadruped.N_JOINTS)])
     plant.get_desired_state_input_port(instance).FixValue(own, desired)
     torque = plant.get_net_actuation_output_port(instance).Eval(own)
-    greatest = strength * robot.EFFORT_LIMIT
+    greatest = strength * A1.effort[0]
     np.testing.assert_allclose(torque, np.sign(far) * greatest, rtol=1e-9)
 
 
@@ -86,7 +89,7 @@ def test_robot_does_not_collide_with_itself(station):
 
 def test_payload_weighs_on_the_trunk():
     builder = DiagramBuilder()
-    plant, *_ = AddA1Station(builder, StationConfig(payload=2.0))
+    plant, *_ = AddStation(builder, A1, StationConfig(payload=2.0))
     assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(14.776)
 
 
@@ -98,19 +101,19 @@ def random_state(station, seed):
 
 def test_the_robot_stands_in_a_default_context(standing):
     for config in (StationConfig(), StationConfig(time_step=0.0, payload=2.0)):
-        station = MakeA1Station(config)
+        station = MakeStation(A1, config)
         state = station.GetOutputPort("state").Eval(station.CreateDefaultContext())
         np.testing.assert_allclose(state, standing, atol=1e-15)
 
 
 def test_random_contexts_draw_the_pose_above_the_ground(standing):
-    station = MakeA1Station()
+    station = MakeStation(A1)
     states = np.array([random_state(station, seed) for seed in range(50)])
     np.testing.assert_array_equal(states[7], random_state(station, 7))
-    scale = states[:, quadruped.JOINT_POSITION] / robot.DEFAULT_STANCE
+    scale = states[:, quadruped.JOINT_POSITION] / A1.default_stance
     assert 0.9 <= scale.min() < 0.91
     assert 1.09 < scale.max() <= 1.1
-    heights = kinematics.foot_heights(states)
+    heights = kinematics.foot_heights(A1, states)
     assert heights.min() >= 0.0
     assert heights.min(axis=1).max() < 0.05
     np.testing.assert_array_equal(
@@ -121,9 +124,10 @@ def test_random_contexts_draw_the_pose_above_the_ground(standing):
 def test_drakes_logger_is_left_alone_and_has_nothing_to_warn_of():
     program = """
 import logging
-from glassgait.diagrams.station import MakeA1Station
+from glassgait.diagrams.station import MakeStation
+from glassgait.models.robots.robot import load_robot
 assert not logging.getLogger("drake").filters
-MakeA1Station().CreateDefaultContext()
+MakeStation(load_robot()).CreateDefaultContext()
 """
     told = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True

@@ -14,7 +14,11 @@ from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.meshcat_command import SPEED_SLIDER
+
+A1 = load_robot()
+
 
 CALM = Scenario(command=FixedCommand(), sensor_noise=0.0, true_body_state=True)
 
@@ -48,8 +52,8 @@ def test_two_robots_are_in_one_page_though_one_stops_early(standing, tmp_path, m
         return opened[-1]
 
     monkeypatch.setattr(glassgait.diagrams.pair_replay, "open_meshcat", open_one)
-    left = ReplayedRobot("A", "<one> & only", "#0072B2", walk(6, 1.0))
-    right = ReplayedRobot("B", "two", "#D55E00", walk(11, 2.0))
+    left = ReplayedRobot("A", "<one> & only", "#0072B2", walk(6, 1.0), A1)
+    right = ReplayedRobot("B", "two", "#D55E00", walk(11, 2.0), A1)
     path = tmp_path / "replay.html"
     save_pair_replay(left, right, path)
     page = path.read_text()

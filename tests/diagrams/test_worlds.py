@@ -8,11 +8,13 @@ import pytest
 from glassgait.diagrams.station import StationConfig
 from glassgait.diagrams.worlds import GroupRanges, Worlds
 from glassgait.models.errors import InputError
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 def drawn(worlds, seed=0):
-    return worlds.stations(np.random.default_rng(seed))
+    return worlds.stations(A1, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize(
@@ -20,8 +22,8 @@ def drawn(worlds, seed=0):
     [
         ("payload", 0.0, 2.5),
         ("motor_strength", 0.8, 1.2),
-        ("stiffness", 0.8 * robot.STIFFNESS, 1.2 * robot.STIFFNESS),
-        ("damping", 0.8 * robot.DAMPING, 1.2 * robot.DAMPING),
+        ("stiffness", 0.8 * A1.stiffness, 1.2 * A1.stiffness),
+        ("damping", 0.8 * A1.damping, 1.2 * A1.damping),
         ("armature", 0.0, 0.01),
         ("relaxation_time", 0.005, 0.03),
     ],
@@ -57,7 +59,7 @@ def test_the_same_seed_gives_the_same_worlds():
 
 
 def test_ranges_of_one_value_change_nothing():
-    station = StationConfig(friction=0.7)
+    station = StationConfig(friction=0.7, stiffness=20.0, damping=0.5)
     none = GroupRanges(
         payload=(0, 0),
         payload_offset=0,

@@ -19,14 +19,18 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 
-WIDTHS = robot.UPPER_LIMITS - robot.LOWER_LIMITS
+A1 = load_robot()
+
+
+WIDTHS = A1.upper_limits - A1.lower_limits
 
 
 def whole_box(gait: Gait) -> ObservationBox:
-    return physical_box(gait, operating_box(gait))
+    return physical_box(gait, operating_box(gait, A1))
 
 
 def formulas(text: str) -> FormulaPolicy:
@@ -51,13 +55,13 @@ def greatest(text: str) -> tuple[float, float]:
         ("trot", "ebm"),
     ],
 )
-@pytest.mark.parametrize("box", [operating_box, whole_box])
+@pytest.mark.parametrize("box", [lambda gait: operating_box(gait, A1), whole_box])
 def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     machine, policy = load_gait(gait), load_student(gait, kind)
     whole, targets = box(machine), targets_of(policy)
     observations = whole.random(10_000, np.random.default_rng(7))
     assert whole.contains(observations).all()
-    reached = robot.joint_targets(policy(observations))
+    reached = A1.joint_targets(policy(observations))
     states = policy.observation_names.index("RM State 0")
     for state, joint in product(range(machine.n_states), (0, 8)):
         mine = reached[observations[:, states + state] == 1.0, joint]
@@ -69,9 +73,9 @@ def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
 
 
 def test_no_observation_breaks_a_bound_of_trees():
-    policy, box = load_student("trot", "gbm"), operating_box(load_gait("trot")).in_state(1)
+    policy, box = load_student("trot", "gbm"), operating_box(load_gait("trot"), A1).in_state(1)
     observations = box.random(500, np.random.default_rng(7))
-    reached = robot.joint_targets(policy(observations))
+    reached = A1.joint_targets(policy(observations))
     for joint, sign in product((0, 7), (1, -1)):
         question = Question("target", 1, joint, sign)
         found = targets_of(policy).answer(question, region_of(box, 1), gap=0.0)
@@ -81,13 +85,13 @@ def test_no_observation_breaks_a_bound_of_trees():
 @pytest.mark.parametrize("kind", ["sparse_formula", "statewise_linear", "ebm"])
 def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
     gait, policy = load_gait("trot"), load_student("trot", kind)
-    box, units = operating_box(gait), RobotUnits.of(policy.observation_names)
+    box, units = operating_box(gait, A1), RobotUnits.of(A1, policy.observation_names)
     region, targets = region_of(box, 1), targets_of(policy)
     for of, joint in (("target", 0), ("offset", 3), ("target", 8)):
         found = targets.answer(Question(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
         assert np.all((region.lower <= found.witness) & (found.witness <= region.upper))
         action = policy((found.witness - units.offset) * units.scale)
-        value = robot.joint_targets(action)[joint]
+        value = A1.joint_targets(action)[joint]
         value -= found.witness[2 + joint] if of == "offset" else 0.0
         assert -value == pytest.approx(found.reached, abs=1e-8)
         exact = kind != "sparse_formula"

@@ -19,11 +19,13 @@ from glassgait.models.certificates.checker import robot as restated
 from glassgait.models.files import digest
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
 POLICY = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
+A1 = load_robot()
 PATH = next(path for path in shipped_certificates() if path.name == "trot_sparse_formula.json")
 CONTENT = json.loads(PATH.read_text())
 
@@ -190,14 +192,14 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
 
 def test_restates_the_robot_as_it_is():
     assert tuple(restated.JOINTS) == quadruped.JOINTS
-    assert robot.DEFAULT_STANCE.tolist() == restated.STANCE
-    assert restated.ACTION_SCALE == robot.ACTION_SCALE
-    assert restated.LIMITS == robot.POSITION_LIMITS
-    assert (restated.STIFFNESS, restated.EFFORT) == (robot.STIFFNESS, robot.EFFORT_LIMIT)
+    assert A1.default_stance.tolist() == restated.STANCE
+    assert A1.action_scale == restated.ACTION_SCALE
+    assert A1.position_limits == restated.LIMITS
+    assert (A1.stiffness, A1.effort[0]) == (restated.STIFFNESS, restated.EFFORT)
     assert TerminationLimits().action_change == restated.ABRUPT
     names, symbols = ObservationLayout(4).names, restated.symbols(4)
     assert symbols == [entry.symbol for entry in ObservationLayout(4).entries]
-    units = RobotUnits.of(names)
+    units = RobotUnits.of(A1, names)
     assert [restated.units(name) for name in symbols] == list(
         zip(units.scale.tolist(), units.offset.tolist(), strict=True)
     )

@@ -21,9 +21,13 @@ from glassgait.models.files import digest
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
+
+A1 = load_robot()
+
 
 GAIT = load_gait("trot")
 NAMES = ObservationLayout(2).names
@@ -177,12 +181,12 @@ def test_no_observation_reaches_more_than_the_checker_says(certified):
     policy, path, content = certified
     _, arrays = read_arrays(path.read_bytes())
     own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(arrays, 2)
-    box = operating_box(GAIT).in_state(1)
+    box = operating_box(GAIT, A1).in_state(1)
     told = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
     told |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
     observations = box.random(10_000, np.random.default_rng(1))
-    reached = robot.joint_targets(policy(observations))
-    quantities = RobotUnits.of(NAMES).quantities(observations)
+    reached = A1.joint_targets(policy(observations))
+    quantities = RobotUnits.of(A1, NAMES).quantities(observations)
     for joint, name in enumerate(JOINTS):
         offsets = reached[:, joint] - quantities[:, own.names.index(f"q.{name}")]
         for of, values in (("target", reached[:, joint]), ("offset", offsets)):

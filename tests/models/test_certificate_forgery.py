@@ -19,15 +19,19 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 
+A1 = load_robot()
+
+
 GAIT = load_gait("trot")
 LAYOUT = ObservationLayout(GAIT.n_states)
 SYMBOLS = [entry.symbol for entry in LAYOUT.entries]
-UNITS = RobotUnits.of(LAYOUT.names)
+UNITS = RobotUnits.of(A1, LAYOUT.names)
 TEXT = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
 
 CLAIMS = (
@@ -81,13 +85,13 @@ class Truth:
 
     def __init__(self, content: dict[str, Any], policy: Path) -> None:
         self.policy = load_policy(policy)
-        operating = ObservationBox.of_quantities(LAYOUT.names, content["boxes"]["operating"])
+        operating = ObservationBox.of_quantities(A1, LAYOUT.names, content["boxes"]["operating"])
         self.boxes = {"operating": operating, "physical": physical_box(GAIT, operating)}
         self.generator = np.random.default_rng(0)
 
     def targets(self, observations: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):
-            return robot.joint_targets(self.policy(observations))
+            return A1.joint_targets(self.policy(observations))
 
     def drawn(self, box: str, stuck: list[str], state: int) -> np.ndarray:
         names = [LAYOUT.names[SYMBOLS.index(name)] for name in stuck]
@@ -140,14 +144,14 @@ class Truth:
             assert np.isfinite(mine).all()
             match claim.kind:
                 case "limits":
-                    assert mine.max() <= claim.greatest(joint)
-                    assert mine.min() >= claim.smallest(joint)
+                    assert mine.max() <= claim.greatest(A1, joint)
+                    assert mine.min() >= claim.smallest(A1, joint)
                 case "torque":
                     angles = UNITS.quantities(seen)[
                         :, SYMBOLS.index(f"q.{quadruped.JOINTS[joint]}")
                     ]
-                    torque = robot.STIFFNESS * np.abs(mine - angles)
-                    assert torque.max() <= claim.greatest(joint) + 1e-9
+                    torque = A1.stiffness * np.abs(mine - angles)
+                    assert torque.max() <= claim.greatest(A1, joint) + 1e-9
                 case "never" | "effect" | "independent" as kind:
                     for index in claim.observations_of(joint, SYMBOLS):
                         other = self.moved(seen, SYMBOLS[index], claim.box, stuck, state)
@@ -166,7 +170,7 @@ class Truth:
             images = mirrored_states(GAIT)
             assert images is not None
             image = REFLECT_JOINTS(self.policy(reflect_observation(LAYOUT.names, images)(seen)))
-            difference = robot.ACTION_SCALE * np.abs(self.policy(seen) - image)
+            difference = A1.action_scale * np.abs(self.policy(seen) - image)
             assert difference[:, joints].max() <= TOLERANCE
         if claim.kind == "change":
             low, high = (UNITS.quantities(own) for own in self._corners(claim.box, state))
@@ -175,7 +179,7 @@ class Truth:
             signs = self.generator.choice([-1.0, 0.0, 1.0], seen.shape)
             other = np.clip(quantities + signs * changes, low, high)
             action = self.policy((other - UNITS.offset) * UNITS.scale) - self.policy(seen)
-            assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.greatest(0)
+            assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.greatest(A1, 0)
 
     def _corners(self, box: str, state: int) -> tuple[np.ndarray, np.ndarray]:
         inside = self.boxes[box].in_state(state)

@@ -10,16 +10,20 @@ from glassgait.models.certificates.prover import Prover, Verdict
 from glassgait.models.certificates.question import targets_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, entries_of
+
+A1 = load_robot()
+
 
 GAIT = load_gait("trot")
 NAMES = ObservationLayout(2).names
 SYMBOLS = [entry.symbol for entry in entries_of(NAMES)]
 BOXES = {
-    "operating": operating_box(GAIT),
-    "physical": physical_box(GAIT, operating_box(GAIT)),
+    "operating": operating_box(GAIT, A1),
+    "physical": physical_box(GAIT, operating_box(GAIT, A1)),
 }
 SEEN = ("v.x", "h.FL")
 
@@ -43,7 +47,7 @@ def refuted(policy):
 
 def moments(verdict, changes, state=None):
     """Returns observations that are the witness but for changes in widths of the operating box."""
-    witness = observation_of(verdict.witnesses[0], NAMES)
+    witness = observation_of(A1, verdict.witnesses[0], NAMES)
     observed = np.tile(witness, (len(changes), 1))
     widths = BOXES["operating"].upper - BOXES["operating"].lower
     for own, change in zip(observed, changes, strict=True):
@@ -55,10 +59,10 @@ def moments(verdict, changes, state=None):
 
 
 def test_a_witness_is_observed_as_the_robot_would(policy, refuted):
-    witness = observation_of(refuted.witnesses[0], NAMES)
-    quantities = dict(zip(SYMBOLS, RobotUnits.of(NAMES).quantities(witness), strict=True))
+    witness = observation_of(A1, refuted.witnesses[0], NAMES)
+    quantities = dict(zip(SYMBOLS, RobotUnits.of(A1, NAMES).quantities(witness), strict=True))
     assert quantities == pytest.approx(refuted.witnesses[0])
-    assert robot.joint_targets(policy(witness))[1] == pytest.approx(refuted.worst)
+    assert A1.joint_targets(policy(witness))[1] == pytest.approx(refuted.worst)
     assert refuted.worst > 0.9
 
 
@@ -127,7 +131,7 @@ def test_the_ends_of_the_box_are_inside_of_it():
     box = BOXES["operating"]
     for corner in (box.lower, box.upper):
         one = box.in_state(0).clipped(corner)
-        quantities = RobotUnits.of(NAMES).quantities(one)
-        units = RobotUnits.of(NAMES)
+        quantities = RobotUnits.of(A1, NAMES).quantities(one)
+        units = RobotUnits.of(A1, NAMES)
         again = (quantities - units.offset) * units.scale
         assert not overruns(box, again[None]).any()

@@ -21,8 +21,10 @@ from glassgait.models.certificates.reading import read_certificate
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 
+A1 = load_robot()
 PATH = next(path for path in shipped_certificates() if path.name == "trot_sparse_formula.json")
 TEXT = PATH.read_text()
 
@@ -36,7 +38,7 @@ def test_says_what_the_file_says():
         assert (verdict.worst, verdict.claimed) == (claim["worst"], claim["claimed"])
         assert list(verdict.witnesses) == claim["witnesses"]
     assert sum(found.counts().values()) == len(told["claims"])
-    operating = operating_box(gait)
+    operating = operating_box(gait, A1)
     boxes = {"operating": operating, "physical": physical_box(gait, operating)}
     for name, box in boxes.items():
         assert found.boxes[name].lines() == box.lines()

@@ -8,8 +8,12 @@ from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.formulas.text import parse_expression, parse_formula, variable_names
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -21,7 +25,7 @@ def test_contributions_add_up_to_the_target(
     observations, _ = samples(5, seed=7)
     additive = AdditivePolicy.compile("trot", NAMES, additive_models)
     for policy in (linear, statewise, symbolic, statewise_symbolic, additive):
-        targets = robot.joint_targets(policy(observations))
+        targets = A1.joint_targets(policy(observations))
         for joint in (0, 5, 11):
             parts = policy.explain(observations, joint)
             assert parts.values.shape == (5, len(parts.terms))
@@ -35,7 +39,7 @@ def test_contributions_add_up_to_the_target(
 
 
 def test_terms_are_written_as_in_the_file():
-    vocabulary = Vocabulary(NAMES, known_definitions(NAMES))
+    vocabulary = Vocabulary(NAMES, known_definitions(A1, NAMES))
     text = "late*(0.25*cmd.v - cmd.yaw*2) + 0.125*q.FL_hip"
     formula = parse_formula(text, vocabulary.symbols)
     definitions = vocabulary.definitions
@@ -82,5 +86,5 @@ def test_products_of_many_sums_are_explained_in_one_term(samples):
     observations, _ = samples(5)
     parts = policy.explain(observations, "FL_calf")
     assert len(parts.terms) == 2
-    targets = robot.joint_targets(policy(observations))
+    targets = A1.joint_targets(policy(observations))
     np.testing.assert_allclose(parts.values.sum(axis=1), targets[:, 2])

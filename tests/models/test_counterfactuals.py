@@ -18,9 +18,13 @@ from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, indices_of, machine_state_entries
+
+A1 = load_robot()
+
 
 NAMES = load_expert("trot").observation_names
 KINDS = ("sparse_formula", "statewise_symbolic", "statewise_linear", "ebm", "gbm")
@@ -101,8 +105,8 @@ def test_the_policy_confirms_and_nothing_held_moves(kind, by, observations):
     question = ask(policy, observations, by)
     answers = answer(question)
     for found in filter(None, (answers.nearest, answers.fewest)):
-        target = robot.joint_targets(policy(found.observation))[CALF]
-        before = robot.joint_targets(policy(question.observation))[CALF]
+        target = A1.joint_targets(policy(found.observation))[CALF]
+        before = A1.joint_targets(policy(question.observation))[CALF]
         assert np.sign(by) * (target - before) >= abs(by) - 1e-12
         assert target - before == pytest.approx(found.change_of_target)
         room = question.room

@@ -1,43 +1,44 @@
-"""The robot's description: the file, its masses and its mirror images."""
+"""The robots' descriptions: the files, their masses and their mirror images."""
 
 import numpy as np
 import pytest
 
-from glassgait.models.robots import description, robot
+from glassgait.models.robots.description import matrix, merged, mirrored, urdf
+from glassgait.models.robots.robot import load_robot, robot_names
+
+A1 = load_robot()
 
 
-def test_file_is_what_the_table_gives():
-    assert robot.URDF_PATH.read_text() == description.urdf()
-
-
-def test_total_mass():
-    legs = [description.HIP, description.THIGH, description.CALF, description.FOOT]
-    assert description.TRUNK.mass + 4 * sum(part.mass for part in legs) == pytest.approx(12.776)
+@pytest.mark.parametrize("name", robot_names())
+def test_file_is_what_the_inertias_give(name):
+    robot = load_robot(name)
+    assert robot.urdf_path.read_text() == urdf(robot)
 
 
 def test_merging_keeps_mass_moment_and_inertia():
-    calf, foot = description.CALF, description.FOOT
-    body = description.merged(calf, foot)
+    calf, foot = A1.inertias["calf"], A1.inertias["foot"]
+    body = merged(calf, foot)
     assert body.mass == pytest.approx(calf.mass + foot.mass)
     moment = calf.mass * np.array(calf.center) + foot.mass * np.array(foot.center)
     np.testing.assert_allclose(body.mass * np.array(body.center), moment)
 
     def about_origin(part):
         arm = np.array(part.center)
-        return part.matrix() + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        return matrix(part) + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
 
     np.testing.assert_allclose(about_origin(body), about_origin(calf) + about_origin(foot))
 
 
 def test_mirroring_twice_is_nothing():
-    part = description.THIGH
-    assert part.mirrored(y=True) != part
-    assert part.mirrored(y=True).mirrored(y=True) == part
-    assert part.mirrored(x=True, y=True).ixy == part.ixy
+    part = A1.inertias["thigh"]
+    assert mirrored(part, y=True) != part
+    assert mirrored(mirrored(part, y=True), y=True) == part
+    assert mirrored(part, x=True, y=True).ixy == part.ixy
 
 
-@pytest.mark.parametrize("part", [description.TRUNK, description.HIP, description.THIGH])
-def test_inertias_are_physical(part):
-    moments = np.linalg.eigvalsh(part.matrix())
-    assert moments[0] > 0
-    assert moments[0] + moments[1] >= moments[2]
+@pytest.mark.parametrize("name", robot_names())
+def test_inertias_are_physical(name):
+    for part in load_robot(name).inertias.values():
+        moments = np.linalg.eigvalsh(matrix(part))
+        assert moments[0] > 0
+        assert moments[0] + moments[1] >= moments[2]

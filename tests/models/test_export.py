@@ -19,7 +19,8 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.deployment.export.agreement import (
@@ -28,6 +29,9 @@ from glassgait.studies.deployment.export.agreement import (
     random_sequences,
 )
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 
@@ -57,7 +61,7 @@ def agree(tmp_path) -> Callable[..., Agreement]:
         written = write_controller(gait, policy, expert, real=real, **names)
         compiled: LoadedController = load_controller(written, tmp_path)
         python = PythonController(gait, policy, expert)
-        return compare_controllers(python, compiled, random_sequences(gait, n_steps, 3))
+        return compare_controllers(python, compiled, random_sequences(A1, gait, n_steps, 3))
 
     return run
 
@@ -123,17 +127,17 @@ def test_targets_stay_within_the_joints_ranges_where_the_policy_is_run_so(
     written = write_controller(trot, policy, expert, **names)
     assert written.limits_targets is (kind != "free")
     compiled, python = load_controller(written, tmp_path), PythonController(trot, policy, expert)
-    sensors, command, _ = random_sequences(trot, 1, 3)[0][0]
+    sensors, command, _ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
     memory[ACTION] = np.tile([-50.0, 50.0], 6)
     # A bad input holds the targets of the action before.
     broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
     held = compiled.step(memory, broken, command).targets
-    wanted = robot.joint_targets(memory[ACTION], limited=kind != "free")
+    wanted = A1.joint_targets(memory[ACTION], limited=kind != "free")
     np.testing.assert_array_equal(held, wanted)
     acted = python.step(memory, sensors, command).targets
     np.testing.assert_allclose(compiled.step(memory, sensors, command).targets, acted, atol=1e-12)
-    within = (acted >= robot.LOWER_LIMITS) & (acted <= robot.UPPER_LIMITS)
+    within = (acted >= A1.lower_limits) & (acted <= A1.upper_limits)
     assert within.all() or kind == "free"
 
 
@@ -156,7 +160,7 @@ def test_faults_are_entered_and_left_alike(make_policy, small_expert, tmp_path):
     compiled = load_controller(write_controller(gait, policy, expert, **names), tmp_path)
     python = PythonController(gait, policy, expert)
     ours, theirs, visited = python.initial(), compiled.initial(), []
-    for sequence in random_sequences(gait, 2000, 5):
+    for sequence in random_sequences(A1, gait, 2000, 5):
         for moment in sequence:
             ours = python.step(ours, *moment).memory
             theirs = compiled.step(theirs, *moment).memory
@@ -308,5 +312,5 @@ def test_states_have_names_where_c_can_have_them():
 
 @needs_compiler
 def test_a_step_that_is_sound_says_so(compiled_page, trot):
-    moment = random_sequences(trot, 1, 0)[0][0]
+    moment = random_sequences(A1, trot, 1, 0)[0][0]
     assert compiled_page.step(compiled_page.initial(), *moment).status == OK

@@ -22,11 +22,15 @@ from glassgait.models.policies.symbolic import (
     SymbolicPolicy,
 )
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
+A1 = load_robot()
+
+
 NAMES = ObservationLayout(2).names
-KNOWN = known_definitions(NAMES)
+KNOWN = known_definitions(A1, NAMES)
 PLACE = re.compile(r"line (\d+), column (\d+): .")
 HEAD = "format: 1\ngait: trot\nstates: 2\n"
 

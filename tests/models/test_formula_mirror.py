@@ -12,12 +12,16 @@ from glassgait.models.formulas.quantities import Definition, Vocabulary, known_d
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import MIRRORED_LEGS, REFLECT_JOINTS, reflect_observation
 
+A1 = load_robot()
+
+
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
-VOCABULARY = Vocabulary(NAMES, known_definitions(NAMES))
+VOCABULARY = Vocabulary(NAMES, known_definitions(A1, NAMES))
 TROT = FormulaMirror.of(VOCABULARY, (1, 0))
 BOUND = FormulaMirror.of(VOCABULARY, (0, 1))
 

@@ -27,10 +27,14 @@ from glassgait.models.formulas.text import (
     written_number,
 )
 from glassgait.models.policies.symbolic import SymbolicPolicy
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 
+A1 = load_robot()
+
+
 NAMES = ObservationLayout(2).names
-SYMBOLS = Vocabulary(NAMES, known_definitions(NAMES)).symbols
+SYMBOLS = Vocabulary(NAMES, known_definitions(A1, NAMES)).symbols
 
 
 def read(text):

@@ -13,9 +13,12 @@ from glassgait.models.formulas.expression import UNARY, Expression, constant, va
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import ObservationLayout
+
+A1 = load_robot()
+
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -174,7 +177,7 @@ def test_formulas_of_other_states_may_be_infinite(trot, small_expert, statewise_
     formulas = [[Expression("div", (constant(1.0), own))] * 12 for own in one_hot]
     policy = type(statewise_symbolic)("trot", NAMES, formulas)
     acted = loaded(trot, policy, small_expert(trot))(rows(trot, 20))
-    expected = (1.0 - robot.DEFAULT_STANCE) / robot.ACTION_SCALE
+    expected = (1.0 - A1.default_stance) / A1.action_scale
     np.testing.assert_allclose(acted.action, np.tile(expected, (20, 1)), rtol=1e-14)
 
 
@@ -183,7 +186,7 @@ def test_metadata_hold_what_a_robot_needs(name, make_policy, small_expert):
     gait = load_gait(name)
     told = loaded(gait, make_policy(gait), small_expert(gait)).metadata
     assert told["joint_names"].split(",")[:4] == ["FL_hip", "FL_thigh", "FL_calf", "FR_hip"]
-    assert [float(own) for own in told["default_joint_pos"].split(",")] == [*robot.DEFAULT_STANCE]
+    assert [float(own) for own in told["default_joint_pos"].split(",")] == [*A1.default_stance]
     for key, value in {"joint_stiffness": 20.0, "joint_damping": 0.5, "action_scale": 0.25}.items():
         assert [float(own) for own in told[key].split(",")] == [value] * 12
     terms = told["observation_names"].split(",")

@@ -9,6 +9,9 @@ from glassgait.models.robots.heading_frame import (
     from_heading_frame,
     to_heading_frame,
 )
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
 
 
 def about_vertical(angle):
@@ -46,7 +49,10 @@ def test_what_is_left_out_is_place_and_heading_alone(random_states):
     assert (back[:, 4:6] == 0.0).all()
     assert to_heading_frame(back) == pytest.approx(to_heading_frame(states), abs=1e-9)
     # Feet are as high, and the trunk feels the same speeds.
-    for of in (kinematics.foot_heights, lambda x: np.stack(kinematics.base_velocity(x))):
+    for of in (
+        lambda x: kinematics.foot_heights(A1, x),
+        lambda x: np.stack(kinematics.base_velocity(x)),
+    ):
         assert of(back) == pytest.approx(of(states), abs=1e-9)
 
 

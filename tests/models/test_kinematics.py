@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 
-from glassgait.diagrams.station import AddA1Station, StationConfig
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.diagrams.station import AddStation, StationConfig
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
+
 
 TOLERANCE = 1e-12
 
@@ -13,7 +17,7 @@ TOLERANCE = 1e-12
 @pytest.fixture(scope="module")
 def drake_plant():
     builder = DiagramBuilder()
-    plant, _, _ = AddA1Station(builder, StationConfig())
+    plant, _, _ = AddStation(builder, A1, StationConfig())
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     return plant, plant.GetMyMutableContextFromRoot(context), diagram, context
@@ -35,18 +39,18 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
             return plant.CalcPointsPositions(context, moved, point, expressed)
 
         feet = [locate(f"{leg}_calf", [0, 0, -0.2], trunk)[:, 0] for leg in quadruped.LEGS]
-        found = kinematics.foot_positions(state[quadruped.JOINT_POSITION])
+        found = kinematics.foot_positions(A1, state[quadruped.JOINT_POSITION])
         np.testing.assert_allclose(found, feet, atol=TOLERANCE)
 
         low = [locate(f"{leg}_calf", [0, 0, -0.2], world)[2, 0] - 0.02 for leg in quadruped.LEGS]
-        np.testing.assert_allclose(kinematics.foot_heights(state), low, atol=TOLERANCE)
+        np.testing.assert_allclose(kinematics.foot_heights(A1, state), low, atol=TOLERANCE)
 
-        limb_box = {"thigh": robot.THIGH_BOX[::-1], "calf": robot.CALF_BOX[::-1]}
-        lowest = [locate("trunk", box_points(robot.TRUNK_BOX, 0.0), world)[2].min()]
+        limb_box = {"thigh": A1.thigh_box[::-1], "calf": A1.calf_box[::-1]}
+        lowest = [locate("trunk", box_points(A1.trunk_box, 0.0), world)[2].min()]
         for limb, (x, y, z) in limb_box.items():
             for leg in quadruped.LEGS:
                 lowest.append(locate(f"{leg}_{limb}", box_points((x, y, z), -0.1), world)[2].min())
-        np.testing.assert_allclose(kinematics.body_clearance(state), lowest, atol=TOLERANCE)
+        np.testing.assert_allclose(kinematics.body_clearance(A1, state), lowest, atol=TOLERANCE)
 
         velocity = trunk.CalcSpatialVelocity(context, world, trunk)
         linear, angular = kinematics.base_velocity(state)
@@ -57,8 +61,8 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
 def test_batches_agree_with_single_robots(random_states):
     states = random_states(6)
     for function in (kinematics.foot_heights, kinematics.body_clearance):
-        batch = function(states.reshape(2, 3, -1))
-        single = np.array([function(state) for state in states])
+        batch = function(A1, states.reshape(2, 3, -1))
+        single = np.array([function(A1, state) for state in states])
         np.testing.assert_allclose(batch.reshape(6, -1), single, atol=1e-14)
 
 
@@ -67,7 +71,7 @@ def test_gravity_points_down_in_a_level_trunk():
 
 
 def test_standing_robot_touches_with_its_lowest_foot(generator):
-    joints = robot.DEFAULT_STANCE * generator.uniform(0.8, 1.2, size=(20, 12))
-    state = kinematics.standing_state(joints)
-    np.testing.assert_allclose(kinematics.foot_heights(state).min(axis=1), 0.0, atol=TOLERANCE)
+    joints = A1.default_stance * generator.uniform(0.8, 1.2, size=(20, 12))
+    state = kinematics.standing_state(A1, joints)
+    np.testing.assert_allclose(kinematics.foot_heights(A1, state).min(axis=1), 0.0, atol=TOLERANCE)
     np.testing.assert_allclose(np.linalg.norm(state[:, :4], axis=1), 1.0)

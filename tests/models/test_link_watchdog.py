@@ -10,7 +10,6 @@ from glassgait.models.link.watchdog import (
     BRACED,
     BRACING,
     CROUCH,
-    FARTHEST,
     FOLDED,
     FOLDING,
     Answer,
@@ -20,22 +19,27 @@ from glassgait.models.link.watchdog import (
     lowering_targets,
     step_watch,
 )
-from glassgait.models.robots import kinematics, robot
+from glassgait.models.robots import kinematics
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 
+A1 = load_robot()
+
+
+FARTHEST = A1.effort[0] / A1.stiffness
 SETTINGS = Watchdog(hold=0.1, lowering=1.0, recovery=0.4, rising=0.8, lean=30.0)
 STEP = 0.01
 
 
 def targets(time):
-    return robot.DEFAULT_STANCE + 0.01 * time
+    return A1.default_stance + 0.01 * time
 
 
-class Robot:
+class Watched:
     """Steps a watch every 10 ms; answers are those of a time, or none."""
 
     def __init__(self):
-        self.watch, self.now, self.answer, self.lean = initial_watch(), 0.0, None, 0.0
+        self.watch, self.now, self.answer, self.lean = initial_watch(A1), 0.0, None, 0.0
 
     def run(self, seconds, *, answered=True, late=0.0):
         """Goes on; each answer is to the sensors of the control instant before, `late` ago."""
@@ -44,28 +48,28 @@ class Robot:
             instant = CONTROL_PERIOD * ((self.now - late + 1e-9) // CONTROL_PERIOD)
             if answered and instant >= 0.0:
                 self.answer = Answer(1, instant, targets(instant))
-            self.watch = step_watch(self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
+            self.watch = step_watch(A1, self.watch, self.answer, self.now, SETTINGS, lean=self.lean)
             phases.append(Phase(self.watch.phase))
             self.now += STEP
         return phases
 
 
 def test_stands_until_a_controller_answers():
-    one = Robot()
+    one = Watched()
     assert set(one.run(5.0, answered=False)) == {Phase.STANDING}
-    np.testing.assert_array_equal(one.watch.targets, robot.DEFAULT_STANCE)
+    np.testing.assert_array_equal(one.watch.targets, A1.default_stance)
     assert not one.watch.followed
 
 
 def test_follows_answers_that_come_in_time():
-    one = Robot()
+    one = Watched()
     assert set(one.run(1.0)) == {Phase.FOLLOWING}
     np.testing.assert_allclose(one.watch.targets, targets(0.98))
     assert one.watch.followed
 
 
 def test_holds_the_last_targets_and_takes_newer_ones_at_once():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     # The latest answer is to the sensors of 0.98 s.
     assert one.run(0.08, answered=False) == [Phase.FOLLOWING] + 7 * [Phase.HOLDING]
@@ -75,14 +79,14 @@ def test_holds_the_last_targets_and_takes_newer_ones_at_once():
 
 
 def test_late_targets_are_better_than_older_ones():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     assert Phase.HOLDING in one.run(0.5, late=0.04)
     np.testing.assert_allclose(one.watch.targets, targets(1.44), atol=1e-9)
 
 
 def test_is_lowered_to_a_crouch_once_targets_are_too_old():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     phases = one.run(0.2, answered=False)
     # The latest answer, to the sensors of 0.98 s, is 0.11 s old then.
@@ -96,7 +100,7 @@ def test_is_lowered_to_a_crouch_once_targets_are_too_old():
 
 
 def test_rises_when_answers_have_come_in_time_for_long_enough_and_then_follows():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     begun = one.now
@@ -108,7 +112,7 @@ def test_rises_when_answers_have_come_in_time_for_long_enough_and_then_follows()
 
 
 def test_stays_lowered_while_answers_come_now_and_then():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(2.0, answered=False)
     for _ in range(10):
@@ -117,16 +121,16 @@ def test_stays_lowered_while_answers_come_now_and_then():
 
 
 def test_a_robot_that_rises_without_a_controller_stands():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.run(0.6)
     assert set(one.run(3.0, answered=False)) == {Phase.STANDING}
-    np.testing.assert_allclose(one.watch.targets, robot.DEFAULT_STANCE)
+    np.testing.assert_allclose(one.watch.targets, A1.default_stance)
 
 
 def test_a_robot_that_leans_too_far_stays_down_until_it_is_level():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.lean = 31.0
@@ -143,7 +147,7 @@ def test_a_robot_that_leans_too_far_stays_down_until_it_is_level():
 
 
 def test_a_robot_that_tips_over_while_it_rises_or_waits_is_lowered():
-    one = Robot()
+    one = Watched()
     one.run(1.0, answered=False)
     one.lean = 90.0
     assert set(one.run(1.0)) == {Phase.LOWERED}
@@ -152,7 +156,7 @@ def test_a_robot_that_tips_over_while_it_rises_or_waits_is_lowered():
 
 @pytest.mark.parametrize("lean", [np.nan, np.inf])
 def test_a_robot_whose_lean_is_not_known_does_not_rise(lean):
-    one = Robot()
+    one = Watched()
     one.run(1.0)
     one.run(3.0, answered=False)
     one.lean = lean
@@ -186,38 +190,38 @@ def test_all_legs_are_alike_once_they_are_folded(begin):
         Answer(1, 1.0, np.full(12, np.nan)),
         Answer(1, np.nan, targets(7.0)),
         Answer(1, 1.0, np.full(12, 1e308)),
-        Answer(1, 1.0, robot.LOWER_LIMITS - FARTHEST * np.eye(12)[5] - 1e-6),
+        Answer(1, 1.0, A1.lower_limits - FARTHEST * np.eye(12)[5] - 1e-6),
     ],
     ids=["old", "of the future", "not finite", "of no time", "far beyond", "too far of one joint"],
 )
 def test_an_answer_that_is_none_changes_nothing(answer):
-    one = Robot()
+    one = Watched()
     one.run(1.0)
-    watch = step_watch(one.watch, answer, 1.0, SETTINGS)
+    watch = step_watch(A1, one.watch, answer, 1.0, SETTINGS)
     np.testing.assert_array_equal(watch.targets, one.watch.targets)
     assert watch.answered == one.watch.answered
 
 
 def test_targets_a_little_beyond_a_joints_range_are_followed_to_its_end():
-    one = Robot()
+    one = Watched()
     one.run(1.0)
-    asked = np.where(np.arange(12) % 2, robot.UPPER_LIMITS + FARTHEST, robot.LOWER_LIMITS - 0.1)
-    watch = step_watch(one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)
-    ends = np.where(np.arange(12) % 2, robot.UPPER_LIMITS, robot.LOWER_LIMITS)
+    asked = np.where(np.arange(12) % 2, A1.upper_limits + FARTHEST, A1.lower_limits - 0.1)
+    watch = step_watch(A1, one.watch, Answer(1, 1.0, asked), 1.0, SETTINGS)
+    ends = np.where(np.arange(12) % 2, A1.upper_limits, A1.lower_limits)
     np.testing.assert_array_equal(watch.targets, ends)
 
 
 @given(st.lists(st.sampled_from([None, 0.0, 0.01, 0.02, 0.03, 0.2, -1.0, np.nan]), max_size=200))
 def test_targets_never_jump_but_to_what_a_controller_answers(ages):
-    watch, now = initial_watch(), 0.0
+    watch, now = initial_watch(A1), 0.0
     for age in ages:
         answer = None if age is None else Answer(1, now - age, np.full(12, 0.3))
-        after = step_watch(watch, answer, now, SETTINGS)
+        after = step_watch(A1, watch, answer, now, SETTINGS)
         assert np.all(np.isfinite(after.targets))
         if not after.followed:
             # Smooth steps are fastest in their middle: 1.5 times as fast as straight ones.
             seconds = FOLDING if after.phase == Phase.LOWERED else SETTINGS.rising
-            greatest = np.abs(FOLDED - robot.DEFAULT_STANCE).max() + 3.0
+            greatest = np.abs(FOLDED - A1.default_stance).max() + 3.0
             moved = np.abs(after.targets - watch.targets).max()
             assert moved <= 1.5 * STEP / seconds * greatest
         watch, now = after, now + STEP
@@ -225,11 +229,11 @@ def test_targets_never_jump_but_to_what_a_controller_answers(ages):
 
 @pytest.mark.parametrize("pose", [FOLDED, BRACED, CROUCH], ids=["folded", "braced", "crouch"])
 def test_poses_are_within_the_joints_ranges_and_keep_the_trunk_off_the_ground(pose):
-    assert np.all((pose > robot.LOWER_LIMITS) & (pose < robot.UPPER_LIMITS))
-    state = kinematics.standing_state(pose)
-    assert kinematics.body_clearance(state)[0] > 0.03
+    assert np.all((pose > A1.lower_limits) & (pose < A1.upper_limits))
+    state = kinematics.standing_state(A1, pose)
+    assert kinematics.body_clearance(A1, state)[0] > 0.03
     # Every foot stands outside its hip, and level with it to 1 mm.
-    points = kinematics.leg_points(pose)
+    points = kinematics.leg_points(A1, pose)
     outward = (points.foot - points.thigh)[:, 1] * [1, -1, 1, -1]
     assert np.all(outward > 0.02)
     np.testing.assert_allclose(points.foot[:, 0], points.thigh[:, 0], atol=1e-3)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import (
     ObservationLayout,
     body_state,
@@ -14,6 +15,8 @@ from glassgait.models.task.observation import (
     machine_state_entries,
     proprioception,
 )
+
+A1 = load_robot()
 
 
 @pytest.mark.parametrize(("n_states", "size"), [(2, 49), (4, 51), (5, 52)])
@@ -33,8 +36,9 @@ def test_names_follow_the_papers_tables():
 def test_every_entry_stands_under_its_name():
     joints = np.arange(12.0)
     values = proprioception(
+        A1,
         command=np.array([0.5, -0.25]),
-        joint_position=robot.DEFAULT_STANCE + joints,
+        joint_position=A1.default_stance + joints,
         joint_velocity=20.0 * joints,
         previous_action=-joints,
         rm_state=np.array([0.0, 1.0]),
@@ -66,14 +70,15 @@ def test_noise_is_in_radians_before_the_scales():
         "rm_iterations": np.array(0.0),
         "commanded_dwell": np.array(8.0),
     }
-    quiet = proprioception(**still)
-    noisy = proprioception(**still, joint_noise=noise)
+    quiet = proprioception(A1, **still)
+    noisy = proprioception(A1, **still, joint_noise=noise)
     np.testing.assert_allclose((noisy - quiet)[2:14], 0.01)
     np.testing.assert_allclose((noisy - quiet)[14:26], 0.075)
 
 
 def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one():
     values = proprioception(
+        A1,
         command=np.zeros((4, 2)),
         joint_position=np.zeros((4, 12)),
         joint_velocity=np.zeros((4, 12)),
@@ -89,8 +94,8 @@ def test_the_time_in_a_state_is_held_two_control_steps_after_the_commanded_one()
 def test_body_state_is_scaled_velocity_and_foot_heights(standing):
     state = standing.copy()
     state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, -0.1]
-    np.testing.assert_allclose(body_state(state)[:3], [1.0, 0.0, -0.2])
-    np.testing.assert_allclose(body_state(state)[3:].min(), 0.0, atol=1e-12)
+    np.testing.assert_allclose(body_state(A1, state)[:3], [1.0, 0.0, -0.2])
+    np.testing.assert_allclose(body_state(A1, state)[3:].min(), 0.0, atol=1e-12)
 
 
 def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
@@ -104,6 +109,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
     observation = np.concatenate(
         [
             proprioception(
+                A1,
                 command=command,
                 joint_position=state[quadruped.JOINT_POSITION],
                 joint_velocity=state[quadruped.JOINT_VELOCITY],
@@ -112,21 +118,21 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
                 rm_iterations=np.array(7),
                 commanded_dwell=np.array(9),
             ),
-            body_state(state),
+            body_state(A1, state),
         ]
     )
     quantities = {
         "commanded velocity": command,
-        "joint position": state[quadruped.JOINT_POSITION] - robot.DEFAULT_STANCE,
+        "joint position": state[quadruped.JOINT_POSITION] - A1.default_stance,
         "joint velocity": state[quadruped.JOINT_VELOCITY],
-        "previous action": robot.joint_targets(action) - robot.DEFAULT_STANCE,
+        "previous action": A1.joint_targets(action) - A1.default_stance,
         "machine state": [0.0, 1.0, 0.0],
         "iterations": [7],
         "commanded iterations": [9],
         "base velocity": kinematics.base_velocity(state)[0],
-        "foot height": kinematics.foot_heights(state),
+        "foot height": kinematics.foot_heights(A1, state),
     }
-    scales = np.array([entry.scale for entry in layout.entries])
+    scales = np.array([entry.scale(A1) for entry in layout.entries])
     for group, expected in quantities.items():
         columns = list(indices_of(group, layout.names))
         np.testing.assert_allclose((observation / scales)[columns], expected, atol=1e-12)
@@ -172,7 +178,7 @@ def test_an_entry_divided_by_its_scale_is_the_quantity_in_its_unit(standing):
 def test_entries_describe_each_number(name, group, leg, symbol, latex, scaled_unit):
     entry = entry_of(name)
     assert (entry.name, entry.group, entry.leg) == (name, group, leg)
-    assert (entry.symbol, entry.latex, entry.scaled_unit) == (symbol, latex, scaled_unit)
+    assert (entry.symbol, entry.latex, entry.scaled_unit(A1)) == (symbol, latex, scaled_unit)
 
 
 @pytest.mark.parametrize(

@@ -14,15 +14,19 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import shipped_students
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import OVERDUE, ObservationLayout
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 TROT = load_gait("trot")
 
 
 def box(low: float = -1.0, high: float = 1.0) -> ObservationBox:
-    return ObservationBox(NAMES, np.full(len(NAMES), low), np.full(len(NAMES), high))
+    return ObservationBox(A1, NAMES, np.full(len(NAMES), low), np.full(len(NAMES), high))
 
 
 def test_holds_what_is_between_its_corners_and_nothing_else():
@@ -52,17 +56,17 @@ def test_takes_named_ranges_from_another():
 
 
 def test_holds_the_machine_in_one_state():
-    held = physical_box(TROT, operating_box(TROT)).in_state(1)
+    held = physical_box(TROT, operating_box(TROT, A1)).in_state(1)
     first = NAMES.index("RM State 0")
     assert held.lower[first : first + 2].tolist() == [0.0, 1.0]
     assert held.upper[first : first + 2].tolist() == [0.0, 1.0]
 
 
 def test_draws_whole_counts_and_one_state():
-    whole = operating_box(TROT)
+    whole = operating_box(TROT, A1)
     observations = whole.random(200, np.random.default_rng(0))
     assert whole.contains(observations).all()
-    quantities = RobotUnits.of(NAMES).quantities(observations)
+    quantities = RobotUnits.of(A1, NAMES).quantities(observations)
     counts = quantities[:, [NAMES.index("RM Iters"), NAMES.index("Command RM Iters")]]
     assert counts == pytest.approx(np.round(counts))
     assert set(counts[:, 1].round()) == set(range(6, 12))
@@ -73,9 +77,9 @@ def test_draws_whole_counts_and_one_state():
 
 
 def test_a_file_keeps_a_box(tmp_path):
-    measured = rounded_outward(operating_box(TROT).widened(0.0123))
+    measured = rounded_outward(operating_box(TROT, A1).widened(0.0123))
     measured.save(tmp_path / "box.yaml", TROT, "by a test")
-    again = load_box(tmp_path / "box.yaml", TROT)
+    again = load_box(tmp_path / "box.yaml", TROT, A1)
     assert np.array_equal(again.lower, measured.lower)
     assert np.array_equal(again.upper, measured.upper)
     assert measured.lines()[2].startswith("q.FL_hip: ")
@@ -83,7 +87,7 @@ def test_a_file_keeps_a_box(tmp_path):
 
 
 def test_ends_are_rounded_outward():
-    exact = ObservationBox(NAMES, np.full(len(NAMES), -1 / 3), np.full(len(NAMES), 1 / 3))
+    exact = ObservationBox(A1, NAMES, np.full(len(NAMES), -1 / 3), np.full(len(NAMES), 1 / 3))
     rounded = rounded_outward(exact)
     assert (rounded.lower <= exact.lower).all()
     assert (rounded.upper >= exact.upper).all()
@@ -103,7 +107,7 @@ def test_the_physical_box_is_of_limits_commands_and_counts():
 def test_every_gait_with_students_ships_its_operating_box(gait):
     assert shipped_students(gait)
     machine = load_gait(gait)
-    operating = operating_box(machine)
+    operating = operating_box(machine, A1)
     commands = commanded(operating, machine)
     assert np.array_equal(commands.lower, operating.lower)
     physical = physical_box(machine, operating)
@@ -128,7 +132,7 @@ def test_refuses_a_file_that_is_no_box(tmp_path, text, told):
     path = tmp_path / "box.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=told) as refused:
-        load_box(path, TROT)
+        load_box(path, TROT, A1)
     assert str(path) in str(refused.value)
 
 

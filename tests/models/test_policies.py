@@ -9,8 +9,11 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import elu
 from glassgait.models.policies.policy import first_not_finite
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 
@@ -64,7 +67,7 @@ def test_statewise_formulas_are_those_of_the_state(statewise_symbolic, samples):
     policy = statewise_symbolic
     observations[:, policy._one_hot] = np.eye(2)
     values = policy.quantities(observations)
-    targets = robot.joint_targets(policy(observations))
+    targets = A1.joint_targets(policy(observations))
     joint = np.arange(12)
     np.testing.assert_allclose(targets[0], 1 + values[0, joint] * values[0, joint + 1])
     np.testing.assert_allclose(targets[1], 2 + values[1, joint] * values[1, joint + 2])

@@ -15,12 +15,16 @@ from glassgait.models.formulas.quantities import (
     known_definitions,
 )
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
-KNOWN = known_definitions(NAMES)
+KNOWN = known_definitions(A1, NAMES)
 VOCABULARY = Vocabulary(NAMES, KNOWN)
 
 
@@ -30,6 +34,7 @@ def robots(random_states, generator):
     state = random_states(20)
     action, command = generator.normal(size=(20, 12)), generator.normal(size=(20, 2))
     own = proprioception(
+        A1,
         command=command,
         joint_position=state[:, quadruped.JOINT_POSITION],
         joint_velocity=state[:, quadruped.JOINT_VELOCITY],
@@ -38,13 +43,13 @@ def robots(random_states, generator):
         rm_iterations=np.arange(20.0) % 7,
         commanded_dwell=np.full(20, 6.0),
     )
-    return state, action, command, np.concatenate([own, body_state(state)], axis=1)
+    return state, action, command, np.concatenate([own, body_state(A1, state)], axis=1)
 
 
 @pytest.fixture
 def told(robots):
     """Evaluates a variable by its symbol, from what the robots observe."""
-    observed = RobotUnits.of(NAMES).quantities(robots[-1])
+    observed = RobotUnits.of(A1, NAMES).quantities(robots[-1])
     values = np.concatenate(
         [observed, Tape([definition.formula for definition in KNOWN], N)(observed)], axis=1
     )
@@ -61,28 +66,28 @@ def test_quantities_are_what_the_robot_is_and_does(robots, told):
         (["cmd.v", "cmd.yaw"], command),
         (of_joints("q"), state[:, quadruped.JOINT_POSITION]),
         (of_joints("dq"), state[:, quadruped.JOINT_VELOCITY]),
-        (of_joints("a"), robot.joint_targets(action)),
+        (of_joints("a"), A1.joint_targets(action)),
         (["s0", "s1"], np.eye(2)[np.arange(20) % 2]),
         (["t"], np.arange(20.0)[:, None] % 7),
         (["cmd.t"], np.full((20, 1), 6.0)),
         (["v.x", "v.y", "v.z"], kinematics.base_velocity(state)[0]),
-        ([f"h.{leg}" for leg in quadruped.LEGS], kinematics.foot_heights(state)),
+        ([f"h.{leg}" for leg in quadruped.LEGS], kinematics.foot_heights(A1, state)),
     ):
         np.testing.assert_allclose(told(*symbols), values, rtol=1e-12, atol=1e-12)
 
 
 def test_an_observation_of_nothing_is_the_default_stance_at_rest():
     quantities = dict(
-        zip(VOCABULARY.symbols, RobotUnits.of(NAMES).quantities(np.zeros(N)), strict=False)
+        zip(VOCABULARY.symbols, RobotUnits.of(A1, NAMES).quantities(np.zeros(N)), strict=False)
     )
     for quantity in ("q", "a"):
         found = [quantities.pop(symbol) for symbol in of_joints(quantity)]
-        np.testing.assert_array_equal(found, robot.DEFAULT_STANCE)
+        np.testing.assert_array_equal(found, A1.default_stance)
     assert set(quantities.values()) == {0.0}
 
 
 def test_a_step_of_an_observation_is_a_step_of_the_quantity_in_its_unit():
-    step = RobotUnits.of(NAMES).quantities(np.ones(N)) - RobotUnits.of(NAMES).quantities(
+    step = RobotUnits.of(A1, NAMES).quantities(np.ones(N)) - RobotUnits.of(A1, NAMES).quantities(
         np.zeros(N)
     )
     found = {symbol: step[i] for i, symbol in enumerate(VOCABULARY.symbols[:N])}
@@ -93,21 +98,21 @@ def test_a_step_of_an_observation_is_a_step_of_the_quantity_in_its_unit():
 
 
 def test_unknown_observations_have_no_units():
-    for make in (RobotUnits.of, lambda names: Vocabulary(names).symbols, known_definitions):
+    for make in (RobotUnits.of, lambda _, names: Vocabulary(names).symbols, known_definitions):
         with pytest.raises(InputError, match="Clock"):
-            make((*NAMES, "Clock"))
+            make(A1, (*NAMES, "Clock"))
 
 
 def test_targets_and_actions_are_each_others_inverse(generator):
     action = generator.normal(size=(3, 5, 12))
-    np.testing.assert_allclose(actions_of(robot.joint_targets(action)), action, atol=1e-14)
-    target = robot.joint_targets(action)
-    np.testing.assert_allclose(robot.joint_targets(actions_of(target)), target, atol=1e-14)
-    np.testing.assert_array_equal(actions_of(robot.DEFAULT_STANCE), np.zeros(12))
+    np.testing.assert_allclose(actions_of(A1, A1.joint_targets(action)), action, atol=1e-14)
+    target = A1.joint_targets(action)
+    np.testing.assert_allclose(A1.joint_targets(actions_of(A1, target)), target, atol=1e-14)
+    np.testing.assert_array_equal(actions_of(A1, A1.default_stance), np.zeros(12))
 
 
 def test_a_target_too_large_for_an_action_makes_it_infinite():
-    assert np.isinf(actions_of(np.full(12, 1e308))).all()
+    assert np.isinf(actions_of(A1, np.full(12, 1e308))).all()
 
 
 def test_gates_turn_from_minus_one_to_one():
@@ -137,7 +142,7 @@ def test_definitions_are_what_they_say(robots, told):
 
 def test_feet_are_where_kinematics_puts_them(robots, told):
     joints = robots[0][:, quadruped.JOINT_POSITION]
-    points = kinematics.leg_points(joints)
+    points = kinematics.leg_points(A1, joints)
     from_hip = points.foot - points.thigh
     for i, leg in enumerate(quadruped.LEGS):
         hip = joints[:, 3 * i]

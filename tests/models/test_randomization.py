@@ -4,16 +4,19 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.randomization import NOMINAL, Randomization
+
+A1 = load_robot()
 
 
 def test_initial_states_stand_on_a_foot_with_joints_inside_their_limits(generator):
-    states = Randomization().initial_states(500, generator)
+    states = Randomization().initial_states(A1, 500, generator)
     joints = states[:, quadruped.JOINT_POSITION]
-    assert np.all(joints >= robot.LOWER_LIMITS)
-    assert np.all(joints <= robot.UPPER_LIMITS)
-    np.testing.assert_allclose(kinematics.foot_heights(states).min(axis=1), 0, atol=1e-12)
+    assert np.all(joints >= A1.lower_limits)
+    assert np.all(joints <= A1.upper_limits)
+    np.testing.assert_allclose(kinematics.foot_heights(A1, states).min(axis=1), 0, atol=1e-12)
     assert 0.4 < np.abs(states[:, quadruped.LINEAR_VELOCITY]).max() <= 0.5
 
 

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.reward import REWARD_TERMS, RewardWeights, step_reward
+
+A1 = load_robot()
 
 
 def reward(state, **changes):
@@ -20,7 +23,7 @@ def reward(state, **changes):
         "tracked": np.zeros(2),
         "weights": RewardWeights(),
     }
-    outcome = step_reward(**(arguments | changes))
+    outcome = step_reward(A1, **(arguments | changes))
     return outcome, dict(zip(REWARD_TERMS, outcome.terms, strict=True))
 
 
@@ -119,10 +122,10 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "tracked": generator.normal(size=(5, 2)),
     }
     weights = RewardWeights(tracking_time=0.2)
-    batch = step_reward(states, foot_contact=contact, weights=weights, **arguments)
+    batch = step_reward(A1, states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}
-        single = step_reward(states[i], foot_contact=contact[i], weights=weights, **own)
+        single = step_reward(A1, states[i], foot_contact=contact[i], weights=weights, **own)
         np.testing.assert_allclose(batch.terms[i], single.terms, rtol=1e-12)
         np.testing.assert_allclose(batch.air_time[i], single.air_time)
         np.testing.assert_allclose(batch.tracked[i], single.tracked)
@@ -137,8 +140,8 @@ def test_torque_is_that_of_the_targets_that_joints_follow(standing):
     action = np.full(12, 8.0)
     _, free = reward(standing, action=action)
     _, limited = reward(standing, action=action, limit_targets=True)
-    followed = robot.UPPER_LIMITS - standing[quadruped.JOINT_POSITION]
-    within = np.minimum(robot.ACTION_SCALE * action, followed)
-    torque = np.minimum(robot.STIFFNESS * within, robot.EFFORT_LIMIT)
+    followed = A1.upper_limits - standing[quadruped.JOINT_POSITION]
+    within = np.minimum(A1.action_scale * action, followed)
+    torque = np.minimum(A1.stiffness * within, A1.effort[0])
     assert limited["torque"] == pytest.approx(-2e-4 * np.sum(torque**2))
     assert free["torque"] < limited["torque"]

@@ -1,10 +1,18 @@
-"""Constants of the robot and its joint law."""
+"""Robots: their files, checked against their descriptions, and their joint law."""
+
+import copy
+import pickle
+import re
+import shutil
 
 import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import ROBOT_DIRECTORY, load_robot
+
+A1 = load_robot()
 
 
 def test_joints_are_ordered_by_leg():
@@ -13,32 +21,32 @@ def test_joints_are_ordered_by_leg():
 
 
 def test_stance_is_inside_the_limits():
-    assert np.all(robot.DEFAULT_STANCE > robot.LOWER_LIMITS)
-    assert np.all(robot.DEFAULT_STANCE < robot.UPPER_LIMITS)
+    assert np.all(A1.default_stance > A1.lower_limits)
+    assert np.all(A1.default_stance < A1.upper_limits)
 
 
 def test_zero_action_asks_for_the_stance():
-    np.testing.assert_array_equal(robot.joint_targets(np.zeros(12)), robot.DEFAULT_STANCE)
+    np.testing.assert_array_equal(A1.joint_targets(np.zeros(12)), A1.default_stance)
 
 
 def test_limited_targets_are_the_nearest_within_the_joints_ranges(generator):
     action = generator.normal(size=(50, 12), scale=8.0)
-    asked = robot.joint_targets(action)
-    followed = robot.joint_targets(action, limited=True)
+    asked = A1.joint_targets(action)
+    followed = A1.joint_targets(action, limited=True)
     assert np.any(followed != asked)
-    within = (asked >= robot.LOWER_LIMITS) & (asked <= robot.UPPER_LIMITS)
+    within = (asked >= A1.lower_limits) & (asked <= A1.upper_limits)
     np.testing.assert_array_equal(followed[within], asked[within])
-    ends = np.where(asked < robot.LOWER_LIMITS, robot.LOWER_LIMITS, robot.UPPER_LIMITS)
+    ends = np.where(asked < A1.lower_limits, A1.lower_limits, A1.upper_limits)
     np.testing.assert_array_equal(followed[~within], ends[~within])
-    assert np.all(np.isnan(robot.joint_targets(np.full(12, np.nan), limited=True)))
+    assert np.all(np.isnan(A1.joint_targets(np.full(12, np.nan), limited=True)))
 
 
 def test_torque_follows_the_pd_law_up_to_the_effort():
     zero = np.zeros(12)
-    torque = robot.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
+    torque = A1.joint_torque(target=zero + 0.1, position=zero, velocity=zero + 2.0)
     np.testing.assert_allclose(torque, 1.0)
-    torque = robot.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
-    np.testing.assert_allclose(torque, robot.EFFORT_LIMIT)
+    torque = A1.joint_torque(target=zero + 5.0, position=zero, velocity=zero)
+    np.testing.assert_allclose(torque, A1.effort[0])
 
 
 def test_joints_are_found_by_name_and_by_index():
@@ -50,3 +58,76 @@ def test_joints_are_found_by_name_and_by_index():
     for bad in ("FL_knee", "", 12, -1, 2.0, True, None, ["FL_hip"], np.zeros(2)):
         with pytest.raises(InputError, match="unknown joint"):
             quadruped.joint_index(bad)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """Returns a function that writes a robot of one's own, some words of its files replaced."""
+
+    def write(file="robot.yaml", old="name: a1", new="name: dog"):
+        for part in ("robot.yaml", "a1.urdf"):
+            shutil.copy(ROBOT_DIRECTORY / "a1" / part, tmp_path / part)
+        changes = [("robot.yaml", "name: a1", "name: dog"), ("a1.urdf", 'name="a1"', 'name="dog"')]
+        for part, before, after in [*changes, (file, old, new)]:
+            path = tmp_path / part
+            assert before in path.read_text() or after in path.read_text()
+            path.write_text(path.read_text().replace(before, after, 1))
+        return tmp_path / "robot.yaml"
+
+    return write
+
+
+def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
+    dog = load_robot(own())
+    assert (dog.name, dog.source) == ("dog", str(dog.path))
+    np.testing.assert_array_equal(dog.hip_origin, A1.hip_origin)
+    assert load_robot(dog.source) is dog is copy.deepcopy(dog)
+    assert pickle.loads(pickle.dumps(dog)) is dog
+    assert A1.source == "a1"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("robot.yaml", "mass: 12.776", "mass: 12.0", "'mass'"),
+        ("robot.yaml", "thigh: [-1.0472", "thigh: [-1.0", "joint FL_thigh's limit, lower"),
+        ("robot.yaml", "hip: 33.5", "hip: 20.0", "'effort_limits'"),
+        ("robot.yaml", "calf: 21.0", "calf: 20.0", "'velocity_limits'"),
+        ("robot.yaml", "thigh_offset: 0.0838", "thigh_offset: 0.08", "'thigh_offset'"),
+        ("robot.yaml", "calf_length: 0.2 ", "calf_length: 0.3 ", "'calf_length'"),
+        ("robot.yaml", "foot_radius: 0.02", "foot_radius: 0.03", "'foot_radius'"),
+        ("robot.yaml", "trunk_box: [0.267", "trunk_box: [0.3", "'trunk_box'"),
+        ("robot.yaml", "FL: [0.1, 0.8, -1.5]", "FL: [0.1, 0.8, -0.5]", "stance has FL_calf"),
+        ("robot.yaml", "  FL: [0.1", "  LF: [0.1", "stance is of LF"),
+        ("robot.yaml", "{hip: 21.0, ", "{", "velocity_limits lacks hip"),
+        ("robot.yaml", "{hip: 21.0, ", "{knee: 1.0, hip: 21.0, ", "'knee'"),
+        ("robot.yaml", "damping: 0.5", "damping: -0.5", "'damping'"),
+        ("robot.yaml", "name: dog", "name: go2", "key 'name'"),
+        ("robot.yaml", "description: a1.urdf", "description: none.urdf", "none.urdf"),
+        ("a1.urdf", 'axis xyz="1 0 0"', 'axis xyz="-1 0 0"', "joint FL_hip's axis"),
+        ("a1.urdf", 'joint name="FL_hip"', 'joint name="FL_roll"', "moving joints are FL_roll"),
+        ("a1.urdf", 'parent link="trunk"', 'parent link="FR_hip"', "joint FL_hip's parent"),
+        ("a1.urdf", 'name="FL_foot"', 'name="FL_toe"', "FL_foot"),
+        ("a1.urdf", "</robot>", "", "no URDF"),
+        ("a1.urdf", 'mass value="6"', 'mass value="none"', "mass"),
+    ],
+)
+def test_files_that_contradict_one_another_are_refused_by_key(own, file, old, new, told):
+    with pytest.raises(InputError, match=re.escape(told)):
+        load_robot(own(file, old, new))
+
+
+def test_unknown_robots_are_refused_by_name():
+    with pytest.raises(InputError, match="unknown robot 'b2'; the robots are a1, go2"):
+        load_robot("b2")
+
+
+def test_a_rear_thigh_has_limits_of_its_own():
+    go2 = load_robot("go2")
+    joints = dict(
+        zip(quadruped.JOINTS, zip(go2.lower_limits, go2.upper_limits, strict=True), strict=True)
+    )
+    assert joints["FL_thigh"] == (-1.5708, 3.4907)
+    assert joints["RR_thigh"] == (-0.5236, 4.5379)
+    torque = go2.joint_torque(target=np.full(12, 9.0), position=np.zeros(12), velocity=np.zeros(12))
+    np.testing.assert_array_equal(torque[:3], [23.7, 23.7, 45.43])

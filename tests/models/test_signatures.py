@@ -6,18 +6,20 @@ import pytest
 
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward import step_reward
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import failures
 
+A1 = load_robot()
+
 
 @pytest.mark.parametrize(
     ("function", "swappable"),
     [
-        (robot.joint_torque, ("target", "position", "velocity")),
+        (A1.joint_torque, ("target", "position", "velocity")),
         (proprioception, ("joint_position", "joint_velocity", "previous_action")),
         (proprioception, ("rm_iterations", "commanded_dwell")),
         (step_reward, ("previous_joint_velocity", "action", "previous_action")),

@@ -16,13 +16,17 @@ from glassgait.models.export.switching_controller import (
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.deployment.export.agreement import compare_controllers
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
 from glassgait.studies.deployment.export.switching_agreement import random_switching_sequences
+
+A1 = load_robot()
+
 
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
@@ -64,7 +68,7 @@ def tables_of(gait):
 )
 def test_c_changes_gaits_as_python_does(names, patience, switched, tmp_path):
     policy = switched(names, patience=patience)
-    sequences = random_switching_sequences(policy.switch, 1500, 3)
+    sequences = random_switching_sequences(A1, policy.switch, 1500, 3)
     found = compare_controllers(*both(policy, tmp_path), sequences)
     assert found.machine == 0
     assert found.target < 1e-12
@@ -76,7 +80,7 @@ def test_c_changes_gaits_as_python_does(names, patience, switched, tmp_path):
 def test_a_bounded_action_is_the_same_to_the_last_bit(switched, tmp_path):
     policy = switched(("trot", "walk"), make_student=tables_of, greatest_change=5.0)
     python, compiled = both(policy, tmp_path)
-    sequences = random_switching_sequences(policy.switch, 500, 4)
+    sequences = random_switching_sequences(A1, policy.switch, 500, 4)
     assert compare_controllers(python, compiled, sequences).target == 0.0
     memory, bounded = python.initial(), 0
     for moment in sequences[0]:
@@ -91,7 +95,7 @@ def test_a_bounded_action_is_the_same_to_the_last_bit(switched, tmp_path):
 @needs_compiler
 def test_single_precision_changes_gaits_at_the_same_steps(switched, tmp_path):
     policy = switched(("trot", "pace"))
-    sequences = random_switching_sequences(policy.switch, 200, 5)
+    sequences = random_switching_sequences(A1, policy.switch, 200, 5)
     found = compare_controllers(*both(policy, tmp_path, real="float"), sequences)
     assert found.machine == 0
     assert 0.0 < found.target < 1e-3
@@ -114,7 +118,7 @@ def test_kinds_of_policies_go_together(
     experts = [small_expert(gait, mirrored=gait.name == "network") for gait in gaits]
     walkers = [alone(policy, expert) for expert, policy in zip(experts, own, strict=False)]
     policy = SwitchedPolicy(GaitSwitch(gaits), [*walkers, alone(experts[-1])])
-    sequences = random_switching_sequences(policy.switch, 600, 7)
+    sequences = random_switching_sequences(A1, policy.switch, 600, 7)
     found = compare_controllers(*both(policy, tmp_path), sequences)
     assert found.machine == 0
     assert found.target < 1e-12
@@ -125,7 +129,7 @@ def test_gaits_may_have_names_that_c_cannot_have(trot, switched, tmp_path):
     names = ("my gait", "*/ int x; /*", "for")
     policy = switched([replace(trot, name=name) for name in names])
     assert gait_identifiers(policy.switch.gaits) == ["gait_0", "gait_1", "gait_2"]
-    sequences = random_switching_sequences(policy.switch, 200, 8)
+    sequences = random_switching_sequences(A1, policy.switch, 200, 8)
     assert compare_controllers(*both(policy, tmp_path), sequences).machine == 0
 
 
@@ -133,7 +137,7 @@ def test_gaits_may_have_names_that_c_cannot_have(trot, switched, tmp_path):
 def test_a_request_for_no_gait_is_bad_input_and_changes_nothing(switched, tmp_path):
     policy = switched(("trot", "pace", "bound"))
     _, compiled = both(policy, tmp_path)
-    *before, now = random_switching_sequences(policy.switch, 60, 9)[0]
+    *before, now = random_switching_sequences(A1, policy.switch, 60, 9)[0]
     memory = compiled.initial()
     for moment in before:
         memory = compiled.step(memory, *moment).memory
@@ -141,7 +145,7 @@ def test_a_request_for_no_gait_is_bad_input_and_changes_nothing(switched, tmp_pa
         step = compiled.step(memory, now.sensors, now.command, number)
         assert step.status == BAD_INPUT
         np.testing.assert_array_equal(step.memory, memory)
-        np.testing.assert_array_equal(step.targets, robot.joint_targets(memory[ACTION]))
+        np.testing.assert_array_equal(step.targets, A1.joint_targets(memory[ACTION]))
     assert compiled.step(memory, *now).status == 0
 
 

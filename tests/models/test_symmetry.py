@@ -11,6 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, body_state, proprioception
@@ -21,6 +22,9 @@ from glassgait.models.task.symmetry import (
     mirrored_states,
     reflect_observation,
 )
+
+A1 = load_robot()
+
 
 EXPECTED = {
     "trot": (1, 0),
@@ -106,6 +110,7 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
 
     def observe(state, command, action, number):
         own = proprioception(
+            A1,
             command=command,
             joint_position=state[:, quadruped.JOINT_POSITION],
             joint_velocity=state[:, quadruped.JOINT_VELOCITY],
@@ -114,7 +119,7 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
             rm_iterations=np.arange(20.0),
             commanded_dwell=np.full(20, 7.0),
         )
-        return np.concatenate([own, body_state(state)], axis=1)
+        return np.concatenate([own, body_state(A1, state)], axis=1)
 
     numbers = generator.integers(n, size=20)
     seen = observe(state, command, action, numbers)
@@ -129,7 +134,7 @@ def test_what_a_mirrored_robot_observes_is_the_mirrored_observation(random_state
 def test_a_mirrored_robots_feet_are_the_mirrored_feet(random_states):
     state = random_states(20)
     own, image = (
-        kinematics.foot_positions(x[:, quadruped.JOINT_POSITION])
+        kinematics.foot_positions(A1, x[:, quadruped.JOINT_POSITION])
         for x in (state, _mirrored_plant(state))
     )
     np.testing.assert_allclose(image, own[:, MIRROR_LEGS] * [1, -1, 1], atol=1e-12)

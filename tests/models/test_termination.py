@@ -5,14 +5,18 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
+
+A1 = load_robot()
+
 
 LIMITS = TerminationLimits()
 STILL = np.zeros(12)
 
 
 def shown(state, action=STILL, previous=STILL):
-    flags = failures(state, action=action, previous_action=previous, limits=LIMITS)
+    flags = failures(A1, state, action=action, previous_action=previous, limits=LIMITS)
     return {name for name, flag in zip(FAILURES, flags, strict=True) if flag}
 
 

@@ -11,12 +11,16 @@ from glassgait.models.certificates.certificate import shipped_certificates
 from glassgait.models.certificates.observation_box import operating_box
 from glassgait.models.certificates.reading import read_certificate
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students.certificates import find_certificate
 from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
 from glassgait.studies.explanation.page import explain_rollout, render_page
+
+A1 = load_robot()
+
 
 GAIT = load_gait("trot")
 PAGE = STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas"
@@ -30,7 +34,7 @@ CALVES = 2
 @pytest.fixture(scope="module")
 def observed():
     """Observations of the operating box, some beyond its ends."""
-    box = operating_box(GAIT)
+    box = operating_box(GAIT, A1)
     observations = box.random(40, np.random.default_rng(1))
     observations[[7, 8], -1] = box.upper[-1] + 0.5 * (box.upper - box.lower)[-1]
     return observations
@@ -122,7 +126,7 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
     found = find_certificate(PAGE, GAIT)
     assert found is not None
     assert found.path.resolve() == own
-    panel = certificate_panel(found, load_policy(PAGE), PAGE, operating_box(GAIT).lower[None])
+    panel = certificate_panel(found, load_policy(PAGE), PAGE, operating_box(GAIT, A1).lower[None])
     assert panel.checked_by == f"glassgait verify check {found.path} --policy {PAGE}"
 
 

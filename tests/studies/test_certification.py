@@ -12,10 +12,14 @@ from glassgait.models.certificates.observation_box import (
     physical_box,
 )
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.verification.measurement import measure_box
+
+A1 = load_robot()
+
 
 FILE = """format: 1
 gait: trot
@@ -147,12 +151,12 @@ def test_a_measured_box_holds_what_robots_sense_and_no_more_than_sensors_tell():
     # All robots stand still at first, in the default stance.
     hip = names.index("DoF Pos FL Hip")
     assert low[hip] < 0.1 < high[hip]
-    whole = physical_box(gait, operating_box(gait)).quantities
+    whole = physical_box(gait, operating_box(gait, A1)).quantities
     for name in ("Command X", "RM Iters", "Command RM Iters", "RM State 0"):
         place = names.index(name)
         assert (low[place], high[place]) == (whole[0][place], whole[1][place])
     # Fifteen steps reach less far than the shipped box, which holds a hundred in every world.
-    shipped = operating_box(gait).quantities
+    shipped = operating_box(gait, A1).quantities
     velocities = [i for i, name in enumerate(names) if name.startswith("Base")]
     assert (
         np_less(low, high)
@@ -168,10 +172,10 @@ def np_less(low, high) -> bool:
 def test_a_box_of_ones_own_is_used(policy, tmp_path):
     gait = load_gait("trot")
     names = load_expert(gait).observation_names
-    operating_box(gait).widened(0.5).save(tmp_path / "wide.yaml", gait, "by a test")
+    operating_box(gait, A1).widened(0.5).save(tmp_path / "wide.yaml", gait, "by a test")
     main(["verify", "prove", "--policy", "mine.formulas", "--box", "wide.yaml", "--output", "out"])
     content = json.loads((tmp_path / "out" / "certificate.json").read_text())
-    wide = load_box(tmp_path / "wide.yaml", gait).quantities
+    wide = load_box(tmp_path / "wide.yaml", gait, A1).quantities
     assert content["boxes"]["operating"]["v.x"][1] == pytest.approx(
         wide[1][names.index("Base Lin Vel X")]
     )

@@ -9,7 +9,8 @@ import pytest
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.interventions.derivation import (
@@ -29,6 +30,9 @@ from glassgait.studies.explanation.interventions.study import FOLDER, Examiner
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import seen_by
 from glassgait.studies.explanation.interventions.words import told_of_following, told_of_joint
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 SYMBOLS = [entry.symbol for entry in ObservationLayout(2).entries]
@@ -184,7 +188,7 @@ def test_an_edit_changes_its_term_and_the_image_alone(joint, text, generator):
     value = term.weight * gates * quantities[..., term.input]
     first = quantities[..., SYMBOLS.index("s0")] == 1.0
     for edited, change in ((raised, 0.25 * term.weight * gates), (without, 0.125 - value)):
-        targets = robot.ACTION_SCALE * (edited(observed) - policy(observed))
+        targets = A1.action_scale * (edited(observed) - policy(observed))
         np.testing.assert_allclose(targets[first][:, term.joint], change[first], atol=1e-12)
         others = [index for index in range(quadruped.N_JOINTS) if index != term.joint]
         np.testing.assert_allclose(targets[first][:, others], 0.0, atol=1e-12)

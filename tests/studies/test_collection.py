@@ -16,7 +16,7 @@ from glassgait.studies.distillation.students.linear import untrained_student
 
 def test_labels_are_the_experts_whoever_acts(expert):
     gait = load_gait("trot")
-    student = untrained_student("trot", expert.observation_names)
+    student = untrained_student(expert)
     samples = collect(
         gait,
         AlternatingController(expert, student, period=3),

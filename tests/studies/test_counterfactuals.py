@@ -9,9 +9,13 @@ import pytest
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.studies.cli import main
 from glassgait.studies.explanation.counterfactuals.futures import BEFORE
+
+A1 = load_robot()
+
 
 STEP = 12
 
@@ -89,7 +93,7 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
         assert (was[port][moment + 1] != would_be[port][moment + 1]).any()
     joint = quadruped.joint_index("FR_calf")
     np.testing.assert_array_equal(was["actions"][:moment], would_be["actions"][:moment])
-    change = robot.ACTION_SCALE * (would_be["actions"] - was["actions"])[moment, joint]
+    change = A1.action_scale * (would_be["actions"] - was["actions"])[moment, joint]
     assert change == pytest.approx(-0.01)
 
 

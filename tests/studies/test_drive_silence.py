@@ -11,7 +11,8 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.deployment.drive import silence
@@ -23,6 +24,8 @@ from glassgait.studies.deployment.drive.silence import (
     walk_until_silent,
 )
 
+A1 = load_robot()
+
 
 @pytest.mark.parametrize("name", ["trot", "bound"])
 def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
@@ -32,16 +35,16 @@ def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
     left = walk_until_silent(gait, page, Scenario(), n_moments=8, seed=0)
     assert left.walked.all()
     # They were caught in the middle of their strides: some on two feet, and moving.
-    feet = kinematics.foot_heights(left.states)
+    feet = kinematics.foot_heights(A1, left.states)
     assert np.any(np.sum(feet < 0.0, axis=1) <= 2)
-    lowered = lower(left, StationConfig(), Watchdog(), seconds=1.4)
+    lowered = lower(A1, left, StationConfig(), Watchdog(), seconds=1.4)
     assert lowered.greatest.max() < 45.0
     assert lowered.final.max() < 10.0
 
 
 def standing(n):
-    states = np.tile(kinematics.standing_state(robot.DEFAULT_STANCE), (n, 1))
-    targets = np.tile(robot.DEFAULT_STANCE, (n, 1))
+    states = np.tile(kinematics.standing_state(A1), (n, 1))
+    targets = np.tile(A1.default_stance, (n, 1))
     return Left(np.array([0.5, 0.5, 1.0])[:n], states, targets, np.array([True, True, False])[:n])
 
 
@@ -49,7 +52,7 @@ def test_a_robot_on_its_back_is_counted():
     left = standing(3)
     left.states[0, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
     left.states[0, quadruped.POSITION] = 0.0, 0.0, 0.3
-    table = silence_table(left, lower(left, StationConfig(), Watchdog(), seconds=0.1))
+    table = silence_table(left, lower(A1, left, StationConfig(), Watchdog(), seconds=0.1))
     assert table["robots"].tolist() == [2, 0]
     assert table["overturned"].tolist() == [1, 0]
     assert table["greatest lean (°)"][0] == pytest.approx(180.0, abs=1.0)
@@ -67,7 +70,7 @@ def test_pushes_are_horizontal_and_of_the_speed_that_was_asked_for():
 def test_a_standing_robot_is_lowered_to_the_crouch():
     left = standing(1)
     settings = replace(Watchdog(), lowering=0.1)
-    lowered = lower(left, StationConfig(), settings, seconds=0.6)
+    lowered = lower(A1, left, StationConfig(), settings, seconds=0.6)
     assert lowered.greatest[0] < 10.0
     assert 0.1 < lowered.descent[0] < 2.0
 

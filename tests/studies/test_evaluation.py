@@ -20,7 +20,8 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
@@ -51,6 +52,9 @@ from glassgait.studies.evaluation.tracking import (
 from glassgait.studies.evaluation.worlds_tables import falls_table, scorecard_table
 from glassgait.studies.importance.faithfulness import AblatedController
 
+A1 = load_robot()
+
+
 TRAINING = {"training": Scenario()}
 
 
@@ -73,7 +77,7 @@ def test_a_robot_is_scored_up_to_its_first_failure():
     values = log()
     values.failures[49, 1, 1] = True
     values.failures[60:, 1, 0] = True
-    scores = score_rollouts(values)
+    scores = score_rollouts(values, A1.mass)
     assert scores["fell"].tolist() == [False, True]
     assert scores["steps"].tolist() == [200, 50]
     assert scores["return"].tolist() == [200, 50]
@@ -87,7 +91,7 @@ def test_tracking_is_of_one_second_averages_after_the_first_second():
     values.velocity[:50, :, 0] = 9.0
     values.velocity[50:, 0, 0] = 0.7
     values.velocity[50:, 1, 0] = 0.5 + 0.3 * np.where(np.arange(150) % 2, 1, -1)
-    errors = score_rollouts(values)["going_speed_error"]
+    errors = score_rollouts(values, A1.mass)["going_speed_error"]
     np.testing.assert_allclose(errors, [0.2, 0.0], atol=1e-12)
 
 
@@ -98,7 +102,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
     values.command[500:, 0, 0] = 0.5
     values.velocity[500:, 0, 0] = 0.4
     values.velocity[..., 1] = 0.3
-    scores = score_rollouts(values)
+    scores = score_rollouts(values, A1.mass)
     np.testing.assert_allclose(scores["going_speed_error"], [0.1, np.nan], atol=1e-12)
     np.testing.assert_allclose(scores["yaw_rate_error"], 0.3)
     table = scorecard_table(scores.assign(gait="trot", scenario="training"), {"training": "home"})
@@ -184,7 +188,7 @@ def test_intervals_are_students():
 
 
 def test_summary_counts_falls():
-    scores = score_rollouts(log(n_robots=4))
+    scores = score_rollouts(log(n_robots=4), A1.mass)
     scores["scenario"] = ["a", "a", "b", "b"]
     scores.loc[0, "fell"] = True
     summary = summarize(scores, ["scenario"])
@@ -198,7 +202,7 @@ def expert():
 
 
 def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
-    student = untrained_student("trot", expert.observation_names)
+    student = untrained_student(expert)
     config = RolloutConfig(n_robots=2, n_steps=150, n_seeds=2)
     jobs = alternation_cases(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
     scores = run_rollouts(jobs, tmp_path, processes=1)
@@ -223,7 +227,7 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     student = LinearPolicy("trot", expert.observation_names, weights, np.ones(quadruped.N_JOINTS))
     config = RolloutConfig(n_robots=3, n_steps=800)
     values = roll_out(load_gait("trot"), alone(student, expert), Scenario(), config)
-    scores = score_rollouts(values)
+    scores = score_rollouts(values, A1.mass)
     assert scores["fell"].all()
     assert values.reward.shape == (800, 3)
     assert scores["steps"].max() < 100
@@ -234,7 +238,7 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     names = expert.observation_names
     # Of no value at the third control step in a state of the machine.
     bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE / ITERATIONS_SCALE!r})"
-    texts = [f"{target!r}" for target in robot.DEFAULT_STANCE.tolist()]
+    texts = [f"{target!r}" for target in A1.default_stance.tolist()]
     texts[2] = bad
     formulas = [parse_expression(text, variable_names(len(names))) for text in texts]
     student = SymbolicPolicy("trot", names, formulas)
@@ -347,7 +351,7 @@ def test_a_loop_to_the_same_state_serves_no_rhythm_between_its_firings(expert):
     gait = load_gait("trot")
     anything = parse_formula("FL | ~FL")
     gait = replace(gait, transitions=tuple(Transition(q, q, anything) for q in ("q0", "q1")))
-    standing = alone(untrained_student("trot", expert.observation_names), expert)
+    standing = alone(untrained_student(expert), expert)
     log = roll_out(gait, standing, CONTINUOUS, RolloutConfig(n_robots=1, n_steps=20))
     served = log.served_dwell[:, 0]
     (first, second) = np.flatnonzero(served)
@@ -364,10 +368,10 @@ def test_cost_of_transport_is_work_per_weight_and_distance():
     values = log(n_steps=100, n_robots=1)
     values.power[:] = 50.0
     values.velocity[..., 0] = 0.5
-    assert np.isnan(score_rollouts(values)["cost_of_transport"][0])
+    assert np.isnan(score_rollouts(values, A1.mass)["cost_of_transport"][0])
     values.command[50:, :, 0] = 0.4
     expected = 50.0 / (12.776 * 9.81 * 0.5)
-    assert score_rollouts(values)["cost_of_transport"][0] == pytest.approx(expected)
+    assert score_rollouts(values, A1.mass)["cost_of_transport"][0] == pytest.approx(expected)
 
 
 @pytest.mark.slow
@@ -390,7 +394,7 @@ def test_gait_figure_is_drawn(expert, tmp_path):
 
 
 def test_a_single_robot_has_no_interval():
-    scores = score_rollouts(log(n_robots=1)).assign(gait="trot", scenario="training")
+    scores = score_rollouts(log(n_robots=1), A1.mass).assign(gait="trot", scenario="training")
     row = scorecard_table(scores, {"training": "training"}).iloc[0]
     assert row["return"] == "200"
     assert row["cost of transport"] == "–"

@@ -23,7 +23,7 @@ from glassgait.models.policies.library import (
     load_policy,
     load_student,
 )
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -44,6 +44,9 @@ from glassgait.studies.deployment.export.compiler import (
     write_source,
 )
 
+A1 = load_robot()
+
+
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
 PAGE = Path(export_command.__file__).with_name("README.md")
@@ -61,7 +64,9 @@ def test_ten_thousand_steps_agree_to_the_last_digits(trot, compiled_page):
     policy, expert = load_student("trot", "sparse_formula"), load_expert("trot")
     python = PythonController(trot, policy, expert)
     sequences = recorded_sequences(trot, policy, expert, 5000, 1)
-    found = compare_controllers(python, compiled_page, sequences + random_sequences(trot, 5000, 2))
+    found = compare_controllers(
+        python, compiled_page, sequences + random_sequences(A1, trot, 5000, 2)
+    )
     assert found.steps == 10_000
     assert found.machine == 0
     assert found.changes > 500
@@ -83,7 +88,7 @@ def test_shipped_policies_agree(gait, kind, tmp_path):
     machine = load_gait(gait)
     compiled = load_controller(source, tmp_path)
     python = PythonController(machine, policy, expert)
-    found = compare_controllers(python, compiled, random_sequences(machine, 150, 0))
+    found = compare_controllers(python, compiled, random_sequences(A1, machine, 150, 0))
     assert found.machine == 0
     assert found.target < 1e-12
 
@@ -193,7 +198,7 @@ def test_the_pages_program_runs(compiled_page, written_page, tmp_path):
     own.write_text(program)
     compile_c(own, tmp_path / "program", (*FLAGS, str(source)))
     done = subprocess.run([tmp_path / "program"], check=True, capture_output=True, text=True)
-    sensors = Sensors(robot.DEFAULT_STANCE, np.zeros(12), np.ones(4, dtype=bool))
+    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool))
     command = Command(np.array([0.5, 0.0]), np.array(8.0))
     target = compiled_page.step(compiled_page.initial(), sensors, command).targets[2]
     assert done.stdout == f"status 0\nfront left calf to {target:.3f} rad\n"

@@ -11,9 +11,13 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
+
+A1 = load_robot()
+
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -54,7 +58,7 @@ def loaded(gait, kind, real="double"):
 )
 def test_shipped_policies_agree(gait, kind):
     graph, policy, expert = loaded(gait, kind)
-    rows = random_rows(load_gait(gait), 500, 1)
+    rows = random_rows(A1, load_gait(gait), 500, 1)
     found = compare_graph(graph, policy, expert, rows)
     assert found.rows == 500
     assert max(found.target, found.estimate) < 1e-12
@@ -69,7 +73,7 @@ def test_single_precision_agrees_but_for_rounding():
 
 
 def test_random_rows_are_of_robots_within_their_ranges(trot):
-    rows = random_rows(trot, 400, 0)
+    rows = random_rows(A1, trot, 400, 0)
     layout = ObservationLayout(trot.n_states)
     assert rows.shape == (400, layout.n_proprioceptive)
     named = dict(zip(layout.names, rows.T, strict=False))
@@ -115,7 +119,7 @@ def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refus
 
 def test_another_policy_is_told_apart(trot):
     graph, policy, expert = loaded("trot", "sparse_formula")
-    rows = {"random": random_rows(trot, 50, 0)}
+    rows = {"random": random_rows(A1, trot, 50, 0)}
     assert len(check_graph(graph, policy, expert, rows)) == 1
     with pytest.raises(InputError, match="nothing was written"):
         check_graph(graph, load_student("trot", "symbolic"), expert, rows)
@@ -123,7 +127,7 @@ def test_another_policy_is_told_apart(trot):
 
 def test_what_is_not_finite_on_one_side_alone_is_told(trot):
     graph, policy, expert = loaded("trot", "statewise_linear")
-    rows = random_rows(trot, 5, 0)
+    rows = random_rows(A1, trot, 5, 0)
 
     def broken(observation):
         action = policy(observation)
@@ -205,5 +209,5 @@ def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
     expert = load_expert("trot")
     own = type(expert)("hop", expert.observation_names, *expert._networks)
     file = OnnxFile(Acting(odd, policy, own, "hop_mine", "mine"), "double")
-    rows = random_rows(odd, 20, 0)
+    rows = random_rows(A1, odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12

@@ -22,7 +22,8 @@ from glassgait.models.export.controller import write_controller
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.deployment.export.agreement import random_sequences
@@ -32,6 +33,9 @@ from glassgait.studies.deployment.export.compiler import (
     load_controller,
     write_source,
 )
+
+A1 = load_robot()
+
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
@@ -217,7 +221,7 @@ def test_the_header_serves_c_plus_plus(written_page, tmp_path):
 def moving(compiled_page, trot):
     """What a controller remembers in the midst of a sequence, and what it then reads."""
     memory = compiled_page.initial()
-    *before, now = random_sequences(trot, 10, 4)[0]
+    *before, now = random_sequences(A1, trot, 10, 4)[0]
     for moment in before:
         memory = compiled_page.step(memory, *moment).memory
     return memory, now.sensors, now.command
@@ -242,7 +246,7 @@ def test_bad_input_changes_nothing_and_is_told(value, where, moving, compiled_pa
     step = compiled_page.step(memory, broken, Command(speeds, dwell))
     assert step.status == BAD_INPUT
     np.testing.assert_array_equal(step.memory, memory)
-    kept = robot.joint_targets(memory[ACTION], limited=True)
+    kept = A1.joint_targets(memory[ACTION], limited=True)
     np.testing.assert_array_equal(step.targets, kept)
 
 
@@ -276,7 +280,7 @@ def test_a_controller_that_was_not_initialised_says_so_and_stands(written_page, 
     done = subprocess.run([program], capture_output=True, text=True, check=True)
     rows = np.array(done.stdout.split(), dtype=float).reshape(256, 13)
     np.testing.assert_array_equal(rows[:, 0], NOT_INITIALISED)
-    np.testing.assert_array_equal(rows[:, 1:], np.tile(robot.DEFAULT_STANCE, (256, 1)))
+    np.testing.assert_array_equal(rows[:, 1:], np.tile(A1.default_stance, (256, 1)))
 
 
 @pytest.mark.parametrize(
@@ -298,7 +302,7 @@ def test_memory_that_no_step_leaves_is_refused_and_kept(where, value, moving, co
     step = compiled_page.step(damaged, sensors, command)
     assert step.status == BAD_MEMORY
     np.testing.assert_array_equal(step.memory, damaged)
-    np.testing.assert_array_equal(step.targets, robot.DEFAULT_STANCE)
+    np.testing.assert_array_equal(step.targets, A1.default_stance)
 
 
 def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
@@ -312,10 +316,10 @@ def test_commands_beyond_the_gaits_range_are_limited(moving, compiled_page):
 def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, trot):
     memory = compiled_page.initial()
     assert not memory.any()
-    sensors, command, _ = random_sequences(trot, 1, 0)[0][0]
+    sensors, command, _ = random_sequences(A1, trot, 1, 0)[0][0]
     broken = Sensors(np.full(12, np.nan), sensors.joint_velocity, sensors.touching)
     step = compiled_page.step(memory, broken, command)
-    np.testing.assert_array_equal(step.targets, robot.DEFAULT_STANCE)
+    np.testing.assert_array_equal(step.targets, A1.default_stance)
     assert step.memory[MACHINE].tolist() == [0, 0, 0]
 
 
@@ -327,7 +331,7 @@ def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
     names = {"name": "pole", "policy_name": "pole", "version": "0"}
     source = write_controller(trot, policy, load_expert("trot"), **names)
     compiled = load_controller(source, tmp_path)
-    sensors = random_sequences(trot, 1, 0)[0][0].sensors
+    sensors = random_sequences(A1, trot, 1, 0)[0][0].sensors
     beside, pole = (Command(np.array([speed, 0.0]), np.array(8.0)) for speed in (0.6, 0.5))
     before = compiled.step(compiled.initial(), sensors, beside)
     step = compiled.step(before.memory, sensors, pole)

@@ -18,7 +18,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
 from glassgait.models.policies.policy import Contributions
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
@@ -32,6 +33,9 @@ from glassgait.studies.importance.figures import faithfulness_figure, importance
 from glassgait.studies.reproduction.curricula.figures import curricula_figure
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
+
+A1 = load_robot()
+
 
 HAS_EGL = ctypes.util.find_library("EGL") is not None
 
@@ -138,7 +142,7 @@ def test_a_rollout_without_a_cycle_is_refused(rollout):
 
 def test_strip_shows_its_stills_above_the_contacts(rollout, monkeypatch, tmp_path):
     monkeypatch.setattr(glassgait.studies.view.stills, "Camera", GreyCamera)
-    figure = gait_strip(rollout, load_gait("trot"), n_stills=6)
+    figure = gait_strip(A1, rollout, load_gait("trot"), n_stills=6)
     *stills, contacts = figure.axes
     assert len(stills) == 6
     assert all(len(still.get_images()) == 1 for still in stills)
@@ -149,8 +153,8 @@ def test_strip_shows_its_stills_above_the_contacts(rollout, monkeypatch, tmp_pat
 
 @pytest.mark.skipif(not HAS_EGL, reason="rendering needs EGL (Debian: libegl1, libgl1-mesa-dri)")
 def test_camera_sees_the_robot_and_follows_it():
-    camera = Camera(96, 64)
-    standing = kinematics.standing_state(robot.DEFAULT_STANCE)
+    camera = Camera(A1, 96, 64)
+    standing = kinematics.standing_state(A1)
     further = standing.copy()
     # Two tiles on, the ground looks the same again.
     further[quadruped.POSITION][0] += 1.0

@@ -9,7 +9,8 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
@@ -22,6 +23,9 @@ from glassgait.studies.importance import study
 from glassgait.studies.importance.methods import permutation_importance
 from glassgait.studies.importance.observations import merge_importances, observation_groups
 from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -98,9 +102,9 @@ def test_slopes_count_with_the_observations_spread(generator):
     method, importances = own_importance(policy, observations)
     assert method == "derivatives"
     spread = observations.std(axis=0)
-    assert importances[0, 2] == pytest.approx(3 * spread[2] / robot.ACTION_SCALE)
+    assert importances[0, 2] == pytest.approx(3 * spread[2] / A1.action_scale)
     angle = policy.quantities(observations)[:, 4]
-    slope = np.abs(2 * angle).mean() / robot.ACTION_SCALE
+    slope = np.abs(2 * angle).mean() / A1.action_scale
     assert importances[0, 4] == pytest.approx(slope * spread[4])
     assert importances.sum() == pytest.approx(importances[:, [2, 4]].sum())
 

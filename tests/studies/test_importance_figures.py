@@ -11,11 +11,14 @@ from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.importance.interpret_model import interpret_model
 from glassgait.studies.importance.study import draw_student
 from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+
+A1 = load_robot()
+
 
 NAMES = ObservationLayout(2).names
 N = len(NAMES)
@@ -70,7 +73,7 @@ def test_interprets_own_model_comes_back(additive):
     parts = policy.explain(observations[0], 1)
     action = sum(local["scores"]) + rebuilt.intercept_
     assert action == pytest.approx(policy(observations[0])[1], abs=1e-9)
-    target = robot.DEFAULT_STANCE[1] + robot.ACTION_SCALE * action
+    target = A1.default_stance[1] + A1.action_scale * action
     assert parts.values.sum() == pytest.approx(target, abs=1e-9)
 
 

@@ -6,10 +6,13 @@ import pytest
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout, indices_of
 from glassgait.studies.distillation.students.oscillator import OSCILLATOR
 from glassgait.studies.distillation.students.student import TrainingSet
+
+A1 = load_robot()
 
 
 def samples_of_a_clock(n_states, generator, count=600):
@@ -21,7 +24,7 @@ def samples_of_a_clock(n_states, generator, count=600):
     ((time,), (whole,)) = (
         indices_of(group, names) for group in ("iterations", "commanded iterations")
     )
-    scale = RobotUnits.of(names).scale
+    scale = RobotUnits.of(A1, names).scale
     lasted, asked = generator.integers(0, 8, size=count), generator.integers(6, 11, size=count)
     observations[:, time] = lasted * scale[time]
     observations[:, whole] = asked * scale[whole]
@@ -38,7 +41,7 @@ def test_sines_of_the_clock_are_found(n_states, generator):
     policy = OSCILLATOR.fit(samples, OSCILLATOR.settings, seed=0, n_jobs=1)
     assert isinstance(policy, FormulaPolicy)
     assert policy.n_terms() <= 36
-    error = robot.ACTION_SCALE * (policy(samples.observations) - samples.actions)
+    error = A1.action_scale * (policy(samples.observations) - samples.actions)
     assert np.abs(error).max() < 0.02
     text = policy.to_text()
     assert FormulaPolicy.from_file(read_formulas(text)).to_text() == text

@@ -12,7 +12,8 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.library import load_student
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure
@@ -69,7 +70,7 @@ def test_policies_that_are_no_text_have_no_lines():
 def constant(names, joint, value):
     """A policy that moves one joint's target (rad) off the default stance, and no other."""
     bias = np.zeros(quadruped.N_JOINTS)
-    bias[quadruped.JOINTS.index(joint)] = value / robot.ACTION_SCALE
+    bias[quadruped.JOINTS.index(joint)] = value / load_robot().action_scale
     return LinearPolicy("trot", names, np.zeros((quadruped.N_JOINTS, len(names))), bias)
 
 

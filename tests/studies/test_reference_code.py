@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.station import StationConfig
-from glassgait.models.robots import kinematics, quadruped, robot
-from glassgait.models.robots.description import CALF, FOOT, HIP, THIGH, TRUNK
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import observation
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import TerminationLimits, failures
 from glassgait.studies.training.config import PpoConfig
+
+A1 = load_robot()
+
 
 PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
 
@@ -31,9 +34,9 @@ def row(told, start):
 
 
 def test_clearance_is_of_the_sole(told):
-    standing = kinematics.standing_state(robot.DEFAULT_STANCE[None])
-    assert np.abs(kinematics.foot_heights(standing)).min() < 1e-12
-    assert robot.FOOT_RADIUS == 0.02
+    standing = kinematics.standing_state(A1.default_stance[None])
+    assert np.abs(kinematics.foot_heights(A1, standing)).min() < 1e-12
+    assert A1.foot_radius == 0.02
     assert {load_gait(name).clearance for name in gait_names()} == {0.03}
     assert row(told, "a foot's clearance, 3 cm, and its greatest height, 25 cm") == "of the sole"
     assert TerminationLimits().foot_height == 0.25
@@ -70,27 +73,27 @@ def test_an_episode_ends_where_the_page_says(told):
     assert row(told, "a low trunk") == f"below {limits.trunk_height:.2f} m"
     assert row(told, "a change of the action") == f"above {limits.action_change:g}, squared"
     assert limits.shank_share == 0.9
-    state, still = kinematics.standing_state(robot.DEFAULT_STANCE[None]), np.zeros((1, 12))
+    state, still = kinematics.standing_state(A1.default_stance[None]), np.zeros((1, 12))
     for beyond, fails in ((0.04, False), (0.06, True)):
-        state[0, quadruped.JOINT_POSITION.start] = robot.UPPER_LIMITS[0] + beyond
-        shown = failures(state, action=still, previous_action=still, limits=limits)
+        state[0, quadruped.JOINT_POSITION.start] = A1.upper_limits[0] + beyond
+        shown = failures(A1, state, action=still, previous_action=still, limits=limits)
         assert shown[0, 2] == fails
 
 
 def test_robots_start_on_their_lowest_foot(told):
-    states = Randomization().initial_states(50, np.random.default_rng(0))
-    np.testing.assert_allclose(kinematics.foot_heights(states).min(axis=1), 0.0, atol=1e-12)
+    states = Randomization().initial_states(A1, 50, np.random.default_rng(0))
+    np.testing.assert_allclose(kinematics.foot_heights(A1, states).min(axis=1), 0.0, atol=1e-12)
     assert row(told, "an episode's start") == "standing on the lowest foot"
 
 
 def test_robot_and_networks_are_those_that_the_page_names(told):
-    legs = (HIP, THIGH, CALF, FOOT)
-    whole = TRUNK.mass + 4 * sum(part.mass for part in legs)
-    assert whole == pytest.approx(robot.MASS)
+    legs = [A1.inertias[part] for part in ("hip", "thigh", "calf", "foot")]
+    whole = A1.inertias["trunk"].mass + 4 * sum(part.mass for part in legs)
+    assert whole == pytest.approx(A1.mass)
     parts = zip(("hip", "thigh", "calf", "foot"), legs, strict=True)
     masses = ", ".join(f"{name} {part.mass:g}" for name, part in parts)
-    assert row(told, "masses") == f"{robot.MASS} kg: trunk {TRUNK.mass}, {masses}"
-    assert row(told, "motors' limits") == f"{robot.EFFORT_LIMIT} N·m"
+    assert row(told, "masses") == f"{A1.mass} kg: trunk {A1.inertias['trunk'].mass}, {masses}"
+    assert row(told, "motors' limits") == f"{A1.effort[0]} N·m"
     ppo = PpoConfig()
     assert ppo.actor_layers == ppo.critic_layers == (256, 128, 64)
     assert row(told, "actor and critic") == "hidden layers of 256, 128 and 64"

@@ -12,7 +12,7 @@ from glassgait.models.formulas.expression import ZERO, Expression, constant, var
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
@@ -27,6 +27,9 @@ from glassgait.studies.distillation.refinement.formula_network import (
 from glassgait.studies.distillation.refinement.study import RefinementRun
 from glassgait.studies.distillation.students.formula_fit import short_numbers
 from glassgait.studies.training.config import PpoConfig
+
+A1 = load_robot()
+
 
 PPO = PpoConfig(steps_per_update=8, critic_layers=(16,), epochs=2, initial_std=0.1)
 TINY = RefinementConfig(
@@ -96,7 +99,7 @@ def test_a_step_of_any_direction_does_as_much():
         before = network(tensor)
         for direction in directions:
             network.changes.copy_(1e-2 * direction)
-            moved = robot.ACTION_SCALE * (network(tensor) - before)
+            moved = A1.action_scale * (network(tensor) - before)
             effects.append(100.0 * float(moved.square().sum(dim=1).mean().sqrt()))
     # In the units of the file they would differ by hundreds.
     assert max(effects) < 1.5 * min(effects)
@@ -110,7 +113,7 @@ def test_the_terms_that_do_least_are_dropped():
     network.prune(90, tensor)
     pruned = network.to_policy()
     assert pruned.n_terms() == network.n_numbers == 90
-    shift = robot.ACTION_SCALE * (network(tensor).detach() - before)
+    shift = A1.action_scale * (network(tensor).detach() - before)
     assert shift.std(dim=0).max() < 0.05
     # What they added on average is in the constants, whose formula serves an image as well.
     assert shift.mean(dim=0).abs().max() < 0.01

@@ -10,6 +10,7 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
@@ -19,6 +20,9 @@ from glassgait.studies.distillation.students.boosting import boosting_regressor
 from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
 from glassgait.studies.reproduction import command
 from glassgait.studies.reproduction.config import differences, load_settings, settings_file
+
+A1 = load_robot()
+
 
 PAPER = settings_file("paper")
 
@@ -70,7 +74,7 @@ def test_experts_learn_as_the_paper_says(paper):
 
 
 def test_experts_learn_in_one_world(paper):
-    stations = paper.training.worlds.stations(np.random.default_rng(0))
+    stations = paper.training.worlds.stations(A1, np.random.default_rng(0))
     assert set(stations) == {paper.training.worlds.station}
     assert (stations[0].stiffness, stations[0].damping) == (20.0, 0.5)
     assert paper.training.worlds.randomization.latency == (0.0, 0.0)

@@ -13,7 +13,7 @@ from glassgait.models.export.binding import BAD_INPUT, Sensors
 from glassgait.models.export.reference import PythonSwitchingController
 from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.policies.library import STUDENT_DIRECTORY
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.studies.cli import main
 from glassgait.studies.deployment.export import command as export_command
@@ -32,6 +32,9 @@ from glassgait.studies.deployment.export.switching_agreement import (
 )
 from glassgait.studies.deployment.export.switching_loop import change_both
 
+A1 = load_robot()
+
+
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
 PAGE = Path(export_command.__file__).with_name("README.md")
@@ -40,7 +43,7 @@ PAGE = Path(export_command.__file__).with_name("README.md")
 @pytest.mark.slow
 def test_ten_thousand_steps_agree_to_the_last_digits(switched_pages, compiled_pages):
     sequences = recorded_switching_sequences(switched_pages, 5000, 1)
-    sequences += random_switching_sequences(switched_pages.switch, 5000, 2)
+    sequences += random_switching_sequences(A1, switched_pages.switch, 5000, 2)
     found = compare_controllers(
         PythonSwitchingController(switched_pages), compiled_pages, sequences
     )
@@ -165,7 +168,7 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
         static pages_sensors read_sensors(void)
         {{
             const pages_sensors standing = {{
-                .joint_position = {{{", ".join(map(str, robot.DEFAULT_STANCE))}}},
+                .joint_position = {{{", ".join(map(str, A1.default_stance))}}},
                 .foot_contact = {{1, 1, 1, 1}}}};
             return standing;
         }}
@@ -187,7 +190,7 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
 
 def test_a_step_in_c_is_the_step_that_the_page_describes(switched_pages, compiled_pages):
     """A robot that stands has lost the walk's rhythm after twice the commanded steps."""
-    sensors = Sensors(robot.DEFAULT_STANCE, np.zeros(12), np.ones(4, dtype=bool))
+    sensors = Sensors(A1.default_stance, np.zeros(12), np.ones(4, dtype=bool))
     command = Command(np.array([0.3, 0.0]), np.array(8.0))
     memory, ran = compiled_pages.initial(), []
     for _ in range(20):

@@ -17,12 +17,15 @@ from glassgait.models.formulas.expression import Expression, canonical
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, rounded, settled
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
 from glassgait.studies.distillation.students.symbolic_regression import fit_formulas, pysr_arguments
 from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+
+A1 = load_robot()
+
 
 GATES = (Expression("variable", variable=4), Expression("variable", variable=5))
 
@@ -53,7 +56,7 @@ def test_weights_of_what_moves_together_do_not_grow_against_one_another(generato
 
 def test_a_gate_of_the_vocabulary_is_found(trot, generator):
     names = ObservationLayout(trot.n_states).names
-    fit = FormulaFit(names, gates)
+    fit = FormulaFit(A1, names, gates)
     observations = generator.normal(size=(2000, len(names)))
     observations[:, names.index("RM Iters")] = generator.uniform(0.0, 1.0, size=2000)
     values = fit.values(observations)
@@ -69,7 +72,7 @@ def test_a_gate_of_the_vocabulary_is_found(trot, generator):
 
 def test_fitted_formulas_have_three_digits_and_no_bias(trot, generator):
     names = ObservationLayout(trot.n_states).names
-    fit = FormulaFit(names, gates)
+    fit = FormulaFit(A1, names, gates)
     observations = generator.normal(size=(1000, len(names)))
     weights = generator.normal(size=(len(names), 12))
     actions = observations @ weights + 0.1 * generator.normal(size=(1000, 12))
@@ -77,7 +80,7 @@ def test_fitted_formulas_have_three_digits_and_no_bias(trot, generator):
     formulas = fit(observations, actions, 0, settings)
     for formula in formulas:
         assert formula == canonical(formula) == rounded(formula)
-    residual = robot.joint_targets(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
+    residual = A1.joint_targets(actions) - Tape(formulas, len(fit.vocabulary.symbols))(
         fit.values(observations)
     )
     assert np.abs(residual.mean(axis=0)).max() < 5e-3

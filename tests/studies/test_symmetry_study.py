@@ -203,5 +203,5 @@ def test_a_gait_without_a_mirror_image_is_told_and_left_out(lopsided, tmp_path, 
 
 def test_several_gaits_take_no_files_of_ones_own(tmp_path, refused):
     several = ["evaluate", "symmetry", "--gait", "trot", "walk"]
-    for own in (["--expert", "x"], ["--distillation", str(tmp_path)]):
+    for own in (["--expert", "x"], ["--source", str(tmp_path)]):
         assert "name one gait for them" in refused([*several, *own])

@@ -15,6 +15,7 @@ from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
@@ -23,6 +24,9 @@ from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.mirror import Mirrored
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.study import TrainingRun
+
+A1 = load_robot()
+
 
 TINY = TrainingConfig(
     updates=4,
@@ -223,7 +227,7 @@ def test_an_experts_record_gives_back_its_settings(tmp_path):
     assert read_config(tmp_path / "trot.yaml") == replace(TINY, updates=1)
     shipped = read_config(EXPERT_DIRECTORY / "trot.yaml")
     assert shipped.worlds.fine_steps == (0.005, 0.0025)
-    assert len(shipped.worlds.stations(np.random.default_rng(0))) == 16
+    assert len(shipped.worlds.stations(A1, np.random.default_rng(0))) == 16
     assert shipped.ppo.actor_layers == (256, 128, 64)
 
 

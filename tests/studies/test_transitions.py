@@ -197,7 +197,7 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
         (["--speeds", "0.3", "0.3"], "names nothing twice"),
         (["--via", "gallop"], "unknown gait 'gallop'"),
         (["--policy", "symbolic"], "--policy 'symbolic'"),
-        (["--worlds", "cenic_1e-5"], "is continuous"),
+        (["--scenario", "cenic_1e-5"], "is continuous"),
         (["--patience", "-1"], "patience is -1.0; it must be 0 or more"),
         (["--slowdown", "0"], "slowdown is 0.0; it must be more than 0"),
         (["--n-robots", "0"], "n_robots is 0"),

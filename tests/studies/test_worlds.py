@@ -191,7 +191,7 @@ def run(expert, tmp_path):
     """Runs the command on one small student in two worlds, one of them of a single robot."""
     source = tmp_path / "source"
     source.mkdir()
-    untrained_student("trot", expert.observation_names).save(source / "linear.safetensors")
+    untrained_student(expert).save(source / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
     small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
     worlds = ["--scenario", "training", str(tmp_path / "lonely.yaml")]

@@ -4,14 +4,17 @@ import numpy as np
 import pytest
 
 from glassgait.models.export.binding import ACTION, BAD_INPUT, sensed
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.systems.compiled_controller import CompiledController
+
+A1 = load_robot()
 
 
 @pytest.fixture
 def system(compiled_page) -> CompiledController:
-    return CompiledController(compiled_page)
+    return CompiledController(A1, compiled_page)
 
 
 def outputs(system, context):
@@ -23,7 +26,7 @@ def test_takes_the_controllers_step_and_remembers(
     system, compiled_page, fix_inputs, latch, standing
 ):
     context = fix_inputs(system, state=standing, command=[0.5, 0.1], commanded_dwell=8)
-    sensors, command = sensed(standing), Command(np.array([0.5, 0.1]), np.array(8.0))
+    sensors, command = sensed(A1, standing), Command(np.array([0.5, 0.1]), np.array(8.0))
     memory = compiled_page.initial()
     for _ in range(3):
         step = compiled_page.step(memory, sensors, command)
@@ -31,7 +34,7 @@ def test_takes_the_controllers_step_and_remembers(
         action, targets, status = outputs(system, context)
         np.testing.assert_array_equal(action, memory[ACTION])
         np.testing.assert_array_equal(targets, step.targets)
-        np.testing.assert_array_equal(targets, robot.joint_targets(action))
+        np.testing.assert_array_equal(targets, A1.joint_targets(action))
         assert status[0] == 0
         latch(system, context)
     assert np.any(memory[ACTION] != compiled_page.step(memory, sensors, command).memory[ACTION])
@@ -60,7 +63,7 @@ def test_holds_the_target_where_a_sensor_is_not_finite(system, fix_inputs, latch
 
 @pytest.fixture
 def changing(compiled_pages) -> CompiledController:
-    return CompiledController(compiled_pages)
+    return CompiledController(A1, compiled_pages)
 
 
 @pytest.mark.parametrize("requested", [None, 0, 1])

@@ -2,8 +2,11 @@
 
 import numpy as np
 
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.contact_memory import ContactMemory
 from glassgait.systems.foot_sensor import FootSensor
+
+A1 = load_robot()
 
 
 def test_contact_outlasts_the_touch_by_one_control_step(fix_inputs, latch):
@@ -21,7 +24,7 @@ def test_contact_outlasts_the_touch_by_one_control_step(fix_inputs, latch):
 
 
 def test_equals_the_foot_sensors_contact(fix_inputs, latch, standing):
-    memory, sensor = ContactMemory(), FootSensor()
+    memory, sensor = ContactMemory(), FootSensor(A1)
     contexts = [memory.CreateDefaultContext(), sensor.CreateDefaultContext()]
     for lift in (-0.012, 0.05, 0.05, -0.012):
         state = standing.copy()

@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.foot_sensor import FootSensor
+
+A1 = load_robot()
 
 
 def sensed(system, context):
@@ -13,7 +16,7 @@ def sensed(system, context):
 
 
 def test_senses_contact_and_height(standing, fix_inputs):
-    system = FootSensor()
+    system = FootSensor(A1)
     standing[6] += 0.05
     contact, height = sensed(system, fix_inputs(system, state=standing))
     np.testing.assert_array_equal(contact, 0)
@@ -21,7 +24,7 @@ def test_senses_contact_and_height(standing, fix_inputs):
 
 
 def test_contact_outlasts_the_touch_by_one_control_step(standing, fix_inputs, latch):
-    system = FootSensor()
+    system = FootSensor(A1)
     lifted = standing.copy()
     standing[6] -= 0.012
     lifted[6] += 0.05
@@ -34,7 +37,7 @@ def test_contact_outlasts_the_touch_by_one_control_step(standing, fix_inputs, la
 
 
 def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
-    system = FootSensor()
+    system = FootSensor(A1)
     standing[6] -= 0.012
     context = fix_inputs(system, state=standing)
     clone = context.Clone()

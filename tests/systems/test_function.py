@@ -9,15 +9,19 @@ from pydrake.systems.primitives import Multiplexer
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import MakeA1Station
+from glassgait.diagrams.station import MakeStation
 from glassgait.models.policies.library import load_student
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.function import FunctionSystem
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.symbolic_policy import make_symbolic_policy
+
+A1 = load_robot()
+
 
 LAYOUT = ObservationLayout(2)
 
@@ -34,11 +38,11 @@ def saxpy():
 def from_state_to_targets():
     """A controller between the plant's state and the joints' targets, all else exported too."""
     builder = DiagramBuilder()
-    sensor = builder.AddNamedSystem("body_state_sensor", BodyStateSensor())
-    proprioception = builder.AddNamedSystem("proprioception", Proprioception(LAYOUT))
+    sensor = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(A1))
+    proprioception = builder.AddNamedSystem("proprioception", Proprioception(A1, LAYOUT))
     observation = builder.AddSystem(Multiplexer([LAYOUT.n_proprioceptive, N_ESTIMATED]))
     policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_symbolic")))
-    targets = builder.AddSystem(JointTargets(quadruped.JOINTS[::-1]))
+    targets = builder.AddSystem(JointTargets(A1, quadruped.JOINTS[::-1]))
     builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
     builder.Connect(sensor.get_body_state_output_port(), observation.get_input_port(1))
     builder.Connect(observation.get_output_port(), policy.get_input_port())
@@ -78,7 +82,7 @@ def test_optional_ports_may_stay_unconnected_and_others_not(fix_inputs):
 
 @pytest.mark.parametrize(
     "system",
-    [saxpy(), JointTargets(quadruped.JOINTS), BodyStateSensor(), Proprioception(LAYOUT)],
+    [saxpy(), JointTargets(A1, quadruped.JOINTS), BodyStateSensor(A1), Proprioception(A1, LAYOUT)],
     ids=lambda system: type(system).__name__,
 )
 def test_the_twin_with_derivatives_has_the_same_ports_and_values(system, generator):
@@ -117,7 +121,7 @@ def test_the_loop_does_not_convert_since_the_plant_would_lose_its_control(trot):
     loop = MakeLocomotion(trot, Scenario(command=FixedCommand(), sensor_noise=0.0))
     with pytest.raises(RuntimeError, match="ActionHold"):
         loop.ToAutoDiffXd()
-    station = MakeA1Station()
+    station = MakeStation(A1)
     for diagram, controlled in ((station, True), (station.ToAutoDiffXd(), False)):
         plant = diagram.GetSubsystemByName("plant")
         actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.gait_display import DISPLAY_PERIOD, GaitDisplay
+
+A1 = load_robot()
 
 
 class FakeMeshcat:
@@ -40,7 +43,7 @@ def inputs(standing):
 
 
 def test_has_an_object_for_every_state_and_foot(trot, meshcat):
-    GaitDisplay(trot, meshcat)
+    GaitDisplay(A1, trot, meshcat)
     states = [f"gait/state/{i}" for i in range(trot.n_states)]
     assert meshcat.objects == states + [f"gait/contact/{leg}" for leg in quadruped.LEGS]
 
@@ -50,7 +53,7 @@ def show(system, context):
 
 
 def test_shows_the_machines_state_and_the_feet_that_touch(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(trot, meshcat)
+    system = GaitDisplay(A1, trot, meshcat)
     show(system, fix_inputs(system, **inputs))
     shown = {path for path, visible in meshcat.visible.items() if visible}
     assert shown == {"gait/state/1", "gait/contact/FL", "gait/contact/RR"}
@@ -58,25 +61,25 @@ def test_shows_the_machines_state_and_the_feet_that_touch(trot, meshcat, inputs,
 
 
 def test_the_scene_moves_so_that_the_robot_stays_in_the_middle(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(trot, meshcat)
+    system = GaitDisplay(A1, trot, meshcat)
     show(system, fix_inputs(system, **inputs))
     np.testing.assert_allclose(meshcat.places["/drake"], [-1.0, -2.0, 0.0])
     np.testing.assert_allclose(meshcat.places["gait/state"], [1.0, 2.0, 0.46])
 
 
 def test_contacts_are_marked_where_the_feet_are(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(trot, meshcat)
-    turned = kinematics.standing_state(robot.DEFAULT_STANCE)
+    system = GaitDisplay(A1, trot, meshcat)
+    turned = kinematics.standing_state(A1)
     turned[quadruped.QUATERNION] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
     show(system, fix_inputs(system, **{**inputs, "state": turned}))
-    x, y, _ = kinematics.foot_positions(robot.DEFAULT_STANCE)[quadruped.LEGS.index("RL")]
+    x, y, _ = kinematics.foot_positions(A1, A1.default_stance)[quadruped.LEGS.index("RL")]
     place = meshcat.places["gait/contact/RL"]
     np.testing.assert_allclose(place[:2], [-y, x], atol=1e-12)
-    assert place[2] == pytest.approx(kinematics.foot_heights(turned)[2] + robot.FOOT_RADIUS)
+    assert place[2] == pytest.approx(kinematics.foot_heights(A1, turned)[2] + A1.foot_radius)
 
 
 def test_clones_show_their_own_robot(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(trot, meshcat)
+    system = GaitDisplay(A1, trot, meshcat)
     context = fix_inputs(system, **inputs)
     fix_inputs(system, context.Clone(), rm_state=[1.0, 0.0])
     show(system, context)
@@ -85,12 +88,12 @@ def test_clones_show_their_own_robot(trot, meshcat, inputs, fix_inputs):
 
 def test_colours_start_again_for_machines_of_many_states(trot, meshcat):
     states = tuple(f"q{i}" for i in range(40))
-    GaitDisplay(replace(trot, states=states), meshcat)
+    GaitDisplay(A1, replace(trot, states=states), meshcat)
     assert len(meshcat.objects) == 44
 
 
 def test_publishes_every_32nd_of_a_second(trot, meshcat, inputs, fix_inputs):
-    system = GaitDisplay(trot, meshcat)
+    system = GaitDisplay(A1, trot, meshcat)
     simulator = Simulator(system, fix_inputs(system, **inputs))
     simulator.AdvanceTo(3.5 * DISPLAY_PERIOD)
     np.testing.assert_allclose(sorted(set(meshcat.times)), DISPLAY_PERIOD * np.arange(4))

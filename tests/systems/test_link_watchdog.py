@@ -13,12 +13,16 @@ from glassgait.models.link.watchdog import (
     initial_watch,
     step_watch,
 )
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.link_watchdog import LinkWatchdog, pack_watch, unpack_watch
 
+A1 = load_robot()
+
+
 SESSION, STEP = 9, 0.01
-TARGETS = robot.DEFAULT_STANCE + np.linspace(-0.3, 0.3, 12)
-LEVEL = kinematics.standing_state(robot.DEFAULT_STANCE)
+TARGETS = A1.default_stance + np.linspace(-0.3, 0.3, 12)
+LEVEL = kinematics.standing_state(A1)
 ON_ITS_SIDE = LEVEL.copy()
 ON_ITS_SIDE[quadruped.QUATERNION] = np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0
 
@@ -32,7 +36,7 @@ def answer(time, session=SESSION, targets=TARGETS):
 
 @pytest.fixture
 def system():
-    return LinkWatchdog(Watchdog(), session=SESSION, time_step=STEP)
+    return LinkWatchdog(A1, Watchdog(), session=SESSION, time_step=STEP)
 
 
 @pytest.fixture
@@ -85,9 +89,7 @@ def test_a_robot_on_its_side_does_not_rise(system, advance):
 
 def test_answers_of_another_session_are_not_heard(system, advance):
     context = advance(0.005, answer(0.0, session=SESSION + 1))
-    np.testing.assert_array_equal(
-        system.get_targets_output_port().Eval(context), robot.DEFAULT_STANCE
-    )
+    np.testing.assert_array_equal(system.get_targets_output_port().Eval(context), A1.default_stance)
 
 
 def test_restarts_on_its_feet(system, advance):
@@ -97,7 +99,7 @@ def test_restarts_on_its_feet(system, advance):
 
 
 def test_numbers_stand_for_a_watch_and_back():
-    watch = step_watch(initial_watch(), None, 1.0, Watchdog())
+    watch = step_watch(A1, initial_watch(A1), None, 1.0, Watchdog())
     again = unpack_watch(pack_watch(watch))
     for one, other in zip(watch, again, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -105,4 +107,4 @@ def test_numbers_stand_for_a_watch_and_back():
 
 def test_refuses_a_plant_without_steps():
     with pytest.raises(ValueError, match="time_step"):
-        LinkWatchdog(Watchdog(), session=SESSION, time_step=0.0)
+        LinkWatchdog(A1, Watchdog(), session=SESSION, time_step=0.0)

@@ -3,8 +3,11 @@
 import numpy as np
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.reward import RewardWeights, step_reward
 from glassgait.systems.reward import RewardSystem
+
+A1 = load_robot()
 
 
 def inputs(state, **changes):
@@ -20,7 +23,7 @@ def inputs(state, **changes):
 
 
 def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
-    system = RewardSystem()
+    system = RewardSystem(A1)
     standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
     up = np.array([1.0, 1.0, 1.0, 0.0])
     context = fix_inputs(system, **inputs(standing, foot_contact=up))
@@ -30,6 +33,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     moved[quadruped.JOINT_VELOCITY] += 1.0
     fix_inputs(system, context, **inputs(moved, reward_multiplier=1000.0))
     expected = step_reward(
+        A1,
         moved,
         previous_joint_velocity=np.arange(12.0),
         action=np.zeros(12),
@@ -48,7 +52,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
 
 
 def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
-    system = RewardSystem()
+    system = RewardSystem(A1)
     standing[quadruped.JOINT_VELOCITY] = 5.0
     context = fix_inputs(system, **inputs(standing))
     clone = context.Clone()
@@ -61,7 +65,7 @@ def test_clones_keep_their_own_memory(standing, fix_inputs, latch):
 def test_its_weights_weigh_the_terms(standing, fix_inputs):
     context, once = {}, {}
     for factor in (1.0, 2.0):
-        system = RewardSystem(RewardWeights(forward_tracking=factor))
+        system = RewardSystem(A1, RewardWeights(forward_tracking=factor))
         context = fix_inputs(system, **inputs(standing))
         once[factor] = system.get_reward_terms_output_port().Eval(context)
     assert once[2.0][0] == 2 * once[1.0][0] > 0
@@ -70,7 +74,7 @@ def test_its_weights_weigh_the_terms(standing, fix_inputs):
 
 def test_averages_speeds_over_the_steps_before(standing, fix_inputs, latch):
     weights = RewardWeights(tracking_time=0.1)
-    system = RewardSystem(weights)
+    system = RewardSystem(A1, weights)
     standing[quadruped.LINEAR_VELOCITY] = [0.4, 0.0, 0.0]
     context = fix_inputs(system, **inputs(standing))
     for _ in range(4):

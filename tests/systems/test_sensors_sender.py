@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.systems.sensors_sender import SensorsSender
 
+A1 = load_robot()
+
 
 def test_sends_joints_and_contacts_of_an_instant(fix_inputs, random_states):
-    system = SensorsSender(session=3)
+    system = SensorsSender(A1, session=3)
     (state,) = random_states(1)
     state[quadruped.POSITION] = [0.0, 0.0, 0.3]
     context = fix_inputs(system, state=state, followed=1)
@@ -26,7 +29,7 @@ def test_sends_joints_and_contacts_of_an_instant(fix_inputs, random_states):
 
 
 def test_distinguishes_feet_on_the_ground_and_in_the_air(fix_inputs, standing):
-    system = SensorsSender(session=3)
+    system = SensorsSender(A1, session=3)
     for lift, touches in ((-0.012, True), (0.05, False)):
         state = standing.copy()
         state[6] += lift
@@ -35,7 +38,7 @@ def test_distinguishes_feet_on_the_ground_and_in_the_air(fix_inputs, standing):
 
 
 def test_adds_the_sensors_noise(fix_inputs, standing):
-    system = SensorsSender(session=3, noise_factor=0.5)
+    system = SensorsSender(A1, session=3, noise_factor=0.5)
     context = fix_inputs(system, state=standing, followed=0, uniform_noise=np.ones(24))
     message = system.get_message_output_port().Eval(context)
     measured = np.concatenate([message.joint_position, message.joint_velocity])
@@ -45,4 +48,4 @@ def test_adds_the_sensors_noise(fix_inputs, standing):
 
 def test_refuses_noise_below_zero():
     with pytest.raises(ValueError, match="noise_factor"):
-        SensorsSender(session=3, noise_factor=-1.0)
+        SensorsSender(A1, session=3, noise_factor=-1.0)

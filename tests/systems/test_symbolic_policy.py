@@ -22,7 +22,8 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy, SymbolicPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.observation import (
     ITERATIONS_SCALE,
@@ -30,6 +31,9 @@ from glassgait.models.task.observation import (
     machine_state_entries,
 )
 from glassgait.systems.symbolic_policy import make_symbolic_policy
+
+A1 = load_robot()
+
 
 TREES = ("ebm", "gbm")
 READABLE = [
@@ -176,9 +180,9 @@ def test_only_the_formulas_of_the_state_that_is_on_are_evaluated():
     observation = np.zeros(len(NAMES))
     observation[STATES] = [1, 0, 0, 0]
     # The first variable is a speed in m/s, the formula's value a target in rad.
-    expected = -robot.DEFAULT_STANCE / robot.ACTION_SCALE
+    expected = -A1.default_stance / A1.action_scale
     np.testing.assert_allclose(act(system, observation), expected)
-    np.testing.assert_allclose(slopes(system, observation)[:, 0], 1 / robot.ACTION_SCALE)
+    np.testing.assert_allclose(slopes(system, observation)[:, 0], 1 / A1.action_scale)
 
 
 @pytest.mark.parametrize(

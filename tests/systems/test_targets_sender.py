@@ -4,8 +4,10 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 
 from glassgait.models.link.messages import sensors_t
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import load_robot
 from glassgait.systems.targets_sender import TargetsSender
+
+A1 = load_robot()
 
 
 def sensors(sequence):
@@ -15,12 +17,12 @@ def sensors(sequence):
 
 
 def test_answers_the_sensors(fix_inputs, generator):
-    system, action = TargetsSender(), generator.normal(size=12, scale=5.0)
+    system, action = TargetsSender(A1), generator.normal(size=12, scale=5.0)
     context = fix_inputs(system, action=action)
     system.get_sensors_input_port().FixValue(context, sensors(5))
     clone = context.Clone()
     system.get_sensors_input_port().FixValue(clone, sensors(6))
     message = system.get_message_output_port().Eval(context)
     assert (message.session, message.sequence, message.utime) == (3, 5, 100_000)
-    np.testing.assert_array_equal(message.joint_position, robot.joint_targets(action, limited=True))
+    np.testing.assert_array_equal(message.joint_position, A1.joint_targets(action, limited=True))
     assert system.get_message_output_port().Eval(clone).sequence == 6

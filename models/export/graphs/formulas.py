@@ -9,7 +9,7 @@ from glassgait.models.export.graphs.policies import machine_state
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Line, Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 
 _FUNCTIONS = {
     "div": "Div",
@@ -28,7 +28,7 @@ def add_formulas(graph: GraphBuilder, policy: FormulaPolicy, observation: str) -
     rows = policy.formulas_by_state
     n = len(policy.observation_names)
     tape = Tape([policy.vocabulary.expanded(one) for row in rows for one in row], n)
-    units = RobotUnits.of(policy.observation_names)
+    units = RobotUnits.of(policy.robot, policy.observation_names)
     scaled = graph.add("Div", observation, graph.constant(units.scale))
     quantities = graph.add("Add", scaled, graph.constant(units.offset))
     target = _evaluated(graph, tape, quantities)
@@ -39,8 +39,8 @@ def add_formulas(graph: GraphBuilder, policy: FormulaPolicy, observation: str) -
         state = machine_state(graph, policy.observation_names, observation)
         place = graph.add("Unsqueeze", state, graph.indices([1]))
         target = graph.add("GatherND", table, place, batch_dims=1)
-    from_stance = graph.add("Sub", target, graph.constant(robot.DEFAULT_STANCE))
-    return graph.add("Div", from_stance, graph.constant(robot.ACTION_SCALE))
+    from_stance = graph.add("Sub", target, graph.constant(policy.robot.default_stance))
+    return graph.add("Div", from_stance, graph.constant(policy.robot.action_scale))
 
 
 def _evaluated(graph: GraphBuilder, tape: Tape, quantities: str) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationEntry, ObservationLayout
@@ -40,21 +40,23 @@ def metadata(
     groups: dict[Group, list[ObservationEntry]] = {}
     for entry in own:
         groups.setdefault(entry.group, []).append(entry)
-    n = quadruped.N_JOINTS
-    # The last action is observed as it was given, where formulas speak of its target.
+    robot, n = policy.robot, quadruped.N_JOINTS
+    # The last action is observed as it was given, where formulas hold its target.
     scales = [
-        1.0 if group == "previous action" else entries[0].scale for group, entries in groups.items()
+        1.0 if group == "previous action" else entries[0].factor
+        for group, entries in groups.items()
     ]
     return {
+        "robot": robot.name,
         "joint_names": _listed(quadruped.JOINTS),
-        "joint_stiffness": _listed([robot.STIFFNESS] * n),
-        "joint_damping": _listed([robot.DAMPING] * n),
-        "joint_effort_limit": _listed([robot.EFFORT_LIMIT] * n),
-        "joint_pos_lower_limit": _listed(robot.LOWER_LIMITS.tolist()),
-        "joint_pos_upper_limit": _listed(robot.UPPER_LIMITS.tolist()),
+        "joint_stiffness": _listed([robot.stiffness] * n),
+        "joint_damping": _listed([robot.damping] * n),
+        "joint_effort_limit": _listed(robot.effort.tolist()),
+        "joint_pos_lower_limit": _listed(robot.lower_limits.tolist()),
+        "joint_pos_upper_limit": _listed(robot.upper_limits.tolist()),
         "limit_targets": json.dumps(policy.limits_targets or expert.limits_targets),
-        "default_joint_pos": _listed(robot.DEFAULT_STANCE.tolist()),
-        "action_scale": _listed([robot.ACTION_SCALE] * n),
+        "default_joint_pos": _listed(robot.default_stance.tolist()),
+        "action_scale": _listed([robot.action_scale] * n),
         "command_names": "twist,rm_iterations",
         "observation_names": _listed(TERMS[group] for group in groups),
         "observation_terms_size": _listed(len(entries) for entries in groups.values()),

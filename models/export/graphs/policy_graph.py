@@ -40,7 +40,7 @@ def write_graph(
     `estimate` (batch, 7), the estimated velocity of the trunk and heights of the feet.
 
     Args:
-        gait: The gait, which the graph's metadata tell of.
+        gait: The gait, which the graph's metadata describe.
         policy: The policy that acts: a student, or the expert.
         expert: Whose estimator observes what no sensor tells.
         policy_name: What its metadata call the policy.
@@ -54,7 +54,7 @@ def write_graph(
     """
     layout = ObservationLayout(gait.n_states)
     for one in (policy, expert):
-        one.check(gait=gait.name, observation_names=layout.names)
+        one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
     graph = GraphBuilder()
     own = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)
     estimate = add_network(graph, expert.estimator, own)
@@ -81,8 +81,8 @@ def write_graph(
         producer_name="glassgait",
         producer_version=version,
     )
-    told = metadata(gait, policy, expert, policy_name=policy_name, version=version)
-    helper.set_model_props(model, told)
+    described = metadata(gait, policy, expert, policy_name=policy_name, version=version)
+    helper.set_model_props(model, described)
     onnx.checker.check_model(model, full_check=True)
     return model
 

@@ -1,6 +1,6 @@
 /* {{ name }}.c - {{ title }}.
  *
- * From what a Unitree A1's joints and feet sense to the targets of its joints, {{ rate }} times a second.
+ * From what a {{ robot }}'s joints and feet sense to the targets of its joints, {{ rate }} times a second.
  * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
  *
 {% block made_of %}
@@ -64,9 +64,20 @@ static const {{ real }} STANCE[12] = {
 };
 
 {% if limits_targets %}
+{% if lowest | length == 3 %}
 /* The ranges of every leg's hip, thigh and calf, rad: targets stay within. */
 static const {{ real }} LOWEST[3] = { {{- lowest | map('number') | join(', ') -}} };
 static const {{ real }} HIGHEST[3] = { {{- highest | map('number') | join(', ') -}} };
+{% else %}
+/* The ranges of the joints, rad: targets stay within. */
+{% for name, limits in [('LOWEST', lowest), ('HIGHEST', highest)] %}
+static const {{ real }} {{ name }}[12] = {
+{% for leg in legs %}
+    {{ limits[3 * loop.index0:][:3] | map('number') | join(', ') }}, /* {{ leg }} hip, thigh, calf */
+{% endfor %}
+};
+{% endfor %}
+{% endif %}
 
 {% endif %}
 #define ACTION_SCALE {{ action_scale | number }} /* rad of joint target for an action of 1 */
@@ -223,7 +234,7 @@ static void set_targets(const {{ real }} action[12], {{ name }}_targets *targets
 {% if limits_targets %}
     for (int joint = 0; joint < 12; joint++) {
         const {{ real }} asked = STANCE[joint] + ACTION_SCALE * action[joint];
-        const {{ real }} lowest = LOWEST[joint % 3], highest = HIGHEST[joint % 3];
+        const {{ real }} lowest = LOWEST[{{ limit }}], highest = HIGHEST[{{ limit }}];
 
         targets->joint_position[joint] =
             asked < lowest ? lowest : asked > highest ? highest : asked;

@@ -46,7 +46,7 @@ def roll_out(
     scenario = config.commanding(scenario)
     if scenario.accuracy is not None:
         return _roll_out_diagrams(gait, controller, scenario, config)
-    log = Log(limited=scenario.limits_targets(controller))
+    log = Log(controller.robot, limited=scenario.limits_targets(controller))
     episode(
         gait,
         controller,
@@ -68,7 +68,7 @@ def _roll_out_diagrams(
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)
-    states = NOMINAL.initial_states(n, np.random.default_rng(config.seed))
+    states = NOMINAL.initial_states(controller.robot, n, np.random.default_rng(config.seed))
     logs = []
     for index, state in enumerate(states):
         simulator = make_simulator(
@@ -94,7 +94,9 @@ def _to_log(rollout: Rollout, n_steps: int, controller: Controller, *, limited: 
     log = RolloutLog(
         velocity=forward_and_yaw(rollout["state"])[1:],
         command=rollout["command"][:-1],
-        power=joint_power(rollout["state"][1:], rollout["actions"][:-1], limited=limited),
+        power=joint_power(
+            controller.robot, rollout["state"][1:], rollout["actions"][:-1], limited=limited
+        ),
         action=rollout["actions"][:-1],
         expert_acts=_expert_acts(rollout, controller),
         reward=rollout["reward"][1:, 0],

@@ -9,7 +9,6 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import Controller
-from glassgait.models.robots import robot
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case, run_cases, slow_first
 from glassgait.studies.common.console import say
@@ -105,7 +104,7 @@ def for_selection(cases: Sequence[Case]) -> list[Case]:
 def score(case: Case) -> pd.DataFrame:
     """Rolls the robots of a case out, and returns their scores, a row a robot."""
     log = roll_out(case.gait, case.controller, case.scenario, case.config)
-    return score_rollouts(log, robot.MASS + case.scenario.station.payload)
+    return score_rollouts(log, case.controller.robot.mass + case.scenario.station.payload)
 
 
 def run_rollouts(

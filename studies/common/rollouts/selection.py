@@ -12,7 +12,6 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import robot
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -70,7 +69,7 @@ def rank_alone(
         for label, seed, world in runs
     )
     scores = [
-        score_rollouts(log, robot.MASS + world.station.payload).assign(candidate=label)
+        score_rollouts(log, expert.robot.mass + world.station.payload).assign(candidate=label)
         for (label, _, world), log in zip(runs, run_parallel(work, n_jobs), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])

@@ -60,7 +60,7 @@ class DriveController(Settings):
         gait = load_gait(self.gait)
         policy = find_policies(gait, self.source).controller(self.policy)
         lcm = open_lcm(self.link)
-        controller = ControllerEnd(gait, policy, lcm, self.link.names)
+        controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
         say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
         with first_interrupt() as interrupted:
             record = control(controller, lcm, interrupted)

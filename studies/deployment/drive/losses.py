@@ -147,7 +147,9 @@ class Walkers:
         self._robot = RobotEnd(
             gait, scenario, self._link.robot, channels, watchdog=watchdog, session=1, seed=seed
         )
-        self._controller = ControllerEnd(gait, policy, self._link.controller, channels)
+        self._controller = ControllerEnd(
+            policy.robot, gait, policy, self._link.controller, channels
+        )
         self._generator = np.random.default_rng(seed)
         self._late = round(trial.latency / CONTROL_PERIOD * self._robot.n_parts)
 

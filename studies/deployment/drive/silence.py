@@ -14,7 +14,8 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.link.watchdog import Phase, Watchdog, initial_watch, step_watch
 from glassgait.models.policies.controller import Controller
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
@@ -85,7 +86,7 @@ def walk_until_silent(
     drawn = sample_commands(gait, len(speed), generator)
     command = Command(np.stack([speed, drawn.velocity[:, 1]], axis=1), drawn.dwell)
     world = replace(scenario, command=DrawnCommands())
-    last = _LastAnswers(speed, moment, limited=world.limits_targets(controller))
+    last = _LastAnswers(controller.robot, speed, moment, limited=world.limits_targets(controller))
     episode(
         gait,
         controller,
@@ -102,27 +103,32 @@ def walk_until_silent(
 class _LastAnswers(Observer):
     """Records each robot at a moment of its own."""
 
-    def __init__(self, speed: Array, moment: NDArray[np.int64], *, limited: bool) -> None:
+    def __init__(
+        self, robot: Robot, speed: Array, moment: NDArray[np.int64], *, limited: bool
+    ) -> None:
         n = len(speed)
         states = np.empty((n, quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
         targets, walked = np.empty((n, quadruped.N_JOINTS)), np.zeros(n, dtype=bool)
         self.left = Left(speed, states, targets, walked)
-        self._moment, self._limited = moment, limited
+        self._robot, self._moment, self._limited = robot, moment, limited
         self._fallen = np.zeros(n, dtype=bool)
 
     def observe(self, step: ControlStep) -> None:
         now = self._moment == step.step
         self.left.states[now] = step.before.plant[now]
         action = step.output.action[now]
-        self.left.targets[now] = robot.joint_targets(action, limited=self._limited)
+        self.left.targets[now] = self._robot.joint_targets(action, limited=self._limited)
         self.left.walked[now] = ~self._fallen[now]
         self._fallen = step.fallen
 
 
-def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float) -> Lowered:
+def lower(
+    robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float
+) -> Lowered:
     """Advances robots that their watchdogs alone move.
 
     Args:
+        robot: What robots they are.
         left: The robots.
         station: Their physics.
         watchdog: How long they wait for their controller.
@@ -131,10 +137,10 @@ def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: fl
     Raises:
         InputError: if the plant is continuous.
     """
-    physics, states = make_physics(station), left.states
+    physics, states = make_physics(robot, station), left.states
     physics.set_friction(np.array([station.friction]))
     watches = [
-        initial_watch()._replace(phase=Phase.FOLLOWING, answered=0.0, newest=own, targets=own)
+        initial_watch(robot)._replace(phase=Phase.FOLLOWING, answered=0.0, newest=own, targets=own)
         for own in left.targets
     ]
     leans, descents = [kinematics.lean(states[:, quadruped.QUATERNION])], []
@@ -143,7 +149,7 @@ def lower(left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: fl
         for part in range(PARTS):
             now = (step + part / PARTS) * CONTROL_PERIOD
             watches = [
-                step_watch(watch, None, now, watchdog, lean=lean)
+                step_watch(robot, watch, None, now, watchdog, lean=lean)
                 for watch, lean in zip(watches, leans[-1].tolist(), strict=True)
             ]
             followed.append(np.array([watch.targets for watch in watches]))

@@ -71,7 +71,9 @@ class DriveSilence(Settings):
                 gait, policy, scenario, n_moments=self.n_moments, seed=self.seed
             )
             left = pushed(left, self.push, self.seed)
-            lowered = lower(left, scenario.station, self.watchdog, seconds=self.seconds)
+            lowered = lower(
+                policy.robot, left, scenario.station, self.watchdog, seconds=self.seconds
+            )
             table = silence_table(left, lowered)
             write_table(table, folder / "silence")
             write_metrics(json_records(table), folder / "metrics.json")

@@ -14,7 +14,8 @@ from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
@@ -84,7 +85,7 @@ def compare_controllers(
     return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
 
 
-def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
+def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
     """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
 
     Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
@@ -95,13 +96,13 @@ def random_sequences(gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
     sequences: list[list[Moment]] = []
     while n_steps > 0:
         count = min(n_steps, SEQUENCE_STEPS)
-        sequences.append(list(_random_moments(gait, tables, count, generator)))
+        sequences.append(list(_random_moments(robot, gait, tables, count, generator)))
         n_steps -= count
     return sequences
 
 
 def _random_moments(
-    gait: Gait, tables: Array, count: int, generator: np.random.Generator
+    robot: Robot, gait: Gait, tables: Array, count: int, generator: np.random.Generator
 ) -> Iterator[Moment]:
     for step in range(count):
         if step % COMMAND_STEPS == 0:
@@ -112,9 +113,8 @@ def _random_moments(
             touching = STANCES[generator.choice(codes)]
         else:
             touching = np.zeros(quadruped.N_LEGS, dtype=bool)
-        position = generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS)
-        limit = robot.VELOCITY_LIMIT
-        velocity = generator.uniform(-limit, limit, size=quadruped.N_JOINTS)
+        position = generator.uniform(robot.lower_limits, robot.upper_limits)
+        velocity = generator.uniform(-robot.velocity, robot.velocity)
         yield Moment(Sensors(position, velocity, touching), command)
 
 

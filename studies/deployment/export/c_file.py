@@ -68,7 +68,7 @@ class CFile(ExportedPolicy):
         recorded = effort.n_recorded
         sequences = {
             "recorded": recorded_sequences(gait, policy, expert, recorded, effort.seed),
-            "random": random_sequences(gait, effort.n_steps - recorded, effort.seed),
+            "random": random_sequences(policy.robot, gait, effort.n_steps - recorded, effort.seed),
         }
         return agreement_table(python, compiled, sequences)
 

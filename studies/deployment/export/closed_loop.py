@@ -78,7 +78,7 @@ def walk_both(
         scores = []
         for make in (by_policy, exported):
             acting, senses = make(controller)
-            log = Log(limited=world.task.limit_targets)
+            log = Log(world.task.robot, limited=world.task.limit_targets)
             episode(
                 gait,
                 acting,
@@ -89,7 +89,7 @@ def walk_both(
                 observers=[log],
                 events=[Event(0, None, begin), *senses],
             )
-            scores.append(score_rollouts(log.rollout(n_steps)))
+            scores.append(score_rollouts(log.rollout(n_steps), world.task.robot.mass))
         rows.append(compared(engine, title, *scores))
     return pd.DataFrame(rows)
 

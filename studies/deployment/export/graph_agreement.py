@@ -11,7 +11,8 @@ from glassgait.models.errors import InputError
 from glassgait.models.export.graphs.runtime import LoadedGraph
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
@@ -46,7 +47,7 @@ def compare_graph(
     acted = graph(own)
     return GraphAgreement(
         len(own),
-        robot.ACTION_SCALE * _apart(acted.action, action),
+        policy.robot.action_scale * _apart(acted.action, action),
         _apart(acted.estimate, estimate),
     )
 
@@ -80,20 +81,21 @@ def recorded_rows(
     return observations[:n_rows, :-N_ESTIMATED]
 
 
-def random_rows(gait: Gait, n_rows: int, seed: int) -> Array:
+def random_rows(robot: Robot, gait: Gait, n_rows: int, seed: int) -> Array:
     """Draws proprioception (m, 40 + n_states): joints and last targets anywhere in their ranges."""
     generator = np.random.default_rng(seed)
     command = sample_commands(gait, n_rows, generator)
     shape = (n_rows, quadruped.N_JOINTS)
     position, target = (
-        generator.uniform(robot.LOWER_LIMITS, robot.UPPER_LIMITS, size=shape) for _ in range(2)
+        generator.uniform(robot.lower_limits, robot.upper_limits, size=shape) for _ in range(2)
     )
     counts = generator.integers(gait.dwell[1] + OVERDUE, endpoint=True, size=n_rows)
     return proprioception(
+        robot,
         command=command.velocity,
         joint_position=position,
-        joint_velocity=generator.uniform(-robot.VELOCITY_LIMIT, robot.VELOCITY_LIMIT, size=shape),
-        previous_action=(target - robot.DEFAULT_STANCE) / robot.ACTION_SCALE,
+        joint_velocity=generator.uniform(-robot.velocity, robot.velocity, size=shape),
+        previous_action=(target - robot.default_stance) / robot.action_scale,
         rm_state=np.eye(gait.n_states)[generator.integers(gait.n_states, size=n_rows)],
         rm_iterations=counts.astype(float),
         commanded_dwell=command.dwell,

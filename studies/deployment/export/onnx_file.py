@@ -52,7 +52,7 @@ class OnnxFile(ExportedPolicy):
         say(f"acting on {effort.n_steps} observations, in Python and by ONNX Runtime")
         rows = {
             "recorded": recorded_rows(gait, policy, expert, recorded, seed),
-            "random": random_rows(gait, effort.n_steps - recorded, seed),
+            "random": random_rows(policy.robot, gait, effort.n_steps - recorded, seed),
         }
         agreement = check_graph(graph, policy, expert, rows)
         return {"agreement": agreement} | self._walked(by_graph(graph), effort)

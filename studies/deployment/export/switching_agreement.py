@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.episode import BoolArray, Episode, Event, episode
 from glassgait.studies.deployment.export.agreement import (
@@ -43,9 +44,11 @@ def drawn_requests(
     return np.repeat(requested, every, axis=0)[:n_steps]
 
 
-def random_switching_sequences(switch: GaitSwitch, n_steps: int, seed: int) -> list[list[Moment]]:
+def random_switching_sequences(
+    robot: Robot, switch: GaitSwitch, n_steps: int, seed: int
+) -> list[list[Moment]]:
     """Draws sensors and requests at random; every other stance ends a state of one of the gaits."""
-    sequences = random_sequences(switch.gait, n_steps, seed)
+    sequences = random_sequences(robot, switch.gait, n_steps, seed)
     requested = drawn_requests(switch, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
     return [
         [moment._replace(requested=int(gait)) for moment, gait in zip(sequence, own, strict=False)]

@@ -51,7 +51,7 @@ class SwitchingCFile(Exported):
             sequences = {
                 "recorded": recorded_switching_sequences(switched, recorded, seed),
                 "random": random_switching_sequences(
-                    switched.switch, effort.n_steps - recorded, seed
+                    switched.robot, switched.switch, effort.n_steps - recorded, seed
                 ),
             }
             python = PythonSwitchingController(switched)

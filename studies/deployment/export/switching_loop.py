@@ -98,7 +98,8 @@ def _changing(
     speeds = DrawnCommands(distilled_speeds(switched.switch.gait))
     scenario = replace(load_scenario(world), command=speeds)
     controller, senses = make(alone(switched))
-    log, snapshots = Log(limited=scenario.limits_targets(switched)), Snapshots()
+    log = Log(switched.robot, limited=scenario.limits_targets(switched))
+    snapshots = Snapshots()
     episode(
         switched.switch,
         controller,
@@ -109,7 +110,7 @@ def _changing(
         observers=[log, snapshots],
         events=[*senses, asking(requested)],
     )
-    scores = score_rollouts(log.rollout(n_steps))
+    scores = score_rollouts(log.rollout(n_steps), switched.robot.mass)
     states = np.array([state.machine.state for state in snapshots.states])
     upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
     running = switched.switch.gait_of(states)

@@ -30,7 +30,7 @@ class Family:
     def fewest_terms(self, samples: TrainingSet) -> int:
         """Returns the fewest terms that there can be: one for each formula that is written."""
         names = samples.observation_names
-        vocabulary = Vocabulary(names, known_definitions(names))
+        vocabulary = Vocabulary(names, known_definitions(samples.robot, names))
         return len(written_places(vocabulary, samples.mirror if self.mirrored else None))
 
     def fit(self, samples: TrainingSet, n_terms: int) -> FormulaPolicy:

@@ -12,7 +12,7 @@ from glassgait.models.formulas.expression import ZERO, Expression, constant, neg
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
@@ -70,7 +70,7 @@ class FormulaNetwork(nn.Module):
             policy: The policy to begin with.
         """
         super().__init__()
-        self._file = policy.to_file()
+        self._file, self._robot = policy.to_file(), policy.robot
         self._written = self._file.written()
         numbers = [value for formula in self._written.values() for value in _numbers(formula)]
         self.register_buffer("start", torch.tensor(numbers))
@@ -81,10 +81,10 @@ class FormulaNetwork(nn.Module):
         # Where each formula's numbers stand among all.
         self._spans = dict(zip(self._written, map(slice, [0, *ends], ends), strict=True))
         names = self._file.vocabulary.names
-        units = RobotUnits.of(names)
+        units = RobotUnits.of(policy.robot, names)
         self.register_buffer("_scale", _tensor(units.scale), persistent=False)
         self.register_buffer("_offset", _tensor(units.offset), persistent=False)
-        self.register_buffer("_stance", _tensor(robot.DEFAULT_STANCE), persistent=False)
+        self.register_buffer("_stance", _tensor(policy.robot.default_stance), persistent=False)
         self._states = indices_of("machine state", names)
         self._mirror: FormulaMirror | None = None
         if self._file.mirror is not None:
@@ -158,7 +158,8 @@ class FormulaNetwork(nn.Module):
         places = sorted(every)
         vocabulary, formulas = self._file.vocabulary.using(every[place] for place in places)
         whole = dict(zip(places, formulas, strict=True))
-        return FormulaPolicy.from_file(replace(self._file, vocabulary=vocabulary, formulas=whole))
+        file = replace(self._file, vocabulary=vocabulary, formulas=whole)
+        return FormulaPolicy.from_file(file, self._robot)
 
     def _numbers(self) -> torch.Tensor:
         return self.kept * (self.start + self.unit @ self.changes)
@@ -167,10 +168,10 @@ class FormulaNetwork(nn.Module):
         """Differentiates targets by numbers (m, 12, p; rad)."""
         numbers = self._numbers().detach()
         slopes = torch.func.jacfwd(lambda own: self._actions(observations, own))(numbers)
-        return robot.ACTION_SCALE * slopes
+        return self._robot.action_scale * slopes
 
     def _rows(self, place: Place, observations: torch.Tensor) -> torch.Tensor:
-        """Tells which samples (m) are in the state that a formula is of."""
+        """Finds which samples (m) are in the state that a formula is of."""
         if len(place) == 1:
             return torch.ones(len(observations), dtype=torch.bool)
         return observations[:, self._states].argmax(dim=1) == place[0]
@@ -186,7 +187,7 @@ class FormulaNetwork(nn.Module):
             ]
             # Each row has a state, so that the parts are all rows in another order.
             targets = torch.cat(parts)[torch.argsort(torch.cat(rows))]
-        return (targets - self._stance) / robot.ACTION_SCALE
+        return (targets - self._stance) / self._robot.action_scale
 
     def _targets(
         self, state: tuple[int, ...], observation: torch.Tensor, numbers: torch.Tensor

@@ -15,7 +15,7 @@ from glassgait.models.formulas.quantities import (
 )
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots import robot
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.symbolic_regression import fit_formulas
 from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
@@ -50,16 +50,20 @@ class FormulaFit:
     """
 
     def __init__(
-        self, names: tuple[str, ...], gates: Callable[[Vocabulary], Sequence[Expression]]
+        self,
+        robot: Robot,
+        names: tuple[str, ...],
+        gates: Callable[[Vocabulary], Sequence[Expression]],
     ) -> None:
         """
         Args:
+            robot: The robot.
             names: Names of the observations (n).
-            gates: Returns what tells where in the gait the robot is.
+            gates: Returns what says where in the gait the robot is.
         """
-        self.vocabulary = Vocabulary(names, known_definitions(names))
+        self.vocabulary = Vocabulary(names, known_definitions(robot, names))
         self._gates = gates(self.vocabulary)
-        self._units = RobotUnits.of(names)
+        self._units = RobotUnits.of(robot, names)
 
     def values(self, observations: Array) -> Array:
         """Evaluates all variables (m, k) on observations (m, n)."""
@@ -87,7 +91,7 @@ class FormulaFit:
         Raises:
             InputError: if the engine is PySR and Julia cannot start, or its search fails.
         """
-        values, targets = self.values(observations), robot.joint_targets(actions)
+        values, targets = self.values(observations), self._units.robot.joint_targets(actions)
         n = observations.shape[1]
         formulas = fit_formulas(values, targets, seed, settings, self._gates, n, n_jobs)
         return readable(formulas, values, targets)

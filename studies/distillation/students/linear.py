@@ -12,18 +12,25 @@ RIDGE = 1.0
 """Weight of the penalty on the squared weights."""
 
 
-def untrained_student(gait: str, observation_names: tuple[str, ...]) -> Policy:
+def untrained_student(expert: Policy) -> Policy:
     """Returns the student before its first fit: it asks for the default stance."""
-    n = len(observation_names)
+    n = len(expert.observation_names)
     zero = np.zeros((quadruped.N_JOINTS, n))
-    return LinearPolicy(gait, observation_names, zero, np.zeros(quadruped.N_JOINTS))
+    return LinearPolicy(
+        expert.gait,
+        expert.observation_names,
+        zero,
+        np.zeros(quadruped.N_JOINTS),
+        robot=expert.robot,
+    )
 
 
 def _fit_linear(
     samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
 ) -> LinearPolicy:
     model = Ridge(RIDGE).fit(samples.observations, samples.actions)
-    return LinearPolicy(samples.gait, samples.observation_names, model.coef_, model.intercept_)
+    names = samples.observation_names
+    return LinearPolicy(samples.gait, names, model.coef_, model.intercept_, robot=samples.robot)
 
 
 def _fit_statewise_linear(
@@ -35,7 +42,8 @@ def _fit_statewise_linear(
     ]
     weights = np.array([model.coef_ for model in models])
     intercepts = np.array([model.intercept_ for model in models])
-    return StatewiseLinearPolicy(samples.gait, samples.observation_names, weights, intercepts)
+    names = samples.observation_names
+    return StatewiseLinearPolicy(samples.gait, names, weights, intercepts, robot=samples.robot)
 
 
 LINEAR = Student("linear", "Linear", _fit_linear, color="#999999", marker="v", brevity=6)

@@ -8,7 +8,7 @@ import numpy as np
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.distillation.students.student import TrainingSet
@@ -55,7 +55,7 @@ def samples_by_state(
         mirror: State that each state is in the mirror; None for a policy without a mirror image.
     """
     whole = samples if mirror is None else _with_mirror_images(samples, mirror)
-    targets, places = robot.joint_targets(whole.actions), written_places(vocabulary, mirror)
+    targets, places = samples.robot.joint_targets(whole.actions), written_places(vocabulary, mirror)
     parts = []
     for state, mine in enumerate(whole.by_state()):
         own = tuple(place for place in places if place[0] == state)

@@ -29,7 +29,7 @@ def _fit_open_loop(
             mine = (state == s) & (iteration == i)
             # A moment that was never visited goes on with the one before it.
             table[s, i] = actions[mine].mean(axis=0) if mine.any() else table[s, max(0, i - 1)]
-    return OpenLoopPolicy(samples.gait, names, table)
+    return OpenLoopPolicy(samples.gait, names, table=table, robot=samples.robot)
 
 
 OPEN_LOOP = Student("open_loop", "Open loop", _fit_open_loop, color="#CCCCCC", marker="x")

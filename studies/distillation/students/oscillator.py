@@ -8,7 +8,7 @@ from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.quantities import Definition, RobotUnits, Vocabulary
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import SymbolicPolicy
-from glassgait.models.robots import quadruped, robot
+from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.formula_fit import readable
 from glassgait.studies.distillation.students.gated_sum import gated_expression
@@ -20,15 +20,15 @@ def _fit_oscillator(
 ) -> SymbolicPolicy:
     names = samples.observation_names
     waves = _waves(names)
-    observed = RobotUnits.of(names).quantities(samples.observations)
+    observed = RobotUnits.of(samples.robot, names).quantities(samples.observations)
     values = np.hstack([observed, Tape([wave.formula for wave in waves], len(names))(observed)])
-    own, targets = values[:, len(names) :], robot.joint_targets(samples.actions)
+    own, targets = values[:, len(names) :], samples.robot.joint_targets(samples.actions)
     solved, *_ = np.linalg.lstsq(np.hstack([np.ones((len(own), 1)), own]), targets)
     weights = np.zeros((quadruped.N_JOINTS, 1, values.shape[1]))
     weights[:, 0, len(names) :] = solved[1:].T
     sums = [gated_expression((), row, rest) for row, rest in zip(weights, solved[0], strict=True)]
     formulas = readable(sums, values, targets)
-    return SymbolicPolicy(samples.gait, names, formulas, definitions=waves)
+    return SymbolicPolicy(samples.gait, names, formulas, definitions=waves, robot=samples.robot)
 
 
 def _waves(names: tuple[str, ...]) -> tuple[Definition, ...]:

@@ -12,6 +12,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.library import POLICY_CLASSES
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.common.parallel.loop import run_parallel
@@ -73,6 +74,7 @@ class TrainingSet:
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
         mirror: State that each state of the machine is in the mirror; None where it favours a side.
+        robot: The robot.
     """
 
     gait: str
@@ -81,6 +83,7 @@ class TrainingSet:
     actions: Array
     starts: NDArray[np.bool_]
     mirror: tuple[int, ...] | None = None
+    robot: Robot = field(default_factory=load_robot)
 
     def subset(self, index: NDArray[np.int64]) -> "TrainingSet":
         """Returns the samples at an index (k,), which may name one more than once."""
@@ -115,7 +118,7 @@ class Student:
         collector: Name of the student that collects its samples; itself by default.
         fit_models: Fits the library's models behind it, one a joint, like `fit`; None where there
             are none.
-        compile: Makes the policy of such models: `compile(gait, observation_names, models)`.
+        compile: Makes the policy of such models: `compile(gait, names, models, robot)`.
         policy: Class of its policies, where none of the project's holds what it learned. It is
             registered, so that its files can be loaded, and its `capabilities` say what else can
             be done with them.
@@ -187,11 +190,11 @@ def fit_compiled(
 
     Args:
         fit: Fits one: `fit(observations, target, seed, settings)`.
-        compile_models: Makes the policy: `compile_models(gait, observation_names, models)`.
+        compile_models: Makes the policy: `compile_models(gait, names, models, robot)`.
         samples: What to fit to.
         settings: Its settings.
         seed: Seed of the first joint; the others count on.
         n_jobs: Joints that are fitted at once.
     """
     models = fit_joints(fit, samples, settings, seed=seed, n_jobs=n_jobs)
-    return compile_models(samples.gait, samples.observation_names, models)
+    return compile_models(samples.gait, samples.observation_names, models, samples.robot)

@@ -53,11 +53,17 @@ def fit_policy(
         InputError: if the engine is PySR and Julia cannot start, or its search fails.
     """
     names = samples.observation_names
-    fit = FormulaFit(names, gates)
+    fit = FormulaFit(samples.robot, names, gates)
     if not statewise:
         formulas = fit(samples.observations, samples.actions, seed, settings, n_jobs)
         vocabulary, kept = fit.vocabulary.using(formulas)
-        return SymbolicPolicy(samples.gait, names, kept, definitions=vocabulary.definitions)
+        return SymbolicPolicy(
+            samples.gait,
+            names,
+            kept,
+            definitions=vocabulary.definitions,
+            robot=samples.robot,
+        )
     formulas = [
         settled(formula, names, state)
         for state, mine in enumerate(samples.by_state())
@@ -67,7 +73,13 @@ def fit_policy(
     ]
     vocabulary, kept = fit.vocabulary.using(formulas)
     rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
-    return StatewiseSymbolicPolicy(samples.gait, names, rows, definitions=vocabulary.definitions)
+    return StatewiseSymbolicPolicy(
+        samples.gait,
+        names,
+        rows,
+        definitions=vocabulary.definitions,
+        robot=samples.robot,
+    )
 
 
 def _fit_symbolic(

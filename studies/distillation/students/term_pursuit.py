@@ -54,7 +54,7 @@ def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPo
         InputError: if there are fewer terms than formulas.
     """
     names, mirror = samples.observation_names, samples.mirror if mirrored else None
-    fit = FormulaFit(names, gates)
+    fit = FormulaFit(samples.robot, names, gates)
     parts = samples_by_state(samples, fit.vocabulary, mirror)
     n_formulas = sum(len(part.places) for part in parts)
     if n_terms < n_formulas:
@@ -83,7 +83,8 @@ def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPo
     places = sorted(formulas)
     vocabulary, kept = fit.vocabulary.using(formulas[place] for place in places)
     whole = dict(zip(places, kept, strict=True))
-    return FormulaPolicy.from_file(FormulaFile(samples.gait, vocabulary, whole, mirror))
+    file = FormulaFile(samples.gait, vocabulary, whole, mirror, robot=samples.robot.name)
+    return FormulaPolicy.from_file(file, samples.robot)
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:

@@ -18,6 +18,7 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import Robot, shipped_folder
 from glassgait.models.task.assurance import (
     EnsembleDisagreement,
     Hysteresis,
@@ -114,10 +115,11 @@ def make_regions(
         visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
     """
-    ships = (BOX_DIRECTORY / f"{gait.name}.yaml").exists()
+    folder = shipped_folder(BOX_DIRECTORY, student.robot.name)
+    ships = (folder / f"{gait.name}.yaml").exists()
     kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
     regions: dict[RegionKind, Region] = {
-        kind: make_region(gait, visits, quantile, kind) for kind in kinds
+        kind: make_region(gait, student.robot, visits, quantile, kind) for kind in kinds
     }
     if isinstance(student, AdditivePolicy) and has_ensemble(student):
         states = regions["states"]
@@ -142,18 +144,21 @@ def _usual_disagreement(
     return EnsembleDisagreement(student.disagreement, usual)
 
 
-def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "states") -> Region:
+def make_region(
+    gait: Gait, robot: Robot, visits: Visits, quantile: float, kind: BoxKind = "states"
+) -> Region:
     """Bounds what robots observed, but for commands and counts, which keep their true ranges.
 
     Args:
         gait: The gait.
+        robot: The robot.
         visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
         kind: A box for each machine state, one for all, or the gait's operating box.
     """
     names = ObservationLayout(gait.n_states).names
     if kind == "operating":
-        boxes = [operating_box(gait).in_state(state) for state in range(gait.n_states)]
+        boxes = [operating_box(gait, robot).in_state(state) for state in range(gait.n_states)]
     else:
         seen = visits.observation[visits.alive]
         state_of = np.argmax(seen[:, machine_state_entries(names)], axis=-1)
@@ -162,7 +167,7 @@ def make_region(gait: Gait, visits: Visits, quantile: float, kind: BoxKind = "st
             own = seen[state_of == state] if kind == "states" else seen
             # Where no robot was, nothing is inside: a range without width holds nothing else.
             ends = np.quantile(own, [quantile, 1 - quantile], axis=0) if len(own) else seen[[0, 0]]
-            boxes.append(commanded(ObservationBox(names, *ends), gait).in_state(state))
+            boxes.append(commanded(ObservationBox(robot, names, *ends), gait).in_state(state))
     corners = np.array([[box.lower, box.upper] for box in boxes])
     return Region(names, corners[:, 0], corners[:, 1])
 

@@ -186,7 +186,9 @@ class Assurance(Settings):
             write_table(table, folder / stem)
         region = calibration.region
         for state, name in enumerate(pair.gait.states):
-            box = ObservationBox(region.names, region.lower[state], region.upper[state])
+            box = ObservationBox(
+                pair.expert.robot, region.names, region.lower[state], region.upper[state]
+            )
             measured = (
                 f"{nominal.n_robots} robots each of expert and {pair.name} in the training "
                 f"scenario, seed {nominal.seed}"

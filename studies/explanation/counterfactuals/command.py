@@ -136,7 +136,7 @@ class Counterfactual(Settings):
             say(certainty_in_words(chosen))
             offset = chosen.observation - question.observation
             would_be = self._walk(gait, walker, Intervention(offset, self.step, self.lasting))
-            futures = Futures(was, would_be, self.step, joint)
+            futures = Futures(was, would_be, self.step, joint, question.policy.robot)
             outcome = futures.outcome(self.by)
             _write(folder, question, answers, futures)
             metrics = {"outcome": outcome, "question": question_in_words(question, self.step)}
@@ -195,8 +195,8 @@ def _write(folder: Path, question: Question, answers: Answers, futures: Futures)
             write_table(answer_table(question, own), folder / name)
     save_figure(course_figure(futures), folder / "futures")
     was, would_be = futures.shown()
-    left = ReplayedRobot("was", "as it was", WAS, was)
-    right = ReplayedRobot("other", "given the other observation", WOULD_BE, would_be)
+    left = ReplayedRobot("was", "as it was", WAS, was, futures.robot)
+    right = ReplayedRobot("other", "given the other observation", WOULD_BE, would_be, futures.robot)
     save_pair_replay(left, right, folder / "replay.html", repetitions=REPETITIONS)
 
 

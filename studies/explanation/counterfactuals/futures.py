@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped, robot
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.palette import COLORS
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
@@ -33,12 +34,14 @@ class Futures:
         would_be: The rollout whose policy was given another observation.
         step: Control step of the moment.
         joint: Index of the joint that was asked about.
+        robot: The robot.
     """
 
     was: Rollout
     would_be: Rollout
     step: int
     joint: int
+    robot: Robot
 
     @property
     def leg(self) -> int:
@@ -50,7 +53,7 @@ class Futures:
         return part_of(self.was, self.step), part_of(self.would_be, self.step)
 
     def outcome(self, by: float) -> dict[str, Any]:
-        """Tells what came of it.
+        """Returns what came of it.
 
         Args:
             by: By how much the target was to change (rad).
@@ -65,8 +68,8 @@ class Futures:
         joints = self._difference(lambda rollout: _angles(rollout)[:, self.joint])[:n]
         later = np.sign(by) * joints[self.step :]
         farthest = self.step + int(later.argmax())
-        targets = self._difference(lambda rollout: _targets(rollout)[:, self.joint])
-        feet = self._difference(lambda rollout: foot_course(rollout, self.leg))
+        targets = self._difference(lambda rollout: _targets(self.robot, rollout)[:, self.joint])
+        feet = self._difference(lambda rollout: foot_course(self.robot, rollout, self.leg))
         return {
             "target": float(targets[self.step]),
             "joint": float(joints[farthest]),
@@ -89,10 +92,10 @@ def part_of(rollout: Rollout, step: int) -> Rollout:
     return Rollout(rollout.time[part], {name: own[part] for name, own in rollout.values.items()})
 
 
-def foot_course(rollout: Rollout, leg: int) -> Array:
+def foot_course(robot: Robot, rollout: Rollout, leg: int) -> Array:
     """Returns how far a foot is before the trunk's centre, and how high above ground (n, 2; m)."""
-    forward = kinematics.foot_positions(_angles(rollout))[:, leg, 0]
-    return np.stack([forward, kinematics.foot_heights(rollout["state"])[:, leg]], axis=1)
+    forward = kinematics.foot_positions(robot, _angles(rollout))[:, leg, 0]
+    return np.stack([forward, kinematics.foot_heights(robot, rollout["state"])[:, leg]], axis=1)
 
 
 @styled
@@ -103,10 +106,13 @@ def course_figure(futures: Futures) -> Figure:
     moment = futures.step * CONTROL_PERIOD
     drawn = zip(parts, (WAS, WOULD_BE), ("as it was", "with the other observation"), strict=True)
     for part, color, label in drawn:
-        targets, angles = _targets(part)[:, futures.joint], _angles(part)[:, futures.joint]
+        targets, angles = (
+            _targets(futures.robot, part)[:, futures.joint],
+            _angles(part)[:, futures.joint],
+        )
         axes[0].step(part.time, targets, where="post", color=color, label=f"target, {label}")
         axes[0].plot(part.time, angles, color=color, linestyle=":", label=f"angle, {label}")
-        feet = foot_course(part, futures.leg)
+        feet = foot_course(futures.robot, part, futures.leg)
         axes[1].plot(part.time, 100 * feet[:, 1], color=color)
         axes[2].plot(part.time, 100 * feet[:, 0], color=color)
     for axis in axes:
@@ -119,7 +125,7 @@ def course_figure(futures: Futures) -> Figure:
     return figure
 
 
-def _targets(rollout: Rollout) -> Array:
+def _targets(robot: Robot, rollout: Rollout) -> Array:
     return robot.joint_targets(rollout["actions"])
 
 

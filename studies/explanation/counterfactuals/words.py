@@ -45,7 +45,7 @@ def answer_table(question: Question, answer: Answer) -> pd.DataFrame:
         `difference` in `unit`, and `spreads`, the difference in standard deviations.
     """
     names, room = question.policy.observation_names, question.room
-    units, entries = RobotUnits.of(names), entries_of(names)
+    units, entries = RobotUnits.of(question.policy.robot, names), entries_of(names)
     was, would_be = (units.quantities(o) for o in (question.observation, answer.observation))
     spreads = (answer.observation - question.observation)[answer.changed]
     spreads = spreads / room.spread[answer.changed]

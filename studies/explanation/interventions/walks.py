@@ -77,7 +77,7 @@ def walk(
     log = roll_out(gait, controller, Scenario(), config, observers=[observations])
     observed = observations.array
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)
-    return seen_by(policy, observed, ~fell[: len(observed)], score_rollouts(log))
+    return seen_by(policy, observed, ~fell[: len(observed)], score_rollouts(log, policy.robot.mass))
 
 
 def seen_by(

@@ -20,7 +20,8 @@ from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.pages import page_template
-from glassgait.studies.deployment.export.command import EXPERT, controller_name
+from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.deployment.export.command import controller_name
 from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
 from glassgait.studies.distillation.students.library import load_shipped_students
 from glassgait.studies.reproduction.benchmark.quietest import Times, quietest

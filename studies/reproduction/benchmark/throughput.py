@@ -18,9 +18,10 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.physics import PhysicsStep
 from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.station import AddA1Station, StationConfig
+from glassgait.diagrams.station import AddStation, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.training.config import TrainingConfig
@@ -48,7 +49,9 @@ def training_and_physics(
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
-    physics = _BarePhysics(config.worlds.stations(np.random.default_rng(config.seed)))
+    physics = _BarePhysics(
+        load_robot(), config.worlds.stations(load_robot(), np.random.default_rng(config.seed))
+    )
     late_step, recorded = _record_steps(run)
     run.update()
     rows = []
@@ -80,11 +83,11 @@ def gymnasium_processes(n_envs: int, n_processes_steps: int) -> float:
 class _BarePhysics:
     """One call of Drake's batch evaluation a group and control step, and nothing else."""
 
-    def __init__(self, stations: Sequence[StationConfig]) -> None:
+    def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
         self._groups = []
         for station in stations:
             builder = DiagramBuilder()
-            plant, _, instance = AddA1Station(builder, station)
+            plant, _, instance = AddStation(builder, robot, station)
             builder.ExportInput(plant.get_desired_state_input_port(instance), "desired_state")
             diagram = builder.Build()
             n_steps = round(CONTROL_PERIOD / station.time_step)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from glassgait.models.robots.robot import load_robot
 from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
@@ -14,8 +15,8 @@ from glassgait.studies.reproduction.report.gait import GaitResults
 FRAMEWORK = Path(__file__).parents[2] / "pictures" / "locomotion.svg"
 
 DEVIATIONS = (
-    "The robot is a Unitree A1 in Drake, SAP contact at 10 ms; the paper names neither its "
-    "simulator's contact model nor its time step.",
+    f"The robot is a {load_robot().full_name} in Drake, SAP contact at 10 ms; "
+    "the paper names neither its simulator's contact model nor its time step.",
     "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "

@@ -1,0 +1,126 @@
+"""Every robot that ships: it stands, moves alike in both executions, and in MuJoCo."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.batch import BatchSimulator
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.diagrams.engines import make_physics
+from glassgait.diagrams.locomotion import MakeLocomotion
+from glassgait.diagrams.rollout import make_simulator
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.task_config import TaskConfig
+from glassgait.models.errors import InputError
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot, robot_names
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.command import Command
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.termination import failures
+
+HOUSE = Path(__file__).parents[2]
+STATIONS = [StationConfig(), StationConfig(time_step=0.002, engine="mujoco")]
+
+
+@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("station", STATIONS, ids=lambda station: station.engine)
+def test_a_robot_dropped_in_its_stance_stands_steadily(name, station):
+    if station.engine == "mujoco":
+        pytest.importorskip("mujoco")
+    robot = load_robot(name)
+    state = kinematics.standing_state(robot)[None]
+    state[:, quadruped.POSITION.stop - 1] += 0.03
+    physics, targets = make_physics(robot, station), robot.default_stance[None]
+    physics.set_friction(np.array([1.0]))
+    heights = []
+    for _ in range(200):
+        moved = physics.step(state, targets)
+        state = moved.states
+        heights.append(state[0, quadruped.POSITION][2])
+    assert moved.touching.all()
+    # With a PD law of these gains the trunk's weight lowers it by some centimetres.
+    stands = kinematics.standing_state(robot)[quadruped.POSITION][2]
+    assert stands - 0.06 < heights[-1] < stands
+    assert np.ptp(heights[-50:]) < 5e-3
+    zero = np.zeros((1, quadruped.N_JOINTS))
+    limits = Scenario().limits
+    shown = failures(robot, state, action=zero, previous_action=zero, limits=limits)
+    assert not shown.any()
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_diagram_and_batch_agree_on_a_scripted_motion(name):
+    robot, gait = load_robot(name), load_gait("trot")
+    scenario = replace(
+        Scenario(), robot=name, sensor_noise=0.0, command=FixedCommand(speed=0.4, dwell=8)
+    )
+    start = kinematics.standing_state(robot)
+    diagram = MakeLocomotion(gait, scenario)
+    simulator = make_simulator(diagram)
+    context = simulator.get_mutable_context()
+    task = TaskConfig.of_scenario(gait, scenario)
+    assert task.robot is robot
+    batch = BatchSimulator(
+        task,
+        make_physics(robot, scenario.station),
+        n_robots=1,
+        generator=np.random.default_rng(0),
+        estimator=None,
+    )
+    batch.start_at(start[None], Command(np.array([[0.4, 0.0]]), np.array([8.0])))
+    ports = {port: diagram.GetOutputPort(port) for port in ("state", "observations", "reward")}
+    shown = {port: [own.Eval(context).copy()] for port, own in ports.items()}
+    mine = {
+        "state": [batch.state.plant[0]],
+        "observations": [batch.observe()[0]],
+        "reward": [[0.0]],
+    }
+    for step in range(50):
+        # Diagonal legs are lifted in turn, each by its thigh and calf.
+        lift = 1.6 * np.sin(np.pi * (step % 16) / 16.0)
+        legs = (0, 3) if step % 32 < 16 else (1, 2)
+        action = np.zeros((quadruped.N_LEGS, 3))
+        action[list(legs), 1:] = [lift, -1.5 * lift]
+        diagram.GetInputPort("actions").FixValue(context, action.ravel())
+        simulator.AdvanceTo((step + 1) * CONTROL_PERIOD)
+        outcome = batch.step(action.ravel()[None])
+        for port, own in ports.items():
+            shown[port].append(own.Eval(context).copy())
+        mine["state"].append(batch.state.plant[0])
+        mine["observations"].append(batch.observe()[0])
+        mine["reward"].append(outcome.reward)
+    for port in ports:
+        np.testing.assert_allclose(mine[port][1:], shown[port][1:], rtol=0, atol=1e-9)
+    assert np.ptp(np.array(mine["state"])[:, quadruped.JOINT_POSITION], axis=0).max() > 0.2
+
+
+def test_a_policy_moves_its_own_robot_and_no_other():
+    gait, go2 = load_gait("trot"), load_robot("go2")
+    names = ObservationLayout(gait.n_states).names
+    weights = np.zeros((quadruped.N_JOINTS, len(names)))
+    policy = LinearPolicy("trot", names, weights, np.zeros(quadruped.N_JOINTS), robot=go2)
+    assert TaskConfig.of_scenario(gait, Scenario(), policy).robot is go2
+    with pytest.raises(InputError, match=r"'a1'.* made for 'go2'"):
+        TaskConfig.of_scenario(gait, Scenario(robot="a1"), policy)
+    with pytest.raises(InputError, match="'b2'"):
+        Scenario(robot="b2")
+
+
+def test_no_file_above_the_models_names_a_robot():
+    """The default robot's name stands in one place; pages may name robots in prose."""
+    named = [
+        path.relative_to(HOUSE)
+        for folder in ("systems", "diagrams", "studies")
+        for path in (HOUSE / folder).rglob("*")
+        if path.suffix in {".py", ".c", ".h", ".html", ".j2", ".css", ".js"}
+        for word in path.read_text().replace("_", " ").replace("-", " ").split()
+        if word.strip("\"'`.,:;()[]{}<>*").lower() in robot_names()
+    ]
+    assert named == []
+    assert DEFAULT_ROBOT in robot_names()
