@@ -221,7 +221,7 @@ def load_expert(
     Args:
         gait: The gait, or its name if it ships.
         path: The expert's file; the shipped one by default.
-        robot: The robot; the default one by default.
+        robot: The robot; by default that of the file, and of what ships the default one.
 
     Raises:
         InputError: if there is no expert, or the file holds something else, or the expert of
@@ -229,8 +229,8 @@ def load_expert(
     """
     machine = load_gait(gait) if isinstance(gait, str) else gait
     gait = machine.name
-    robot = robot or load_robot()
     if path is None:
+        robot = robot or load_robot()
         path = shipped_folder(EXPERT_DIRECTORY, robot.name) / f"{gait}.safetensors"
         if not path.exists():
             raise InputError(

@@ -115,9 +115,9 @@ class Certify(Settings):
     def _box(self, policies: Policies, folder: Path) -> ObservationBox:
         gait, measured = policies.gait, folder / BOX_NAME
         if self.box:
-            return load_box(self.box, gait, expert.robot)
+            return load_box(self.box, gait, policies.expert.robot)
         if not self.measure:
-            return operating_box(gait, expert.robot)
+            return operating_box(gait, policies.expert.robot)
         if not (self.resume and measured.exists()):
             found = measure_box(
                 gait,
@@ -128,7 +128,7 @@ class Certify(Settings):
                 processes=self.workers.processes,
             )
             found.box.save(measured, gait, found.measured)
-        return load_box(measured, gait, expert.robot)
+        return load_box(measured, gait, policies.expert.robot)
 
 
 def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:

@@ -233,10 +233,10 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
         (["--seed", "-1"], "seed is -1; it must be"),
         (["--seed", "99999999999999999999"], "it must be less than 2147483648"),
         (["--policy", "expert"], "the expert's actions are no sums of terms; name a student"),
-        (["--policy", "forest"], "unknown policy 'forest'"),
+        (["--policy", "forest"], "--policy 'forest'"),
         (["--policy", "open_loop"], "kind 'open_loop' do not split into contributions"),
         (["--policy", "ebm"], "distil it again for this layout"),
-        (["--policy", "gbm"], "no student 'gbm' of the trot"),
+        (["--policy", "gbm"], "--policy 'gbm'"),
     ],
 )
 def test_bad_input_is_told(students, tmp_path, refused, arguments, message):

@@ -162,7 +162,7 @@ def test_without_onnx_a_sentence_tells_what_to_install(tmp_path, monkeypatch, re
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--policy", "oracle"], "unknown policy 'oracle'"),
+        (["--policy", "oracle"], "--policy 'oracle'"),
         (["--name", "Mine"], "the controller's name is 'Mine'"),
         (["--format", "tflite"], "tflite"),
         (["--precision", "half"], "half"),

@@ -48,7 +48,7 @@ def rollout():
 
 
 class GreyCamera:
-    def __init__(self, width, height):
+    def __init__(self, robot, width, height):
         self._picture = np.full((height, width, 3), 128, dtype=np.uint8)
 
     def take(self, state):

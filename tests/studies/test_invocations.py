@@ -76,7 +76,8 @@ def check(arguments: list[str], capsys, accepted: list[Any] | None = None) -> No
         main(arguments)
     except SystemExit as ended:
         assert ended.code == BAD_INPUT
-        told = capsys.readouterr().err.strip()
+        lines = capsys.readouterr().err.strip().splitlines()
+        told = "\n".join(line for line in lines if not line.startswith("· "))
         # tyro tells in a frame of its own what it cannot parse.
         framed = told.startswith("╭") or "\n ---" in told
         assert framed or (told.startswith("glassgait: ") and "\n" not in told)

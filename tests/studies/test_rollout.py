@@ -298,7 +298,7 @@ def test_a_replay_has_its_settings_beside_it(tmp_path):
     main(["view", *asked, "--output", str(tmp_path)])
     kept = yaml.safe_load((tmp_path / "expert_alone.yaml").read_text())
     assert (kept["gait"], kept["policy"], kept["seconds"], kept["seed"]) == (
-        "trot",
+        ["trot"],
         "expert",
         0.2,
         7,

@@ -129,7 +129,7 @@ def test_the_command_writes_a_checked_file_of_several_gaits(tmp_path, capsys, mo
         (["--gait", "trot", "gallop"], "unknown gait 'gallop'"),
         (
             ["--gait", "trot", "three_one", "--policy", "sparse_formula"],
-            "no student 'sparse_formula' of the three_one",
+            "--policy 'sparse_formula'",
         ),
         (["--gait", "trot", "walk", "--source", "mine"], "no files of your own"),
         (

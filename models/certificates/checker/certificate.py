@@ -65,6 +65,7 @@ def read_policy(data: bytes, kind: str, gait: str, n_states: int) -> tuple[Formu
     told, arrays = read_arrays(data)
     refuse_unless(told["gait"] == gait, "the policy is of another gait")
     refuse_unless(told["kind"] == kind, "the policy is of another kind")
+    refuse_unless("robot" not in told, "the policy is of another robot")
     same = told["observation_names"] == observed_names(n_states)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
@@ -107,6 +108,9 @@ class Check:
         self.rounding: dict[tuple, Any] = {}
 
     def check_contents(self) -> None:
+        # Those of the robot whose numbers are restated here do not name it.
+        other = self.told.get("robot") if isinstance(self.told, dict) else None
+        refuse_unless(other is None, f"the checker knows nothing of the robot {other!r}")
         refuse_unless(
             isinstance(self.told, dict) and {*self.told} == {*TOP}, "it is no certificate"
         )

@@ -47,7 +47,7 @@ def compare_graph(
     acted = graph(own)
     return GraphAgreement(
         len(own),
-        policy.robot.action_scale * _apart(acted.action, action),
+        expert.robot.action_scale * _apart(acted.action, action),
         _apart(acted.estimate, estimate),
     )
 
