@@ -1,5 +1,7 @@
 """The shipped experts: their records, their page, and that they walk."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +18,8 @@ from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.tables import training_table
+
+PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
 
 BUDGET = 10e6
 """Control steps that no gait's training may exceed."""
@@ -34,7 +38,7 @@ def test_records_hold_how_the_expert_was_made(gait):
 
 def test_page_shows_the_records():
     table = to_markdown(training_table(sorted(EXPERT_DIRECTORY.glob("*.yaml"))))
-    assert table in (EXPERT_DIRECTORY / "README.md").read_text()
+    assert table in PAGE.read_text()
 
 
 @pytest.mark.parametrize("gait", shipped_experts())

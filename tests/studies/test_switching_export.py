@@ -16,7 +16,6 @@ from glassgait.models.policies.library import STUDENT_DIRECTORY
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.export import command as export_command
 from glassgait.studies.deployment.export import switching_loop
 from glassgait.studies.deployment.export.agreement import compare_controllers
 from glassgait.studies.deployment.export.compiler import (
@@ -37,7 +36,7 @@ A1 = load_robot()
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
-PAGE = Path(export_command.__file__).with_name("README.md")
+PAGE = Path(__file__).parents[2] / "studies" / "deployment" / "README.md"
 
 
 @pytest.mark.slow
