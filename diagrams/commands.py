@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.settings import Interval, Settings
+from glassgait.models.settings import Range, Settings
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command import RandomCommand
@@ -64,7 +64,7 @@ class DrawnCommands(Settings):
 
     title: ClassVar[str] = "command"
 
-    speed_range: Interval | None = None
+    speed_range: Range | None = None
 
     def check(self, gait: Gait) -> None:
         """Checks that a gait is made for the commands.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, InputPortIndex, OutputPort
 from pydrake.systems.primitives import Multiplexer, PortSwitch
 
-from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import (
     AlternatingController,

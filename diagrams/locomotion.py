@@ -11,7 +11,7 @@ from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
-from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped

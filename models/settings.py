@@ -60,7 +60,7 @@ IN_ORDER = AfterValidator(_in_order)
 FEW = MaxLen(100)
 """Bounds a list, which a run records and reads back."""
 
-Interval = Annotated[tuple[float, float], IN_ORDER]
+Range = Annotated[tuple[float, float], IN_ORDER]
 """The least and the greatest of a range; they may be the same."""
 
 

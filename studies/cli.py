@@ -81,30 +81,30 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "read": {
         "explain page": (
-            "explanation.command:Explain",
+            "explanation.command:ExplainPage",
             "Roll a student out alone and write a page that explains its every action.",
         ),
         "explain terms": (
-            "explanation.show_command:Show",
+            "explanation.terms_command:ExplainTerms",
             "Print the formulas of a policy: the lines that its file holds, and that act.",
         ),
         "explain interventions": (
-            "explanation.interventions.command:Claims",
+            "explanation.interventions.command:ExplainInterventions",
             "Test what a policy of formulas says: change a term, and see whether the robot moves "
             "so.",
         ),
         "explain counterfactual": (
-            "explanation.counterfactuals.command:Counterfactual",
+            "explanation.counterfactuals.command:ExplainCounterfactual",
             "Ask what a robot would have had to observe for a joint to do otherwise, and let it.",
         ),
         "view": (
-            "view.command:ShowRollout",
+            "view.command:View",
             "Watch one robot, live in Meshcat with sliders or as fast as it goes.",
         ),
     },
     "prove": {
         "verify prove": (
-            "verification.command:Certify",
+            "verification.command:Prove",
             "Prove what a policy can never do, or find the observation where it does.",
         ),
         "verify check": (
@@ -127,11 +127,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Ctrl-C.",
         ),
         "drive packet-loss": (
-            "deployment.drive.command:DriveLosses",
+            "deployment.drive.command:DrivePacketLoss",
             "Lose messages on purpose, in one process and simulated time, and count what happens.",
         ),
         "drive dropout": (
-            "deployment.drive.silence_command:DriveSilence",
+            "deployment.drive.dropout_command:DriveDropout",
             "Silence controllers for good at many moments of the stride, and count who overturns.",
         ),
     },

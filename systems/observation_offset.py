@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
-from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.task import CONTROL_PERIOD
 
 

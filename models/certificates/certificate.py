@@ -13,7 +13,7 @@ from typing import Any
 
 from glassgait.models.certificates.maximum import Tree
 from glassgait.models.certificates.prover import Prover, Verdict
-from glassgait.models.certificates.statement import Statement
+from glassgait.models.certificates.question import Statement
 from glassgait.models.files import digest
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT

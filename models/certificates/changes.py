@@ -1,15 +1,20 @@
-"""How much an action can change where observations change by bounded amounts."""
+"""What two observations show: how much an action can change, and left against right."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Region
+from glassgait.models.certificates.formula_targets import FormulaTargets
+from glassgait.models.certificates.maximum import Box
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.question import Targets
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 
 PAIRS = 512
 SWEEPS = 3
@@ -22,7 +27,7 @@ def largest_change(
     state: int,
     joints: NDArray[np.intp],
     changes: Array,
-    region: Region,
+    region: Box,
 ) -> float:
     """Bounds the squared change of the action.
 
@@ -51,7 +56,7 @@ def widest_change(
     joints: NDArray[np.intp],
     changes: Array,
     box: ObservationBox,
-    region: Region,
+    region: Box,
 ) -> tuple[float, Array, Array]:
     """Seeks two observations of a box between which the action changes most.
 
@@ -84,9 +89,7 @@ def widest_change(
     return value, one, other
 
 
-def _pairs(
-    one: Array, other: Array, index: int, change: float, region: Region
-) -> tuple[Array, Array]:
+def _pairs(one: Array, other: Array, index: int, change: float, region: Box) -> tuple[Array, Array]:
     """Returns pairs that differ from one in one quantity."""
     low, high = region.lower[index], region.upper[index]
     values = np.array([low, high, 0.5 * (low + high), one[index]])
@@ -98,3 +101,42 @@ def _pairs(
     goals = np.tile(other, (3 * len(values), 1))
     goals[:, index] = np.concatenate(ends)
     return starts, goals
+
+
+SAMPLES = 1000
+
+
+def mirrored_exactly(targets: Targets, images: Sequence[int], names: tuple[str, ...]) -> bool:
+    """Tells whether formulas, multiplied out, are mirror images of one another.
+
+    Args:
+        targets: The policy's targets; of other kinds than formulas nothing is told.
+        images: State that each state of the machine is in the mirror.
+        names: Names of the observations.
+    """
+    if not isinstance(targets, FormulaTargets):
+        return False
+    reflection = reflect_observation(names, images)
+    return all(
+        targets.polynomial(state, joint)
+        == targets.image(image, int(REFLECT_JOINTS.index[joint]), reflection)
+        for state, image in enumerate(images)
+        for joint in range(quadruped.N_JOINTS)
+    )
+
+
+def asymmetry(
+    policy: Policy, images: Sequence[int], box: ObservationBox
+) -> tuple[float, int, Array]:
+    """Finds where a policy differs most from its mirror image, among random observations.
+
+    Returns:
+        The difference of the target (rad), the joint, and the observation in the robot's units (n).
+    """
+    observations = box.random(SAMPLES, np.random.default_rng(0))
+    reflection = reflect_observation(policy.observation_names, images)
+    image = REFLECT_JOINTS(policy(reflection(observations)))
+    difference = policy.robot.action_scale * np.abs(policy(observations) - image)
+    row, joint = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    quantities = RobotUnits.of(box.robot, box.names).quantities(observations[row])
+    return float(difference[row, joint]), int(joint), quantities

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Maximum, Region, maximize
-from glassgait.models.certificates.question import Question, with_copy
+from glassgait.models.certificates.maximum import Box, Maximum, maximize
+from glassgait.models.certificates.question import BoundQuery, with_copy
 from glassgait.models.certificates.relaxation import Relaxation
 from glassgait.models.certificates.rounding import formula_error, sum_error
 from glassgait.models.formulas.expression import Expression, constant, variable
@@ -88,7 +88,7 @@ class FormulaTargets:
         """Returns the quantities that a target is written with, also those that cancel out."""
         return self._formulas[state][joint].variables
 
-    def rounding(self, state: int, joint: int, region: Region) -> float:
+    def rounding(self, state: int, joint: int, region: Box) -> float:
         if self._weights is None:
             formula = self._formulas[state][joint]
             return formula_error(formula, joint, region, self._units)
@@ -99,10 +99,10 @@ class FormulaTargets:
 
     def polynomial(self, state: int, joint: int) -> Polynomial:
         """Returns a joint's target, multiplied out; equal formulas have equal ones."""
-        return self._polynomial(Question("target", state, joint, 1))
+        return self._polynomial(BoundQuery("target", state, joint, 1))
 
     def answer(
-        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+        self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
     ) -> Maximum:
         if question.of == "effect":
             region = with_copy(region, _observation_of(question))
@@ -128,21 +128,21 @@ class FormulaTargets:
         sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
         return combined(self._ring.polynomial(mirrored), factor=sign)
 
-    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+    def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
         """Bounds the change by the slope, which is bounded at once and not by search."""
         steepest = 0.0
         for sign in (1, -1):
-            question = Question("slope", state, joint, sign, index)
+            question = BoundQuery("slope", state, joint, sign, index)
             relaxation = Relaxation(self._ring, self._polynomial(question))
             bound = relaxation.upper(region.lower[None], region.upper[None])
             steepest = max(steepest, float(bound[0]))
         return most * steepest
 
-    def _of(self, question: Question) -> Polynomial:
+    def _of(self, question: BoundQuery) -> Polynomial:
         polynomial = self._ring.polynomial(self._asked(question))
         return combined(polynomial, factor=Fraction(question.sign))
 
-    def _asked(self, question: Question) -> Expression:
+    def _asked(self, question: BoundQuery) -> Expression:
         formula = self._formulas[question.state][question.joint]
         match question.of:
             case "target":
@@ -160,7 +160,7 @@ def _n_states(names: Sequence[str]) -> int:
     return max(1, len(indices_of("machine state", names)))
 
 
-def _observation_of(question: Question) -> int:
+def _observation_of(question: BoundQuery) -> int:
     if question.observation is None:
         raise AssertionError(f"{question.of} asks for an observation")
     return question.observation

@@ -30,7 +30,7 @@ Tree = list
 
 
 @dataclass(frozen=True)
-class Region:
+class Box:
     """A box of quantities, in the robot's units.
 
     Attributes:
@@ -88,7 +88,7 @@ class _Cells:
 def maximize(
     function: Callable[[Array], Array],
     relaxation: Relaxation,
-    region: Region,
+    region: Box,
     *,
     gap: float,
     threshold: float | None = None,
@@ -125,7 +125,7 @@ def maximize(
         first = np.zeros(len(cells.bound), dtype=bool)
         first[np.argsort(-cells.bound, kind="stable")[:SPLIT_AT_ONCE]] = True
         parents, cells = cells.kept(first), cells.kept(~first)
-        best = Region(parents.lower[0], parents.upper[0], region.counted)
+        best = Box(parents.lower[0], parents.upper[0], region.counted)
         found, value = _ascended(
             function, relaxation, region, _starts(best, region, generator, STARTS // 4)
         )
@@ -195,7 +195,7 @@ def _halves(cells: _Cells, index: int, counted: bool) -> tuple[Array, Array, NDA
     return below, above, splits
 
 
-def _starts(of: Region, region: Region, generator: np.random.Generator, count: int) -> Array:
+def _starts(of: Box, region: Box, generator: np.random.Generator, count: int) -> Array:
     ends = generator.integers(0, 3, (count, len(of.lower))) / 2.0
     points = of.lower + ends * (of.upper - of.lower)
     points[0] = 0.5 * (of.lower + of.upper)
@@ -204,7 +204,7 @@ def _starts(of: Region, region: Region, generator: np.random.Generator, count: i
     return points
 
 
-def _gate_starts(relaxation: Relaxation, region: Region) -> Array:
+def _gate_starts(relaxation: Relaxation, region: Box) -> Array:
     """Returns points with the gates at their ends, in all ways; between them all is affine."""
     gates = relaxation.gates[:MOST_GATES]
     ways = np.array(list(product((0.0, 1.0), repeat=len(gates)))).reshape(2 ** len(gates), -1)
@@ -216,7 +216,7 @@ def _gate_starts(relaxation: Relaxation, region: Region) -> Array:
 
 
 def _ascended(
-    function: Callable[[Array], Array], relaxation: Relaxation, region: Region, points: Array
+    function: Callable[[Array], Array], relaxation: Relaxation, region: Box, points: Array
 ) -> tuple[Array, float]:
     """Climbs from points, a quantity at a time, and returns where it is highest, and how high."""
     points = np.clip(points, region.lower, region.upper)
@@ -241,7 +241,7 @@ def _ascended(
     return points[best], float(values[best])
 
 
-def _values_of(index: int, relaxation: Relaxation, region: Region) -> Array:
+def _values_of(index: int, relaxation: Relaxation, region: Box) -> Array:
     low, high = region.lower[index], region.upper[index]
     if index in region.counted:
         return np.arange(low, high + 1.0)

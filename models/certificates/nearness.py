@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.certificates.claims import Claim
-from glassgait.models.certificates.findings import claimed_joint
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Observed, Verdict
 from glassgait.models.certificates.question import Targets
+from glassgait.models.certificates.reading import claimed_joint
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.assurance import Region

@@ -7,18 +7,29 @@ from typing import Literal
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.changes import largest_change, widest_change
+from glassgait.models.certificates.changes import (
+    asymmetry,
+    largest_change,
+    mirrored_exactly,
+    widest_change,
+)
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.formula_targets import FormulaTargets
-from glassgait.models.certificates.maximum import Region
+from glassgait.models.certificates.maximum import Box
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import Of, Question, counted_of, region_of, targets_of
-from glassgait.models.certificates.reflection import asymmetry, mirrored_exactly
-from glassgait.models.certificates.statement import Place, Statement
+from glassgait.models.certificates.question import (
+    BoundQuery,
+    Of,
+    Place,
+    Statement,
+    counted_of,
+    region_of,
+    targets_of,
+)
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
@@ -101,7 +112,7 @@ class Prover:
             "operating": operating,
             "physical": physical_box(gait, operating),
         }
-        self.statements: dict[tuple[Question, Place], Statement] = {}
+        self.statements: dict[tuple[BoundQuery, Place], Statement] = {}
         self._errors: dict[tuple[int, int, Place], float] = {}
         self.targets = targets_of(policy)
         self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
@@ -109,12 +120,12 @@ class Prover:
     def range_of(self, state: int, joint: int, box: str) -> tuple[Statement, Statement]:
         """Bounds a target over a box, from above and from below."""
         above, below = (
-            self.statement(Question("target", state, joint, sign), Place(box)) for sign in (1, -1)
+            self.statement(BoundQuery("target", state, joint, sign), Place(box)) for sign in (1, -1)
         )
         return above, below
 
     def statement(
-        self, question: Question, place: Place, threshold: float | None = None
+        self, question: BoundQuery, place: Place, threshold: float | None = None
     ) -> Statement:
         """Answers a question over a box, once, and again where a threshold is not yet decided."""
         key = question, place
@@ -145,7 +156,7 @@ class Prover:
             case _:
                 return self._bounded(claim)
 
-    def region(self, place: Place, state: int) -> Region:
+    def region(self, place: Place, state: int) -> Box:
         """Returns the box of a place, with the machine's state held."""
         box, physical = self.boxes[place.box], self.boxes["physical"]
         taken = [box.names[index] for index in place.stuck]
@@ -159,7 +170,7 @@ class Prover:
         return dict(zip(self.symbols, quantities.tolist(), strict=False))
 
     def _asked(
-        self, question: Question, place: Place, gap: float, threshold: float | None
+        self, question: BoundQuery, place: Place, gap: float, threshold: float | None
     ) -> Statement:
         region = self.region(place, question.state)
         found = self.targets.answer(question, region, gap=gap, threshold=threshold)
@@ -205,17 +216,17 @@ class Prover:
         value = unit * tightest.question.sign * tightest.bound
         return self._verdict(claim, outcome, value, unit * allowed, tightest, ())
 
-    def _questions(self, claim: Claim, state: int, joint: int) -> list[tuple[Question, float]]:
+    def _questions(self, claim: Claim, state: int, joint: int) -> list[tuple[BoundQuery, float]]:
         """Lists what must not be greater than what, for a claim to hold."""
         match claim.kind:
             case "limits":
                 robot = self.policy.robot
                 ends = ((1, claim.greatest(robot, joint)), (-1, -claim.smallest(robot, joint)))
-                return [(Question("target", state, joint, sign), end) for sign, end in ends]
+                return [(BoundQuery("target", state, joint, sign), end) for sign, end in ends]
             case "torque":
                 robot = self.policy.robot
                 most = claim.greatest(robot, joint) / robot.stiffness
-                return [(Question("offset", state, joint, sign), most) for sign in (1, -1)]
+                return [(BoundQuery("offset", state, joint, sign), most) for sign in (1, -1)]
         of: Of = "slope" if claim.kind == "never" else "effect"
         sign = -1 if claim.never == "falls" else 1
         # Tables and trees have steps, of which each is steeper than any slope.
@@ -227,7 +238,7 @@ class Prover:
             region = self.region(place, state)
             used &= frozenset(np.flatnonzero(region.lower < region.upper).tolist())
         return [
-            (Question(of, state, joint, sign, index), limit)
+            (BoundQuery(of, state, joint, sign, index), limit)
             for index in claim.observations_of(joint, self.symbols)
             if index in used
         ]
@@ -265,7 +276,7 @@ class Prover:
                 for index in claim.observations_of(joint, self.symbols):
                     if index not in used:
                         continue
-                    question = Question("effect", state, joint, 1, index)
+                    question = BoundQuery("effect", state, joint, 1, index)
                     found = self.statement(question, place)
                     reached = found.found.reached
                     broken = reached > REFUTED

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Maximum, Region
+from glassgait.models.certificates.maximum import Box, Maximum
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
@@ -17,7 +17,7 @@ Of = Literal["target", "offset", "slope", "effect"]
 
 
 @dataclass(frozen=True)
-class Question:
+class BoundQuery:
     """How great something can be over a box.
 
     Attributes:
@@ -42,7 +42,7 @@ class Targets(Protocol):
     """The targets of a policy, as bounds see them."""
 
     def answer(
-        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+        self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
     ) -> Maximum:
         """Bounds what is asked, times its sign, over a box.
 
@@ -55,11 +55,11 @@ class Targets(Protocol):
         """
         ...
 
-    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
+    def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
         """Bounds the change of a target (rad) where one quantity changes by `most` at most."""
         ...
 
-    def rounding(self, state: int, joint: int, region: Region) -> float:
+    def rounding(self, state: int, joint: int, region: Box) -> float:
         """Bounds how far a target in double precision may be from the exact one (rad).
 
         Raises:
@@ -87,10 +87,10 @@ def targets_of(policy: Policy) -> Targets:
     return make(policy)
 
 
-def region_of(box: ObservationBox, state: int) -> Region:
+def region_of(box: ObservationBox, state: int) -> Box:
     """Returns a box in the robot's units, with the machine's state held."""
     lower, upper = box.in_state(state).quantities
-    return Region(lower, upper, counted_of(box.names))
+    return Box(lower, upper, counted_of(box.names))
 
 
 def counted_of(names: Sequence[str]) -> frozenset[int]:
@@ -99,12 +99,52 @@ def counted_of(names: Sequence[str]) -> frozenset[int]:
     return frozenset(index for index, entry in entries if entry.group in COUNTED)
 
 
-def with_copy(region: Region, index: int) -> Region:
+def with_copy(region: Box, index: int) -> Box:
     """Returns a box with another value of one quantity behind all others."""
     counted = region.counted | ({len(region.lower)} if index in region.counted else frozenset())
     lower, upper = (_appended(corner, index) for corner in (region.lower, region.upper))
-    return Region(lower, upper, counted)
+    return Box(lower, upper, counted)
 
 
 def _appended(corner: Array, index: int) -> Array:
     return np.append(corner, corner[index])
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something is proved.
+
+    Attributes:
+        box: Name of the box, "operating" or "physical".
+        stuck: Observations, by index, that are anywhere in the physical box instead.
+    """
+
+    box: str
+    stuck: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A question and what is known of its answer.
+
+    Attributes:
+        question: What is asked.
+        place: Where.
+        found: The answer, of the exact target.
+        rounding: What double precision may add to it (rad).
+    """
+
+    question: BoundQuery
+    place: Place
+    found: Maximum
+    rounding: float = 0.0
+
+    @property
+    def bound(self) -> float:
+        """What is asked, times its sign, is at most this, even in double precision."""
+        return self.found.bound + self.rounding
+
+    @property
+    def gap(self) -> float:
+        """Distance of the bound from what a witness reaches."""
+        return self.found.bound - self.found.reached

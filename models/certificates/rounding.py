@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from glassgait.models.certificates.maximum import Region
+from glassgait.models.certificates.maximum import Box
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import FUNCTIONS, Interval
@@ -40,7 +40,7 @@ Ranged = tuple[Interval, float]
 """Exact values, and the greatest error."""
 
 
-def formula_error(formula: Expression, joint: int, region: Region, units: RobotUnits) -> float:
+def formula_error(formula: Expression, joint: int, region: Box, units: RobotUnits) -> float:
     """Bounds the error of a target that is a formula of observed quantities (rad).
 
     Args:
@@ -87,7 +87,7 @@ def _accepted(error: float) -> float:
 class _Rounding:
     """Bounds values and errors over one box."""
 
-    def __init__(self, region: Region, units: RobotUnits) -> None:
+    def __init__(self, region: Box, units: RobotUnits) -> None:
         self._region, self._units = region, units
         # Formulas outlive this object, so that a part is known by its place in memory.
         self._known: dict[int, Ranged] = {}

@@ -7,8 +7,8 @@ observations.
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Maximum, Region
-from glassgait.models.certificates.question import Question
+from glassgait.models.certificates.maximum import Box, Maximum
+from glassgait.models.certificates.question import BoundQuery
 from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -36,7 +36,7 @@ class TreeTargets:
         asked = np.isfinite(policy.thresholds[joint])
         return frozenset(policy.features[joint][asked].tolist())
 
-    def rounding(self, state: int, joint: int, region: Region) -> float:
+    def rounding(self, state: int, joint: int, region: Box) -> float:
         leaves = np.abs(self._policy.leaves[joint]).max(axis=-1).tolist()
         # As much again, twice, for the sums of bounds: here, and in a checker.
         return 3.0 * sum_error(
@@ -44,7 +44,7 @@ class TreeTargets:
         )
 
     def answer(
-        self, question: Question, region: Region, *, gap: float, threshold: float | None = None
+        self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
     ) -> Maximum:
         joint, sign = question.joint, float(question.sign)
         least, most = self._ends_of_trees(joint, region)
@@ -60,11 +60,11 @@ class TreeTargets:
         witness, reached = self._witness(question, region)
         return Maximum(float(max(bound, reached)), reached, witness)
 
-    def change(self, state: int, joint: int, index: int, most: float, region: Region) -> float:
-        question = Question("effect", state, joint, 1, index)
+    def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
+        question = BoundQuery("effect", state, joint, 1, index)
         return self.answer(question, region, gap=0.0).bound
 
-    def _change(self, question: Question, region: Region, spans: Array) -> Maximum:
+    def _change(self, question: BoundQuery, region: Box, spans: Array) -> Maximum:
         """Bounds an effect by the trees that ask for the observation; it bounds steps too."""
         policy, joint = self._policy, question.joint
         asks = (policy.features[joint] == question.observation) & np.isfinite(
@@ -73,7 +73,7 @@ class TreeTargets:
         bound = self._policy.robot.action_scale * float(spans[asks.any(axis=-1)].sum())
         return Maximum(bound, 0.0, np.append(region.lower, region.lower[question.observation]))
 
-    def _ends_of_trees(self, joint: int, region: Region) -> tuple[Array, Array]:
+    def _ends_of_trees(self, joint: int, region: Box) -> tuple[Array, Array]:
         """Returns the least and the greatest leaf that each tree can reach (n_trees, n_trees)."""
         policy = self._policy
         lower, upper = self._observed(region.lower) - SLACK, self._observed(region.upper) + SLACK
@@ -90,7 +90,7 @@ class TreeTargets:
         least = np.where(reached, leaves, np.inf).min(axis=-1)
         return least, np.where(reached, leaves, -np.inf).max(axis=-1)
 
-    def _witness(self, question: Question, region: Region) -> tuple[Array, float]:
+    def _witness(self, question: BoundQuery, region: Box) -> tuple[Array, float]:
         generator = np.random.default_rng(question.joint)
         shape = (SAMPLES, len(region.lower))
         points = np.where(generator.integers(0, 2, shape) == 1, region.upper, region.lower)
@@ -107,7 +107,7 @@ class TreeTargets:
                     point, value = moved[np.argmax(values)], float(values.max())
         return point, value
 
-    def _values(self, question: Question, quantities: Array) -> Array:
+    def _values(self, question: BoundQuery, quantities: Array) -> Array:
         """Evaluates what is asked (m,), of quantities (m, n), for the joint alone."""
         policy, joint = self._policy, question.joint
         observed, row = self._observed(quantities), np.arange(len(quantities))[:, None]

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.counterfactuals.cells import cells_of
-from glassgait.models.counterfactuals.pairs import Chosen, nearest_pair, nearest_single
+from glassgait.models.counterfactuals.cells import Chosen, cells_of, nearest_pair, nearest_single
 from glassgait.models.counterfactuals.program import SLACK, Program
 from glassgait.models.counterfactuals.question import Answer, Question, answered
 from glassgait.models.policies.additive import AdditivePolicy

@@ -3,10 +3,8 @@
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.counterfactuals.cells import cells_of
-from glassgait.models.counterfactuals.forest import Forest
-from glassgait.models.counterfactuals.leaves import nearest_leaves
-from glassgait.models.counterfactuals.pairs import Chosen, nearest_pair, nearest_single
+from glassgait.models.counterfactuals.cells import Chosen, cells_of, nearest_pair, nearest_single
+from glassgait.models.counterfactuals.forest import Forest, nearest_leaves
 from glassgait.models.counterfactuals.question import Answer, Question, answered
 
 _PRICES = 16

@@ -5,11 +5,11 @@ import numpy as np
 from glassgait.models.export.code import Code, Style
 from glassgait.models.export.language import CArray, Real, rendered
 from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.arrays import lower_neighbours
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
-from glassgait.models.policies.precision import lower_neighbours
 from glassgait.models.task.symmetry import Reflection
 
 ABREAST = 10

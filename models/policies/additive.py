@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import variable
-from glassgait.models.policies.arrays import Indices, Reals
+from glassgait.models.policies.arrays import Indices, Reals, rounded
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import (
     INTERCEPT,
@@ -16,7 +16,6 @@ from glassgait.models.policies.policy import (
     Policy,
     contributions_of_action,
 )
-from glassgait.models.policies.precision import rounded
 from glassgait.models.robots.robot import Robot
 
 if TYPE_CHECKING:

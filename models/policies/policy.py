@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import load_arrays, save_arrays
-from glassgait.models.policies.arrays import ArraySpec, refuse_other_arrays, take_arrays
+from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_arrays, take_arrays
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
-from glassgait.models.policies.precision import narrowest
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from glassgait.models.task.observation import Group, ObservationLayout, indices_of

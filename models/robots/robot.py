@@ -21,7 +21,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_text, read_yaml
 from glassgait.models.robots.quadruped import JOINTS, LEG_JOINTS, LEGS
-from glassgait.models.settings import DISTINCT, Interval, Positive, Settings
+from glassgait.models.settings import DISTINCT, Positive, Range, Settings
 
 DEFAULT_ROBOT = "a1"
 """Name of the robot that is meant where none is named."""
@@ -107,7 +107,7 @@ class Robot(Settings):
     trunk_box: Box
     thigh_box: Box
     calf_box: Box
-    position_limits: dict[str, Interval]
+    position_limits: dict[str, Range]
     effort_limits: dict[str, Positive]
     velocity_limits: dict[str, Positive]
     stance: dict[str, Triple]

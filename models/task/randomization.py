@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import IN_ORDER, Interval, NotNegative, Settings
+from glassgait.models.settings import IN_ORDER, NotNegative, Range, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import flip_contacts
 from glassgait.models.task.observation import JOINT_NOISE
@@ -44,7 +44,7 @@ class Randomization(Settings):
 
     title: ClassVar[str] = "randomization"
 
-    joint_scale: Interval = (0.5, 1.5)
+    joint_scale: Range = (0.5, 1.5)
     base_velocity: NotNegative = 0.5
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
     push_speed: NotNegative = 1.0

@@ -44,7 +44,7 @@ STEP = 100
 
 
 @dataclass(frozen=True)
-class Explain(Settings):
+class ExplainPage(Settings):
     """Roll a student out alone and write a page that explains its every action.
 
     Attributes:

@@ -36,7 +36,7 @@ BOX_NAME = "box.yaml"
 
 
 @dataclass(frozen=True)
-class Certify(Settings):
+class Prove(Settings):
     """Prove what a policy can never do, or find the observation where it does.
 
     Attributes:

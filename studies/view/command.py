@@ -64,7 +64,7 @@ class OwnCommand(Settings):
 
 
 @dataclass(frozen=True)
-class ShowRollout(Settings):
+class View(Settings):
     """Watch one robot, live in Meshcat with sliders or as fast as it goes.
 
     Attributes:

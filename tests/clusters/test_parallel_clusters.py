@@ -79,7 +79,7 @@ def backend(request):
 
 
 def _products(folder, held):
-    """Returns calls that tell each try by a file, wait while told to, and return numbers."""
+    """Returns calls that mark each try by a file, wait while asked to, and return numbers."""
 
     def work(matrix, seed):
         (folder / f"{seed}_{os.getpid()}_{time.time_ns()}").touch()
@@ -189,10 +189,10 @@ def test_a_sweep_on_a_cluster_ends_on_a_signal(backend, tmp_path):
     while "done (" not in process.stdout.readline():
         pass
     process.terminate()
-    _, told = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=60)
     assert process.returncode == 128 + signal.SIGTERM
-    assert told.strip().endswith("what was finished is kept")
-    assert "Traceback" not in told
+    assert message.strip().endswith("what was finished is kept")
+    assert "Traceback" not in message
 
 
 def test_results_come_in_the_order_of_the_calls(backend):

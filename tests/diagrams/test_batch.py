@@ -106,14 +106,14 @@ def test_commands_are_drawn_anew_every_ten_seconds(trot):
 
 
 @pytest.mark.parametrize(
-    ("setting", "told"),
+    ("setting", "message"),
     [
         ({"episode_steps": 0}, "episode_steps is 0"),
         ({"command": SliderCommand()}, "command is SliderCommand"),
     ],
 )
-def test_tasks_that_cannot_be_played_are_refused(trot, setting, told):
-    with pytest.raises(InputError, match=f"task: .*{told}"):
+def test_tasks_that_cannot_be_played_are_refused(trot, setting, message):
+    with pytest.raises(InputError, match=f"task: .*{message}"):
         TaskConfig(trot, **setting)
 
 
@@ -137,12 +137,12 @@ def test_a_state_once_taken_stays_as_it_is(trot, generator):
 def test_a_command_that_was_set_stays_and_is_what_the_machine_serves(trot):
     simulator = make_simulator(trot, randomization=Randomization(push_speed=0.0))
     simulator.restore(replace(simulator.state, steps=np.full(6, COMMAND_STEPS - 2)))
-    told = Command(np.full((6, 2), 0.25), np.full(6, 11.0))
-    simulator.set_command(told)
+    message = Command(np.full((6, 2), 0.25), np.full(6, 11.0))
+    simulator.set_command(message)
     for _ in range(4):
         simulator.step(np.zeros((6, 12)))
-        np.testing.assert_array_equal(simulator.state.command.velocity, told.velocity)
-        np.testing.assert_array_equal(simulator.state.command.dwell, told.dwell)
+        np.testing.assert_array_equal(simulator.state.command.velocity, message.velocity)
+        np.testing.assert_array_equal(simulator.state.command.dwell, message.dwell)
 
 
 def test_a_scenario_is_played_as_it_says(trot):
@@ -172,15 +172,15 @@ def test_a_scenario_is_played_as_it_says(trot):
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "message"),
     [
         (SliderCommand(), "command is of sliders"),
         (FixedCommand(speed=3.0), "speed is 3.0; give -1 to 1"),
         (DrawnCommands((0.0, 3.0)), "speed_range is"),
     ],
 )
-def test_commands_that_a_batch_cannot_be_given_are_refused(trot, command, told):
-    with pytest.raises(InputError, match=told):
+def test_commands_that_a_batch_cannot_be_given_are_refused(trot, command, message):
+    with pytest.raises(InputError, match=message):
         TaskConfig.of_scenario(trot, Scenario(command=command))
 
 
@@ -226,11 +226,11 @@ def test_the_estimator_fills_the_body_state(trot):
 
 
 def test_the_machine_reads_the_heights_that_were_estimated_a_step_before(trot):
-    told = []
+    message = []
 
     def estimator(own):
-        told.append(np.full((len(own), 7), 0.1 * len(told)))
-        return told[-1]
+        message.append(np.full((len(own), 7), 0.1 * len(message)))
+        return message[-1]
 
     simulator = make_simulator(trot, estimator=estimator)
     read = []

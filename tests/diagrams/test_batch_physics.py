@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.batch_physics import BatchPhysics
+from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
@@ -12,9 +13,19 @@ from glassgait.models.robots.robot import load_robot
 A1 = load_robot()
 
 
-@pytest.fixture(scope="module", params=[1, 2], ids=["one thread", "two threads"])
+def drake(*groups, n_threads=1):
+    return BatchPhysics(A1, *groups or (StationConfig(),), n_threads=n_threads)
+
+
+def mujoco(*groups):
+    pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'glassgait[mujoco]'")
+    station = StationConfig(time_step=0.002, engine="mujoco")
+    return make_physics(A1, *[station for _ in groups or (None,)])
+
+
+@pytest.fixture(scope="module", params=[1, 2, "mujoco"])
 def physics(request):
-    return BatchPhysics(A1, StationConfig(), n_threads=request.param)
+    return mujoco() if request.param == "mujoco" else drake(n_threads=request.param)
 
 
 def standing_batch(count):
@@ -25,9 +36,11 @@ def standing_batch(count):
 def test_robots_stand(physics):
     states, targets = standing_batch(3)
     for _ in range(50):
-        states = physics.step(states, targets).states
+        step = physics.step(states, targets)
+        states = step.states
     assert np.all(states[:, 6] > 0.24)
-    np.testing.assert_allclose(states[0], states[2])
+    assert step.touching.all()
+    np.testing.assert_array_equal(states[0], states[2])
 
 
 @pytest.mark.parametrize("where", ["state", "target"])
@@ -41,7 +54,9 @@ def test_one_robots_nan_never_spoils_another(physics, where):
     np.testing.assert_array_equal(after[[0, 2, 3]], alone[[0, 2, 3]])
 
 
-def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(physics):
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_a_robot_that_the_solver_cannot_advance_is_lost_alone(n_threads):
+    physics = drake(n_threads=n_threads)
     states, targets = standing_batch(5)
     alone = physics.step(states, targets).states
     states[3, 19:] = 1e200
@@ -72,8 +87,9 @@ def test_as_few_as_python_steps_are_as_all_that_drake_steps():
     np.testing.assert_array_equal(alone, together)
 
 
-def test_slippery_groups_slide_further():
-    physics = BatchPhysics(A1, StationConfig(), StationConfig())
+@pytest.mark.parametrize("engine", [drake, mujoco])
+def test_slippery_groups_slide_further(engine):
+    physics = engine(StationConfig(), StationConfig())
     physics.set_friction(np.array([0.05, 1.0]))
     states, targets = standing_batch(4)
     states[:, quadruped.LINEAR_VELOCITY] = [1.0, 0.0, 0.0]

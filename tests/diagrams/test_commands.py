@@ -30,7 +30,7 @@ def test_drawn_commands_reach_the_observation(trot, make_policy):
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"speed": 1.5}, "speed is 1.5; give -1 to 1, the range of gait 'trot'"),
         ({"yaw_rate": -2.0}, "yaw_rate is -2.0; give -1 to 1"),
@@ -40,8 +40,8 @@ def test_drawn_commands_reach_the_observation(trot, make_policy):
         ({"dwell": 8.5}, "dwell is 8.5; it must be a whole number"),
     ],
 )
-def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, told):
-    with pytest.raises(InputError, match=f"command: {told}"):
+def test_commands_that_the_gait_is_not_made_for_are_refused(trot, values, message):
+    with pytest.raises(InputError, match=f"command: {message}"):
         MakeLocomotion(trot, replace(CALM, command=FixedCommand(**values)))
 
 

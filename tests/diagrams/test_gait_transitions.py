@@ -63,7 +63,7 @@ def recorded(diagram, state, requested):
     parts = [record(simulator, REQUEST, stop_on_failure=False)]
     value.GetMutableData().get_mutable_value().SetFromVector([float(requested)])
     parts.append(record(simulator, N_STEPS - REQUEST, stop_on_failure=False))
-    # The instant of the request is told twice: before it, and as it is then.
+    # The instant of the request is given twice: before it, and as it is then.
     return {name: np.concatenate([parts[0][name][:-1], parts[1][name]]) for name in parts[0].values}
 
 

@@ -65,9 +65,9 @@ JUSTIFIED = (
 
 
 def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(camera):
-    told = told_by_checker(gymnasium.make(ID).unwrapped)
-    assert len(told) == len(JUSTIFIED)
-    assert [line for line in told if not any(part in line for part in JUSTIFIED)] == []
+    reported = told_by_checker(gymnasium.make(ID).unwrapped)
+    assert len(reported) == len(JUSTIFIED)
+    assert [line for line in reported if not any(part in line for part in JUSTIFIED)] == []
 
 
 def test_the_id_is_known_once_the_module_is_named():
@@ -76,9 +76,11 @@ def test_the_id_is_known_once_the_module_is_named():
         "env.reset(seed=0); env.step(env.action_space.sample()); "
         "print(env.spec.id, env.spec.max_episode_steps, type(env.unwrapped).__name__)"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == [ID, "1000", "LocomotionEnv"]
-    assert told.stderr == ""
+    reported = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert reported.stdout.split() == [ID, "1000", "LocomotionEnv"]
+    assert reported.stderr == ""
 
 
 def test_many_robots_are_made_in_batch():
@@ -142,7 +144,7 @@ def test_nothing_goes_before_the_first_reset(asked):
 
 
 @pytest.mark.parametrize(
-    ("action", "told"),
+    ("action", "reported"),
     [
         (np.full(12, np.nan), "nan at"),
         (np.r_[np.zeros(11), np.inf], r"inf at \(11,\)"),
@@ -151,9 +153,9 @@ def test_nothing_goes_before_the_first_reset(asked):
         ("walk", "no array of numbers"),
     ],
 )
-def test_what_is_no_action_is_refused_and_changes_nothing(env, action, told):
+def test_what_is_no_action_is_refused_and_changes_nothing(env, action, reported):
     env.reset(seed=0)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         env.step(action)
     after, *_ = env.step(np.zeros(12))
     env.reset(seed=0)
@@ -204,14 +206,14 @@ def test_a_machine_without_egl_is_refused(make, tmp_path):
         f"try:\n    gymnasium.{make}('glassgait.diagrams.gym:{ID}', render_mode='rgb_array')\n"
         "except InputError as error:\n    print(error)"
     )
-    told = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert told.stdout.startswith("rendering: EGL cannot open a display; install it")
+    assert reported.stdout.startswith("rendering: EGL cannot open a display; install it")
 
 
 def test_wrappers_of_one_robot_work(camera):

@@ -160,13 +160,13 @@ def test_what_are_no_actions_is_refused_and_changes_nothing(envs):
     envs.reset(seed=0)
     lost = np.zeros((3, 12))
     lost[2, 4] = np.nan
-    for actions, told in [
+    for actions, message in [
         (lost, r"nan at \(2, 4\)"),
         (np.zeros((2, 12)), r"shape \(2, 12\); give them in shape \(3, 12\)"),
         (np.zeros(12), r"shape \(12,\)"),
         ([["walk"] * 12] * 3, "no array of numbers"),
     ]:
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             envs.step(actions)
     after, *_ = envs.step(np.zeros((3, 12)))
     envs.reset(seed=0)

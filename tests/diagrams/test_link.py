@@ -312,7 +312,7 @@ def test_answers_to_another_session_are_not_heard(trot, page):
 
 
 @pytest.mark.parametrize(
-    ("world", "told"),
+    ("world", "reported"),
     [
         ({"latency": 0.01}, "latency"),
         ({"contact_flips": 0.01}, "contact_flips"),
@@ -321,8 +321,8 @@ def test_answers_to_another_session_are_not_heard(trot, page):
         ({"station": StationConfig(time_step=0.0), "accuracy": 1e-5}, "station.time_step"),
     ],
 )
-def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, world, told):
-    with pytest.raises(InputError, match=f"{told} is not made for two processes"):
+def test_worlds_that_are_not_made_for_two_processes_are_refused(trot, page, world, reported):
+    with pytest.raises(InputError, match=f"{reported} is not made for two processes"):
         Ends(trot, page, Scenario(**world))
 
 

@@ -45,10 +45,10 @@ def test_damaged_files_are_refused_in_one_sentence_or_are_sound(tmp_path, damage
             scenario = load_scenario(path)
         except InputError as error:
             refused += 1
-            told = str(error)
-            assert told.isprintable(), (case, told)
-            assert told.startswith(str(path)), (case, told)
-            assert len(told.replace(str(path), "")) < LONGEST_MESSAGE, (case, told)
+            message = str(error)
+            assert message.isprintable(), (case, message)
+            assert message.startswith(str(path)), (case, message)
+            assert len(message.replace(str(path), "")) < LONGEST_MESSAGE, (case, message)
         else:
             check_sound(scenario)
             save_scenario(scenario, again)

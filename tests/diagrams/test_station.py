@@ -129,7 +129,7 @@ from glassgait.models.robots.robot import load_robot
 assert not logging.getLogger("drake").filters
 MakeStation(load_robot()).CreateDefaultContext()
 """
-    told = subprocess.run(
+    message = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
     )
-    assert told.stderr == ""
+    assert message.stderr == ""

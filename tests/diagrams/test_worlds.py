@@ -73,12 +73,12 @@ def test_ranges_of_one_value_change_nothing():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"n_groups": 1}, "2 fine_steps do not fit in n_groups = 1"),
         ({"fine_steps": (0.01,)}, "shorter than the station's time_step, 0.01"),
     ],
 )
-def test_worlds_that_cannot_be_are_refused(change, told):
-    with pytest.raises(InputError, match=told):
+def test_worlds_that_cannot_be_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
         replace(Worlds(), **change)

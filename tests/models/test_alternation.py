@@ -42,10 +42,10 @@ def test_an_alternating_policy_acts_as_expert_acts_says(trot, make_policy, perio
 
 
 @pytest.mark.parametrize(
-    ("period", "told"), [(2, "needs a student"), (0, "needs a"), (-1, "is -1")]
+    ("period", "message"), [(2, "needs a student"), (0, "needs a"), (-1, "is -1")]
 )
-def test_an_alternation_without_its_student_is_refused(trot, make_policy, period, told):
-    with pytest.raises(ValueError, match=told):
+def test_an_alternation_without_its_student_is_refused(trot, make_policy, period, message):
+    with pytest.raises(ValueError, match=message):
         AlternatingController(make_policy(trot), None, period)
 
 
@@ -97,12 +97,12 @@ def test_a_loop_takes_the_policys_estimator_or_the_truth_if_asked(trot, make_pol
 def test_a_student_does_not_act_beside_another_expert_than_its_own(trot, small_expert):
     page, other = load_student("trot", "sparse_formula"), small_expert(trot)
     assert alone(page, load_expert("trot")).student is page
-    told = f"the expert {load_expert('trot').digest()}, not by that of {other.digest()}"
-    with pytest.raises(InputError, match=told):
+    message = f"the expert {load_expert('trot').digest()}, not by that of {other.digest()}"
+    with pytest.raises(InputError, match=message):
         alone(page, other)
     names = page.observation_names
     region = Region(names, np.zeros((2, len(names))), np.ones((2, len(names))))
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         AssuredController(other, page, region, Hysteresis(0.1, 0.05, return_steps=3))
 
 

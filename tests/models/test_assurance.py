@@ -150,7 +150,7 @@ def test_each_robot_is_moved_by_the_policy_that_its_observations_call(assured):
     output = assured.advance(1, calm, output.memory)
     assert output.expert_acts.tolist() == [False, True, False]
     assert not assured.advance(2, calm, output.memory).expert_acts.any()
-    # A robot that starts anew is told what `begin` tells; the others go on.
+    # A robot that starts anew gets what `begin` returns; the others go on.
     reset = MonitorState(*(np.where([False, True, False], 0, part) for part in output.memory))
     assert not assured.advance(2, calm, reset).expert_acts.any()
 
@@ -165,17 +165,17 @@ def test_the_same_guards_give_the_same_turn(assured):
 def test_settings_distinguish_regions_and_limits(assured):
     region = region_of_two()
     other = Region(NAMES, region.lower - 1.0, region.upper)
-    told = [
+    message = [
         AssuredController(assured.expert, assured.student, own, Hysteresis(limit, 0.1)).settings()
         for own, limit in [(region, 0.2), (other, 0.2), (region, 0.3), (region, 0.2)]
     ]
-    assert told[0] == told[3]
-    assert told[0] != told[1] != told[2] != told[0]
+    assert message[0] == message[3]
+    assert message[0] != message[1] != message[2] != message[0]
     disagreements = [
         AssuredController(assured.expert, assured.student, disagreeing(usual), Hysteresis(0.2, 0.1))
         for usual in (((0.1, 0.0), (0.5, 0.0)), ((0.1, 0.0), (0.6, 0.0)))
     ]
-    assert told[0] != disagreements[0].settings() != disagreements[1].settings()
+    assert message[0] != disagreements[0].settings() != disagreements[1].settings()
 
 
 def test_a_student_that_disagrees_gives_way_where_nothing_is_out_of_range(assured):

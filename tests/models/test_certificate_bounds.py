@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.certificates.elimination import greatest_sum
+from glassgait.models.certificates.additive_targets import greatest_sum
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
     operating_box,
     physical_box,
 )
-from glassgait.models.certificates.question import Question, region_of, targets_of
+from glassgait.models.certificates.question import BoundQuery, region_of, targets_of
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.reader import read_formulas
@@ -42,7 +42,7 @@ def formulas(text: str) -> FormulaPolicy:
 
 def greatest(text: str) -> tuple[float, float]:
     region = region_of(whole_box(load_gait("trot")), 0)
-    found = targets_of(formulas(text)).answer(Question("target", 0, 0, 1), region, gap=1e-6)
+    found = targets_of(formulas(text)).answer(BoundQuery("target", 0, 0, 1), region, gap=1e-6)
     return found.bound, found.reached
 
 
@@ -66,7 +66,7 @@ def test_no_observation_of_a_box_breaks_a_bound(gait, kind, box):
     for state, joint in product(range(machine.n_states), (0, 8)):
         mine = reached[observations[:, states + state] == 1.0, joint]
         for sign in (1, -1):
-            question = Question("target", state, joint, sign)
+            question = BoundQuery("target", state, joint, sign)
             region = region_of(whole, state)
             found = targets.answer(question, region, gap=0.005 * WIDTHS[joint])
             assert (sign * mine).max() <= found.bound + targets.rounding(state, joint, region)
@@ -77,7 +77,7 @@ def test_no_observation_breaks_a_bound_of_trees():
     observations = box.random(500, np.random.default_rng(7))
     reached = A1.joint_targets(policy(observations))
     for joint, sign in product((0, 7), (1, -1)):
-        question = Question("target", 1, joint, sign)
+        question = BoundQuery("target", 1, joint, sign)
         found = targets_of(policy).answer(question, region_of(box, 1), gap=0.0)
         assert (sign * reached[:, joint]).max() <= found.reached <= found.bound
 
@@ -88,7 +88,7 @@ def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
     box, units = operating_box(gait, A1), RobotUnits.of(A1, policy.observation_names)
     region, targets = region_of(box, 1), targets_of(policy)
     for of, joint in (("target", 0), ("offset", 3), ("target", 8)):
-        found = targets.answer(Question(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
+        found = targets.answer(BoundQuery(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
         assert np.all((region.lower <= found.witness) & (found.witness <= region.upper))
         action = policy((found.witness - units.offset) * units.scale)
         value = A1.joint_targets(action)[joint]
@@ -137,9 +137,9 @@ def test_a_formula_that_may_divide_by_nothing_has_no_bound():
 def test_slopes_and_effects_of_a_gate():
     gait, policy = load_gait("trot"), formulas("tanh(100*h.FL - 2)*cmd.v + 0.2*cmd.yaw")
     targets, region = targets_of(policy), region_of(whole_box(gait), 0)
-    slope = targets.answer(Question("slope", 0, 0, 1, 1), region, gap=1e-6)
+    slope = targets.answer(BoundQuery("slope", 0, 0, 1, 1), region, gap=1e-6)
     assert slope.bound == pytest.approx(0.2)
-    effect = targets.answer(Question("effect", 0, 0, 1, 0), region, gap=1e-6)
+    effect = targets.answer(BoundQuery("effect", 0, 0, 1, 0), region, gap=1e-6)
     assert effect.bound == pytest.approx(2.0, abs=1e-5)
     assert len(effect.witness) == len(region.lower) + 1
     assert targets.used(0, 0) == {0, 1, policy.observation_names.index("Foot Height FL")}
@@ -179,7 +179,7 @@ def test_values_that_others_beat_or_equal_change_nothing(seed):
 
 
 def test_labels_that_meet_too_many_are_tried_one_by_one(monkeypatch):
-    monkeypatch.setattr("glassgait.models.certificates.elimination.LARGEST", 9)
+    monkeypatch.setattr("glassgait.models.certificates.additive_targets.LARGEST", 9)
     generator = np.random.default_rng(5)
     unary = [generator.normal(size=3) for _ in range(5)]
     pairs = [(a, b, generator.normal(size=(3, 3))) for a in range(5) for b in range(a)]

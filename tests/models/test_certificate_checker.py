@@ -49,10 +49,10 @@ def written(content: dict, folder: Path, *, signed: bool = True) -> Path:
 def test_shipped_certificates_hold(path):
     content = json.loads(path.read_text())
     outcomes = [claim["outcome"] for claim in content["claims"]]
-    told = check(path)
-    assert told.startswith(f"{len(content['statements'])} bounds hold")
+    message = check(path)
+    assert message.startswith(f"{len(content['statements'])} bounds hold")
     for outcome in ("proved", "refuted"):
-        assert f"{outcomes.count(outcome)} {outcome}" in told
+        assert f"{outcomes.count(outcome)} {outcome}" in message
         assert outcomes.count(outcome) > 0
     assert len(outcomes) - outcomes.count("undecided") >= 10
 
@@ -170,13 +170,13 @@ def test_refuses_a_policy_of_which_one_digit_was_changed(tmp_path, seed):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [("", "cannot be read"), ("[]", "no certificate"), ("{}", "no certificate")],
 )
-def test_refuses_what_is_no_certificate(tmp_path, text, told):
+def test_refuses_what_is_no_certificate(tmp_path, text, message):
     path = tmp_path / "certificate.json"
     path.write_text(text)
-    with pytest.raises(RefusedError, match=told):
+    with pytest.raises(RefusedError, match=message):
         check(path)
 
 

@@ -105,12 +105,12 @@ def checked(content, policy, folder) -> str:
 
 def test_what_was_proved_holds(certified, tmp_path):
     _, path, content = certified
-    told = checked(content, path, tmp_path)
+    reported = checked(content, path, tmp_path)
     outcomes = [claim["outcome"] for claim in content["claims"]]
-    assert told.startswith(f"{len(content['statements'])} bounds hold")
+    assert reported.startswith(f"{len(content['statements'])} bounds hold")
     for outcome in ("proved", "refuted"):
         assert outcomes.count(outcome) > 1
-        assert f"{outcomes.count(outcome)} {outcome}" in told
+        assert f"{outcomes.count(outcome)} {outcome}" in reported
 
 
 def test_a_bound_that_is_too_low_does_not_hold(certified, tmp_path):
@@ -182,8 +182,8 @@ def test_no_observation_reaches_more_than_the_checker_says(certified):
     _, arrays = read_arrays(path.read_bytes())
     own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(arrays, 2)
     box = operating_box(GAIT, A1).in_state(1)
-    told = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
-    told |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
+    reported = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
+    reported |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
     observations = box.random(10_000, np.random.default_rng(1))
     reached = A1.joint_targets(policy(observations))
     quantities = RobotUnits.of(A1, NAMES).quantities(observations)
@@ -191,7 +191,7 @@ def test_no_observation_reaches_more_than_the_checker_says(certified):
         offsets = reached[:, joint] - quantities[:, own.names.index(f"q.{name}")]
         for of, values in (("target", reached[:, joint]), ("offset", offsets)):
             for sign in (1, -1):
-                most = own.bound(Question(of, 1, name, sign), told)
+                most = own.bound(Question(of, 1, name, sign), reported)
                 assert (sign * values).max() <= most
 
 
@@ -233,12 +233,12 @@ def forged(certified, folder, change, header=None):
     _, path, content = certified
     data = path.read_bytes()
     size = int.from_bytes(data[:8], "little")
-    told = json.loads(data[8 : 8 + size])
-    told["__metadata__"]["header"] = json.dumps(
-        json.loads(told["__metadata__"]["header"]) | (header or {})
+    reported = json.loads(data[8 : 8 + size])
+    reported["__metadata__"]["header"] = json.dumps(
+        json.loads(reported["__metadata__"]["header"]) | (header or {})
     )
-    change(told)
-    text = json.dumps(told).encode()
+    change(reported)
+    text = json.dumps(reported).encode()
     other = folder / path.name
     other.write_bytes(len(text).to_bytes(8, "little") + text + data[8 + size :])
     content = json.loads(json.dumps(content))
@@ -251,13 +251,13 @@ def forged(certified, folder, change, header=None):
 def test_a_policy_that_observes_in_another_order_is_refused(certified, tmp_path):
     names = list(NAMES)
     names[0], names[1] = names[1], names[0]
-    told = forged(certified, tmp_path, lambda told: None, {"observation_names": names})
-    assert told == "the policy observes other things"
+    reported = forged(certified, tmp_path, lambda reported: None, {"observation_names": names})
+    assert reported == "the policy observes other things"
 
 
 def test_arrays_that_overlap_are_refused(certified, tmp_path):
-    def overlap(told):
-        own = next(own for name, own in told.items() if name != "intercepts" and "shape" in own)
+    def overlap(reported):
+        own = next(own for name, own in reported.items() if name != "intercepts" and "shape" in own)
         start = own["data_offsets"][0]
         width = own["data_offsets"][1] - start
         own["data_offsets"] = [start - 8, start - 8 + width] if start else [8, 8 + width]

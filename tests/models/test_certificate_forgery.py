@@ -106,10 +106,10 @@ class Truth:
     def assert_holds(self, content: dict[str, Any]) -> None:
         for own in content["statements"]:
             self.assert_bound(own)
-        for told in content["claims"]:
-            if told["outcome"] == "proved":
+        for message in content["claims"]:
+            if message["outcome"] == "proved":
                 keys = Claim.__dataclass_fields__
-                claim = Claim.from_plain({k: v for k, v in told.items() if k in keys}, "a claim")
+                claim = Claim.from_plain({k: v for k, v in message.items() if k in keys}, "a claim")
                 for state in claim.state_indices(GAIT):
                     self.assert_claim(claim, state)
 
@@ -452,18 +452,18 @@ def test_states_of_the_machine_are_no_observations_of_a_claim():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("states: &a [q0, q1]\nfaults: *a", "aliases"),
         ("states: [q1, q0]", "not the trot that ships"),
     ],
 )
-def test_refuses_another_gait_of_the_name(tmp_path, text, told):
+def test_refuses_another_gait_of_the_name(tmp_path, text, message):
     path = tmp_path / "trot.yaml"
     path.write_text(text)
     certificate_path = tmp_path / "certificate.json"
     certificate_path.write_text(certificate_text(json.loads(forged_from())))
-    with pytest.raises(RefusedError, match=told):
+    with pytest.raises(RefusedError, match=message):
         check(certificate_path, gait=path)
     other = path.rename(tmp_path / "hop.yaml")
     with pytest.raises(RefusedError, match="gait"):

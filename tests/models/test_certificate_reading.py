@@ -10,14 +10,14 @@ from glassgait.models.certificates.certificate import (
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim
-from glassgait.models.certificates.findings import (
+from glassgait.models.certificates.observation_box import operating_box, physical_box
+from glassgait.models.certificates.prover import Verdict
+from glassgait.models.certificates.reading import (
     box_in_words,
     claimed_joint,
     finding_in_words,
+    read_certificate,
 )
-from glassgait.models.certificates.observation_box import operating_box, physical_box
-from glassgait.models.certificates.prover import Verdict
-from glassgait.models.certificates.reading import read_certificate
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY
@@ -30,14 +30,16 @@ TEXT = PATH.read_text()
 
 
 def test_says_what_the_file_says():
-    told, gait = json.loads(TEXT), load_gait("trot")
+    content, gait = json.loads(TEXT), load_gait("trot")
     found = read_certificate(PATH)
-    assert [verdict.claim.name for verdict in found.verdicts] == [c["name"] for c in told["claims"]]
-    for verdict, claim in zip(found.verdicts, told["claims"], strict=True):
+    assert [verdict.claim.name for verdict in found.verdicts] == [
+        c["name"] for c in content["claims"]
+    ]
+    for verdict, claim in zip(found.verdicts, content["claims"], strict=True):
         assert verdict.outcome == claim["outcome"]
         assert (verdict.worst, verdict.claimed) == (claim["worst"], claim["claimed"])
         assert list(verdict.witnesses) == claim["witnesses"]
-    assert sum(found.counts().values()) == len(told["claims"])
+    assert sum(found.counts().values()) == len(content["claims"])
     operating = operating_box(gait, A1)
     boxes = {"operating": operating, "physical": physical_box(gait, operating)}
     for name, box in boxes.items():
@@ -85,7 +87,7 @@ def test_refuses_what_no_certificate_says(tmp_path, change):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (TEXT.replace('"reached": 1.30', '"reached": 1.31', 1), "is damaged"),
         ("{}", "is no certificate; make one"),
@@ -93,10 +95,10 @@ def test_refuses_what_no_certificate_says(tmp_path, change):
         ('{"format": ', "is no certificate; make one"),
     ],
 )
-def test_refuses_a_file_that_is_damaged_or_another(tmp_path, text, told):
+def test_refuses_a_file_that_is_damaged_or_another(tmp_path, text, message):
     path = tmp_path / "certificate.json"
     path.write_text(text)
-    with pytest.raises(InputError, match=told) as refused:
+    with pytest.raises(InputError, match=message) as refused:
         read_certificate(path)
     assert str(path) in str(refused.value)
 
@@ -109,7 +111,7 @@ OWN = {"observations": ("dq.own",), "never": "rises"}
 
 
 @pytest.mark.parametrize(
-    ("own", "told"),
+    ("own", "message"),
     [
         (
             verdict("limits", "refuted", -5.67079, -2.6965, "FR_calf, q0"),
@@ -145,8 +147,8 @@ OWN = {"observations": ("dq.own",), "never": "rises"}
         ),
     ],
 )
-def test_findings_are_reported_with_what_is_claimed(own, told):
-    assert finding_in_words(own) == told
+def test_findings_are_reported_with_what_is_claimed(own, message):
+    assert finding_in_words(own) == message
 
 
 def test_slopes_of_tables_are_reported_as_steps():
@@ -154,11 +156,11 @@ def test_slopes_of_tables_are_reported_as_steps():
     assert "step of 0.02 rad by dq.FL_calf" in finding_in_words(own, steps=True)
 
 
-@pytest.mark.parametrize(("outcome", "told"), [("proved", "0.1001 rad"), ("refuted", "0.1 rad")])
-def test_bounds_are_rounded_outward_and_witnesses_inward(outcome, told):
+@pytest.mark.parametrize(("outcome", "message"), [("proved", "0.1001 rad"), ("refuted", "0.1 rad")])
+def test_bounds_are_rounded_outward_and_witnesses_inward(outcome, message):
     claimed = 1.0 if outcome == "proved" else 0.05
     own = verdict("limits", outcome, 0.10003, claimed, "FL_hip, q0")
-    assert told in finding_in_words(own)
+    assert message in finding_in_words(own)
 
 
 def test_the_joint_and_the_box_of_a_claim_are_reported():

@@ -18,7 +18,7 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("- 1", "must hold the key 'claims'"),
         ("claims: []", "must hold the key 'claims'"),
@@ -37,25 +37,25 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
         ("claims: [{kind: mirror}]", "claim 1: needs the key 'name'; add it"),
     ],
 )
-def test_refuses_what_is_no_claim(tmp_path, text, told):
+def test_refuses_what_is_no_claim(tmp_path, text, message):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    with pytest.raises(InputError, match=told) as refused:
+    with pytest.raises(InputError, match=message) as refused:
         load_claims(path)
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"states": ("q9",)}, "has no state 'q9'"),
         ({"stuck": ("h.XX",)}, "no observation is called 'h.XX'"),
         ({"kind": "never", "observations": ("t",), "never": "rises"}, "t counts control steps"),
     ],
 )
-def test_refuses_names_that_a_gait_does_not_know(values, told):
-    with pytest.raises(InputError, match=told):
+def test_refuses_names_that_a_gait_does_not_know(values, message):
+    with pytest.raises(InputError, match=message):
         Claim(**{"name": "a", "kind": "torque"} | values).refuse_unknown(load_gait("trot"))
 
 

@@ -67,7 +67,7 @@ def test_bags_disagree_as_far_as_the_functions_that_apply_to_an_observation(rand
     policy.deviations[:] = generator.exponential(size=policy.deviations.shape)
     policy.pair_deviations[:] = generator.exponential(size=policy.pair_deviations.shape)
     observations = generator.normal(size=(4, 5, len(NAMES)))
-    for row, told in zip(
+    for row, message in zip(
         observations.reshape(20, -1), policy.disagreement(observations).ravel(), strict=True
     ):
         of_joints = np.zeros(quadruped.N_JOINTS)
@@ -77,7 +77,7 @@ def test_bags_disagree_as_far_as_the_functions_that_apply_to_an_observation(rand
         for index, pair in enumerate(policy.pairs):
             bins = [np.searchsorted(policy.pair_cuts[n], row[n], side="right") for n in pair]
             of_joints[policy.pair_joints[index]] += policy.pair_deviations[index][tuple(bins)] ** 2
-        assert told == pytest.approx(np.sqrt(of_joints.max()))
+        assert message == pytest.approx(np.sqrt(of_joints.max()))
 
 
 def test_one_model_agrees_with_itself(random_additive):

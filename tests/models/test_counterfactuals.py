@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.models.counterfactuals.branching import SmoothSearch
+from glassgait.models.counterfactuals.branching import SmoothSearch, shortest_steps
 from glassgait.models.counterfactuals.forest import Forest
 from glassgait.models.counterfactuals.intervals import bounds_of
-from glassgait.models.counterfactuals.projection import shortest_steps
 from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
 from glassgait.models.counterfactuals.search import answer, search_of
 from glassgait.models.counterfactuals.smooth import FormulaTarget

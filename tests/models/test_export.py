@@ -232,8 +232,8 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     """
     written = written_by_a_short_name
     whole = (written.header + written.source).encode()
-    told = "1d29c841ec90e3b96e6258beeaee9c1862c6369c664c7e33d9a773ffad799922"
-    assert hashlib.sha256(whole).hexdigest() == told
+    message = "1d29c841ec90e3b96e6258beeaee9c1862c6369c664c7e33d9a773ffad799922"
+    assert hashlib.sha256(whole).hexdigest() == message
 
 
 def test_no_line_before_the_numbers_is_long(written_by_a_short_name):

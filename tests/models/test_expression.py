@@ -169,13 +169,13 @@ def test_formulas_built_in_python_are_held_to_the_same_bounds():
         deep = Expression("neg", (deep,))
     with pytest.raises(InputError, match=f"more than {MAX_DEPTH} deep"):
         refuse_unfit(deep, 3)
-    for formula, told in (
+    for formula, message in (
         (Expression("constant", value=np.nan), "the number nan"),
         (Expression("variable", variable=3), "observation 3 of 3"),
         (Expression("add", (shared,)), "'add' to 1 operands"),
         (Expression("magic"), "'magic' to 0 operands"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             refuse_unfit(formula, 3)
 
 

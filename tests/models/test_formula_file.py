@@ -1,4 +1,4 @@
-"""Formula files: text that is the policy, and what is told of a text that is none."""
+"""Formula files: text that is the policy, and the refusal of a text that is none."""
 
 import re
 import time
@@ -244,24 +244,24 @@ def test_damaged_files_are_refused_with_the_place_or_work(part, whole_texts, sam
         try:
             policy_of(text)
         except InputError as error:
-            told, lines = str(error), text.splitlines()
-            place = PLACE.match(told)
-            assert place, (seed, told)
-            assert 1 <= int(place[1]) <= len(lines) + 1, (seed, told)
-            assert 1 <= int(place[2]) <= 1 + max(map(len, lines)), (seed, told)
-            assert "\n" not in told
-            assert len(told) < 500
+            reported, lines = str(error), text.splitlines()
+            place = PLACE.match(reported)
+            assert place, (seed, reported)
+            assert 1 <= int(place[1]) <= len(lines) + 1, (seed, reported)
+            assert 1 <= int(place[2]) <= 1 + max(map(len, lines)), (seed, reported)
+            assert "\n" not in reported
+            assert len(reported) < 500
             with pytest.raises(InputError) as refused:
                 load_policy(path)
-            assert str(refused.value) == f"{path}: {told}"
+            assert str(refused.value) == f"{path}: {reported}"
         else:
             assert load_policy(path)(observation).shape == (3, 12)
 
 
 def test_a_refusal_is_short_where_there_are_many_names():
     names = "".join(f"{'speed' * 6}{i} = {i}*cmd.v\n" for i in range(MAX_DEFINITIONS))
-    told = refusal(f"{HEAD}definitions\n{names}every state\n{shared(FL_hip='speed')}")
-    assert len(told) < 500
+    reported = refusal(f"{HEAD}definitions\n{names}every state\n{shared(FL_hip='speed')}")
+    assert len(reported) < 500
 
 
 @pytest.mark.parametrize("text", [f"gait:{' ' * 1500}\n  x", f"gait: a{' ' * 30_000}b"])
@@ -276,7 +276,7 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "told"),
+    ("text", "line", "reported"),
     [
         ("", 1, "without a formula"),
         (HEAD, 3, "without a formula of FL_hip"),
@@ -314,10 +314,10 @@ ONE_EACH = f"state 0\n{shared()}state 1\n{shared()}"
         (f"{HEAD}mirror: 1 0\ndefinitions\nb = q.FL_calf\n{EVERY}", 19, "b has no mirror image"),
     ],
 )
-def test_what_is_no_formula_file_is_refused_with_its_line(text, line, told):
+def test_what_is_no_formula_file_is_refused_with_its_line(text, line, reported):
     message = refusal(text)
     assert message.startswith(f"line {line}, ")
-    assert told in message
+    assert reported in message
 
 
 @pytest.mark.parametrize("formula", ["foo", "t +", "", "t, t", "1 +\n    (t", "0.1\n    + foo"])

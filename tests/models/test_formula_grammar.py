@@ -163,8 +163,8 @@ def assert_seen_alike(text: str) -> bool:
             with pytest.raises(RefusedError):
                 FormulaText.read(text)
         return False
-    told = FormulaText.read(text)
-    found = {place: canonical(expression(own, symbols)) for place, own in told.targets.items()}
+    message = FormulaText.read(text)
+    found = {place: canonical(expression(own, symbols)) for place, own in message.targets.items()}
     assert found == expected
     return True
 

@@ -183,7 +183,7 @@ def test_lines_are_filled():
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "column", "told"),
+    ("text", "line", "column", "message"),
     [
         ("0.5*foo + t", 1, 5, "nothing is called 'foo'; there are cmd.…, q.…"),
         ("t + q.FL_foot", 1, 5, "'q.FL_foot'; there are q.FL_hip, q.FL_thigh"),
@@ -219,8 +219,8 @@ def test_lines_are_filled():
         ("tanh(" * 150 + "t" + ")" * 150, 1, 1, "nested more than 100 deep"),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_place(text, line, column, told):
-    with pytest.raises(TextError, match=told) as refused:
+def test_what_is_wrong_is_refused_with_its_place(text, line, column, message):
+    with pytest.raises(TextError, match=message) as refused:
         read(text)
     assert (refused.value.line, refused.value.column) == (line, column)
     assert isinstance(refused.value, InputError)

@@ -66,9 +66,9 @@ def test_damaged_files_are_refused_in_one_sentence_or_are_sound(tmp_path, damage
                 check_sound(load_gait(path))
             except InputError as error:
                 refused += 1
-                told = str(error)
-                assert told.isprintable(), (case, told)
-                assert len(told.replace(str(path), "")) < LONGEST_MESSAGE, (case, told)
+                message = str(error)
+                assert message.isprintable(), (case, message)
+                assert len(message.replace(str(path), "")) < LONGEST_MESSAGE, (case, message)
     # Both ends are met: neither is everything refused, nor is nothing.
     assert count / 2 < refused < count
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < GROWTH

@@ -183,15 +183,15 @@ def test_requests_of_no_gait_are_refused(switch):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({}, "each once"),
         ({"name": "hop", "dwell": (12, 13)}, "no dwell is in the range of all"),
         ({"name": "hop", "clearance": 0.05}, "different clearances"),
     ],
 )
-def test_gaits_that_do_not_go_together_are_refused(trot, change, told):
-    with pytest.raises(InputError, match=told):
+def test_gaits_that_do_not_go_together_are_refused(trot, change, message):
+    with pytest.raises(InputError, match=message):
         GaitSwitch([trot, replace(trot, **change)])
     with pytest.raises(InputError, match="name one or more"):
         GaitSwitch([])

@@ -184,24 +184,24 @@ def test_formulas_of_other_states_may_be_infinite(trot, small_expert, statewise_
 @pytest.mark.parametrize("name", gait_names())
 def test_metadata_hold_what_a_robot_needs(name, make_policy, small_expert):
     gait = load_gait(name)
-    told = loaded(gait, make_policy(gait), small_expert(gait)).metadata
-    assert told["joint_names"].split(",")[:4] == ["FL_hip", "FL_thigh", "FL_calf", "FR_hip"]
-    assert [float(own) for own in told["default_joint_pos"].split(",")] == [*A1.default_stance]
+    metadata = loaded(gait, make_policy(gait), small_expert(gait)).metadata
+    assert metadata["joint_names"].split(",")[:4] == ["FL_hip", "FL_thigh", "FL_calf", "FR_hip"]
+    assert [float(own) for own in metadata["default_joint_pos"].split(",")] == [*A1.default_stance]
     for key, value in {"joint_stiffness": 20.0, "joint_damping": 0.5, "action_scale": 0.25}.items():
-        assert [float(own) for own in told[key].split(",")] == [value] * 12
-    terms = told["observation_names"].split(",")
-    sizes = [int(own) for own in told["observation_terms_size"].split(",")]
-    scales = [float(own) for own in told["observation_terms_scale"].split(",")]
+        assert [float(own) for own in metadata[key].split(",")] == [value] * 12
+    terms = metadata["observation_names"].split(",")
+    sizes = [int(own) for own in metadata["observation_terms_size"].split(",")]
+    scales = [float(own) for own in metadata["observation_terms_scale"].split(",")]
     assert terms[:4] == ["command", "joint_pos", "joint_vel", "actions"]
     assert dict(zip(terms, sizes, strict=True))["rm_state"] == gait.n_states
-    assert sum(sizes) == len(told["observation_entries"].split(",")) == 40 + gait.n_states
+    assert sum(sizes) == len(metadata["observation_entries"].split(",")) == 40 + gait.n_states
     assert scales == [1.0, 1.0, 0.05, 1.0, 1.0, 0.1, 0.1]
-    assert float(told["control_period"]) == 0.02
-    assert told["gait"] == name
-    machine = json.loads(told["reward_machine"])
+    assert float(metadata["control_period"]) == 0.02
+    assert metadata["gait"] == name
+    machine = json.loads(metadata["reward_machine"])
     assert machine["states"] == list(gait.states)
     assert len(machine["transitions"]) == len(gait.transitions)
-    assert told["policy_digest"] == make_policy(gait).digest()
+    assert metadata["policy_digest"] == make_policy(gait).digest()
 
 
 def test_single_precision_is_of_what_is_read_and_given(trot, small_expert, make_policy):

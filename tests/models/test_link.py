@@ -54,9 +54,9 @@ def test_a_message_comes_out_as_it_went_in(generator, trot):
     assert (answer.session, answer.time) == (7, 1.02)
     np.testing.assert_array_equal(answer.targets, targets)
     command = Command(np.array([0.4, -0.1]), np.array(7.0))
-    told = unpack_command(command_t.decode(pack_command(7, 1.02, command).encode()), trot)
-    np.testing.assert_array_equal(told.velocity, command.velocity)
-    assert told.dwell == 7.0
+    message = unpack_command(command_t.decode(pack_command(7, 1.02, command).encode()), trot)
+    np.testing.assert_array_equal(message.velocity, command.velocity)
+    assert message.dwell == 7.0
 
 
 def test_a_message_of_another_type_is_not_decoded():
@@ -117,7 +117,7 @@ def test_a_burst_takes_all_messages_of_its_time_once_an_interval(generator):
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"lcm_url": "nonsense"}, "lcm_url is 'nonsense'; write udpm://"),
         ({"lcm_url": "memq://"}, "lcm_url is 'memq://'"),
@@ -125,8 +125,8 @@ def test_a_burst_takes_all_messages_of_its_time_once_an_interval(generator):
         ({"channels": "a" * 33}, "32 at most"),
     ],
 )
-def test_places_that_are_none_are_refused(values, told):
-    with pytest.raises(InputError, match=told):
+def test_places_that_are_none_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
         LinkSettings(**values)
 
 

@@ -117,7 +117,7 @@ def test_every_gait_with_students_ships_its_operating_box(gait):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("ranges: 3", "lacks the key 'ranges'"),
         ("ranges: {}", "key 'gait' is None; give a box of the trot"),
@@ -128,10 +128,10 @@ def test_every_gait_with_students_ships_its_operating_box(gait):
         ("gait: trot\nranges: {q.FL_hip: [0, 1]}", "lacks 'cmd.v'"),
     ],
 )
-def test_refuses_a_file_that_is_no_box(tmp_path, text, told):
+def test_refuses_a_file_that_is_no_box(tmp_path, text, message):
     path = tmp_path / "box.yaml"
     path.write_text(text)
-    with pytest.raises(InputError, match=told) as refused:
+    with pytest.raises(InputError, match=message) as refused:
         load_box(path, TROT, A1)
     assert str(path) in str(refused.value)
 

@@ -59,7 +59,7 @@ def test_arrays_that_no_policy_can_have_are_refused_in_python_as_well(
     neural, symbolic, small_trees, small_additive
 ):
     zeros = np.zeros
-    for make, told in (
+    for make, message in (
         (lambda: LinearPolicy("trot", NAMES, zeros((2, N)), zeros(2)), r"must be \(12, 49\)"),
         (lambda: LinearPolicy("trot", NAMES, zeros((12, N)), zeros((12, 1))), "'intercepts' is of"),
         (lambda: LinearPolicy("trot", NAMES, zeros((12, N), dtype=int), zeros(12)), "type int64"),
@@ -91,7 +91,7 @@ def test_arrays_that_no_policy_can_have_are_refused_in_python_as_well(
         (lambda: SymbolicPolicy("trot", NAMES, symbolic.expressions[:2]), "12 joints"),
         (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic.expressions), "2 states"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             make()
     assert small_trees().depth == 2
     assert small_additive(
@@ -105,7 +105,7 @@ def test_arrays_that_no_policy_can_have_are_refused_in_python_as_well(
 def test_names_that_no_policy_can_have_are_refused(open_loop, symbolic):
     weights, intercepts = np.zeros((12, N)), np.zeros(12)
     iterations = NAMES.index("RM Iters")
-    for gait, names, told in (
+    for gait, names, message in (
         (5, NAMES, "the gait is of type int"),
         ("", NAMES, "the gait is ''"),
         ("trot", "x" * N, "names of observations"),
@@ -115,7 +115,7 @@ def test_names_that_no_policy_can_have_are_refused(open_loop, symbolic):
         ("trot", ("RM State 2", *NAMES[1:]), "in a row"),
         ("trot", ("Clock", *NAMES[1:]), "no observation is called 'Clock'; make the policy anew"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             LinearPolicy(gait, names, weights, intercepts)
     without = (*NAMES[:iterations], "Clock", *NAMES[iterations + 1 :])
     with pytest.raises(InputError, match="RM Iters"):
@@ -128,14 +128,14 @@ def test_header_fields_of_another_kind_are_refused(linear, tmp_path):
     path = tmp_path / "policy.safetensors"
     linear.save(path)
     arrays, header = load_arrays(path)
-    for key, value, told in (
+    for key, value, message in (
         ("format", True, "not a policy of format 1"),
         ("kind", ["linear"], "'kind' of its header is of type list; it must be text"),
         ("observation_names", "x" * N, "of type str; it must be a list of names"),
         ("values", None, "of type NoneType; it must be a mapping"),
     ):
         save_arrays(path, arrays, header | {key: value})
-        with pytest.raises(InputError, match=told) as refused:
+        with pytest.raises(InputError, match=message) as refused:
             load_policy(path)
         assert str(refused.value).startswith(f"{path}: ")
     save_arrays(path, arrays, header | {"made by": "hand"})

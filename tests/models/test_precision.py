@@ -9,13 +9,13 @@ from interpret.glassbox import ExplainableBoostingRegressor
 
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.precision import (
+from glassgait.models.policies.arrays import (
     lower_neighbours,
     narrowest,
     single_precision_cuts,
 )
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.library import load_policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout
 

@@ -47,7 +47,7 @@ def robots(random_states, generator):
 
 
 @pytest.fixture
-def told(robots):
+def message(robots):
     """Evaluates a variable by its symbol, from what the robots observe."""
     observed = RobotUnits.of(A1, NAMES).quantities(robots[-1])
     values = np.concatenate(
@@ -60,7 +60,7 @@ def of_joints(quantity):
     return [f"{quantity}.{joint}" for joint in quadruped.JOINTS]
 
 
-def test_quantities_are_what_the_robot_is_and_does(robots, told):
+def test_quantities_are_what_the_robot_is_and_does(robots, message):
     state, action, command, _ = robots
     for symbols, values in (
         (["cmd.v", "cmd.yaw"], command),
@@ -73,7 +73,7 @@ def test_quantities_are_what_the_robot_is_and_does(robots, told):
         (["v.x", "v.y", "v.z"], kinematics.base_velocity(state)[0]),
         ([f"h.{leg}" for leg in quadruped.LEGS], kinematics.foot_heights(A1, state)),
     ):
-        np.testing.assert_allclose(told(*symbols), values, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(message(*symbols), values, rtol=1e-12, atol=1e-12)
 
 
 def test_an_observation_of_nothing_is_the_default_stance_at_rest():
@@ -129,25 +129,25 @@ def test_gates_turn_from_minus_one_to_one():
         np.testing.assert_array_equal(far, [-1.0, 1.0])
 
 
-def test_definitions_are_what_they_say(robots, told):
+def test_definitions_are_what_they_say(robots, message):
     _, _, command, _ = robots
-    np.testing.assert_array_equal(told("phase"), told("t") / told("cmd.t"))
-    assert (told("phase")[6], told("phase")[7]) == (1.0, 0.0)
-    np.testing.assert_allclose(told("e.v"), command[:, :1] - told("v.x"), atol=1e-12)
-    np.testing.assert_array_equal(told("late"), np.tanh(0.5 * told("t") - 2.0))
+    np.testing.assert_array_equal(message("phase"), message("t") / message("cmd.t"))
+    assert (message("phase")[6], message("phase")[7]) == (1.0, 0.0)
+    np.testing.assert_allclose(message("e.v"), command[:, :1] - message("v.x"), atol=1e-12)
+    np.testing.assert_array_equal(message("late"), np.tanh(0.5 * message("t") - 2.0))
     for leg in quadruped.LEGS:
-        height = told(f"h.{leg}")
-        np.testing.assert_array_equal(told(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
+        height = message(f"h.{leg}")
+        np.testing.assert_array_equal(message(f"lifted.{leg}"), np.tanh(100.0 * height - 2.0))
 
 
-def test_feet_are_where_kinematics_puts_them(robots, told):
+def test_feet_are_where_kinematics_puts_them(robots, message):
     joints = robots[0][:, quadruped.JOINT_POSITION]
     points = kinematics.leg_points(A1, joints)
     from_hip = points.foot - points.thigh
     for i, leg in enumerate(quadruped.LEGS):
         hip = joints[:, 3 * i]
         up_in_plane = np.stack([np.zeros(20), -np.sin(hip), np.cos(hip)], axis=-1)
-        forward, up = told(f"x.{leg}", f"z.{leg}").T
+        forward, up = message(f"x.{leg}", f"z.{leg}").T
         np.testing.assert_allclose(forward, from_hip[:, i, 0], atol=1e-12)
         np.testing.assert_allclose(up, (from_hip[:, i] * up_in_plane).sum(axis=-1), atol=1e-12)
         assert (up < 0.0).any()

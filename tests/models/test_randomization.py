@@ -38,7 +38,7 @@ def test_nominal_has_no_pushes(generator):
 
 
 @pytest.mark.parametrize(
-    ("setting", "told"),
+    ("setting", "message"),
     [
         ({"joint_scale": (1.5, 0.5)}, "joint_scale is (1.5, 0.5); it must be the least, then"),
         ({"friction": (-0.5, 1.0)}, "friction is (-0.5, 1.0); it must be 0 or more"),
@@ -52,7 +52,7 @@ def test_nominal_has_no_pushes(generator):
         ({"observation_noise": -1.0}, "observation_noise is -1.0; it must be 0 or more"),
     ],
 )
-def test_ranges_that_cannot_be_drawn_from_are_refused(setting, told):
+def test_ranges_that_cannot_be_drawn_from_are_refused(setting, message):
     with pytest.raises(InputError) as refused:
         Randomization(**setting)
-    assert str(refused.value).startswith(f"randomization: {told}")
+    assert str(refused.value).startswith(f"randomization: {message}")

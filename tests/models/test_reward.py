@@ -52,17 +52,17 @@ def test_averaged_speeds_are_what_a_robot_did_of_late(standing):
     weights = RewardWeights(tracking_time=0.3)
     state = standing.copy()
     state[quadruped.LINEAR_VELOCITY] = [0.5, 0.0, 0.0]
-    tracked, told = np.zeros(2), []
+    tracked, message = np.zeros(2), []
     for _ in range(30):
         outcome, terms = reward(
             state, tracked=tracked, weights=weights, command=np.array([0.5, 0.0])
         )
         tracked = outcome.tracked
-        told.append(terms["forward_tracking"])
+        message.append(terms["forward_tracking"])
     # 0.6 s are two time constants.
     assert tracked[0] == pytest.approx(0.5 * (1 - np.exp(-2.0)))
-    assert np.all(np.diff(told) > 0)
-    assert told[-1] == pytest.approx(np.exp(-np.square(0.5 * np.exp(-2.0)) / 0.25))
+    assert np.all(np.diff(message) > 0)
+    assert message[-1] == pytest.approx(np.exp(-np.square(0.5 * np.exp(-2.0)) / 0.25))
 
 
 def test_speeds_of_the_instant_forget_those_before(standing):

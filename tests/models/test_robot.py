@@ -87,7 +87,7 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
 
 
 @pytest.mark.parametrize(
-    ("file", "old", "new", "told"),
+    ("file", "old", "new", "message"),
     [
         ("robot.yaml", "mass: 12.776", "mass: 12.0", "'mass'"),
         ("robot.yaml", "thigh: [-1.0472", "thigh: [-1.0", "joint FL_thigh's limit, lower"),
@@ -112,8 +112,8 @@ def test_a_robot_of_ones_own_is_loaded_by_its_file_and_is_one_object(own):
         ("a1.urdf", 'mass value="6"', 'mass value="none"', "mass"),
     ],
 )
-def test_files_that_contradict_one_another_are_refused_by_key(own, file, old, new, told):
-    with pytest.raises(InputError, match=re.escape(told)):
+def test_files_that_contradict_one_another_are_refused_by_key(own, file, old, new, message):
+    with pytest.raises(InputError, match=re.escape(message)):
         load_robot(own(file, old, new))
 
 

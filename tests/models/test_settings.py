@@ -78,7 +78,7 @@ BY_HAND = [
     ({"inner": 3}, "inner is 3; it must be a mapping of settings"),
 ]
 FROM_FILE = [
-    *((values, told.replace(" is ", "' is ", 1)) for values, told in REFUSED),
+    *((values, message.replace(" is ", "' is ", 1)) for values, message in REFUSED),
     ({"counts": 3}, "key 'counts' is 3; it must be a list"),
     ({"counts": [2, 2]}, "it must be a list that names nothing twice"),
     ({"bounds": [1.0]}, "key 'bounds' is [1.0]; it must be longer"),
@@ -95,20 +95,20 @@ FROM_FILE = [
 ]
 
 
-@pytest.mark.parametrize(("values", "told"), BY_HAND)
-def test_refuses_what_does_not_fit_its_annotation(values, told):
+@pytest.mark.parametrize(("values", "message"), BY_HAND)
+def test_refuses_what_does_not_fit_its_annotation(values, message):
     with pytest.raises(InputError) as refused:
         Outer(**values)
     assert str(refused.value).startswith("outer: ")
-    assert str(refused.value).endswith(told)
+    assert str(refused.value).endswith(message)
 
 
-@pytest.mark.parametrize(("values", "told"), FROM_FILE)
-def test_refuses_a_file_by_its_name_and_key(values, told):
+@pytest.mark.parametrize(("values", "message"), FROM_FILE)
+def test_refuses_a_file_by_its_name_and_key(values, message):
     with pytest.raises(InputError) as refused:
         Outer.from_plain(values, "run.yaml")
     assert str(refused.value).startswith("run.yaml: ")
-    assert str(refused.value).endswith(told)
+    assert str(refused.value).endswith(message)
     assert "\n" not in str(refused.value)
 
 

@@ -15,8 +15,8 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.drive import silence
-from glassgait.studies.deployment.drive.silence import (
+from glassgait.studies.deployment.drive import dropout as silence
+from glassgait.studies.deployment.drive.dropout import (
     Left,
     lower,
     pushed,

@@ -156,15 +156,6 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
     assert default_student(find_policies(load_gait("trot"), tmp_path)) == "statewise_linear"
 
 
-def test_rollout_plays_a_shipped_student(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    main(["view", "--policy", "symbolic", "--seconds", "0.2"])
-    assert (tmp_path / "runs/rollout/trot/symbolic_alone.html").exists()
-    told = capsys.readouterr().out
-    assert "stayed up" in told
-    assert "observed: estimated velocity and foot heights" in told
-
-
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]

@@ -50,13 +50,13 @@ def test_clones_delay_their_own(fix_inputs, latch):
 
 
 @pytest.mark.parametrize(
-    ("latency", "time_step", "told"),
+    ("latency", "time_step", "message"),
     [
         (0.0, 0.01, "must be above 0"),
         (0.021, 0.0, "must be above 0"),
         (0.005, 0.01, "must be a multiple of 0.01"),
     ],
 )
-def test_refuses_latencies_that_cannot_be(latency, time_step, told):
-    with pytest.raises(ValueError, match=told):
+def test_refuses_latencies_that_cannot_be(latency, time_step, message):
+    with pytest.raises(ValueError, match=message):
         ActionDelay(latency, time_step)

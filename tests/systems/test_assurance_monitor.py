@@ -35,8 +35,8 @@ def chosen(system, context):
 def test_reports_how_far_outside_the_observation_is(system, fix_inputs):
     for speed, overrun in [(0.9, 0.0), (1.3, 0.15), (-2.0, 0.5)]:
         context = fix_inputs(system, observation=observing(speed))
-        told = system.get_overrun_output_port().Eval(context)
-        assert told[0] == pytest.approx(overrun)
+        message = system.get_overrun_output_port().Eval(context)
+        assert message[0] == pytest.approx(overrun)
 
 
 def test_calls_the_expert_at_the_very_instant_and_lets_it_go_when_calm(system, fix_inputs, latch):
@@ -77,5 +77,5 @@ def test_a_student_that_disagrees_more_than_usual_is_relieved(system, fix_inputs
         assert chosen(system, fix_inputs(system, observation=observing(speed))) == "S"
         context = fix_inputs(disagreeing, observation=observing(speed))
         assert chosen(disagreeing, context) == who
-        told = disagreeing.get_overrun_output_port().Eval(context)
-        assert told[0] == pytest.approx((speed - 0.5) / 0.2)
+        message = disagreeing.get_overrun_output_port().Eval(context)
+        assert message[0] == pytest.approx((speed - 0.5) / 0.2)

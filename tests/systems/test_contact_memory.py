@@ -31,10 +31,10 @@ def test_equals_the_foot_sensors_contact(fix_inputs, latch, standing):
         state[6] += lift
         fix_inputs(memory, contexts[0], touching=[float(lift < 0)] * 4)
         fix_inputs(sensor, contexts[1], state=state)
-        told = [
+        message = [
             system.get_foot_contact_output_port().Eval(context)
             for system, context in zip((memory, sensor), contexts, strict=True)
         ]
-        np.testing.assert_array_equal(*told)
+        np.testing.assert_array_equal(*message)
         latch(memory, contexts[0])
         latch(sensor, contexts[1])

@@ -14,7 +14,7 @@ A1 = load_robot()
 
 
 class FakeMeshcat:
-    """Keeps what it is told to show; a real one sends that to a browser and forgets it."""
+    """Keeps what it is asked to show; a real one sends that to a browser and forgets it."""
 
     def __init__(self):
         self.objects, self.places, self.visible, self.times = [], {}, {}, []

@@ -42,14 +42,14 @@ def test_what_is_given_is_limited_to_what_the_gait_is_made_for(commanded):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"command": [np.nan, 0.0]}, r"input port 'command': is given .*nan"),
         ({"commanded_dwell": np.inf}, "input port 'commanded_dwell': is given"),
     ],
 )
-def test_numbers_that_are_not_finite_are_refused(commanded, given, told):
-    with pytest.raises(InputError, match=told):
+def test_numbers_that_are_not_finite_are_refused(commanded, given, message):
+    with pytest.raises(InputError, match=message):
         commanded(**given)
 
 

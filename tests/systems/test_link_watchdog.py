@@ -55,7 +55,7 @@ def advance(system):
 
 
 def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
-    def told(context):
+    def reported(context):
         return [
             port.Eval(context)
             for port in (
@@ -66,15 +66,15 @@ def test_passes_answers_on_and_lowers_the_robot_without_them(system, advance):
         ]
 
     context = advance(0.005, answer(0.0))
-    for value, expected in zip(told(context), (TARGETS, Phase.FOLLOWING, 1), strict=True):
+    for value, expected in zip(reported(context), (TARGETS, Phase.FOLLOWING, 1), strict=True):
         np.testing.assert_array_equal(value, expected)
     clone = context.Clone()
     context = advance(0.045, answer(0.0))
-    assert told(context)[1:] == [[Phase.HOLDING], [1]]
+    assert reported(context)[1:] == [[Phase.HOLDING], [1]]
     context = advance(3.005, answer(0.0))
-    assert told(context)[1:] == [[Phase.LOWERED], [0]]
-    np.testing.assert_allclose(told(context)[0], CROUCH)
-    np.testing.assert_array_equal(told(clone)[0], TARGETS)
+    assert reported(context)[1:] == [[Phase.LOWERED], [0]]
+    np.testing.assert_allclose(reported(context)[0], CROUCH)
+    np.testing.assert_array_equal(reported(clone)[0], TARGETS)
 
 
 def test_a_robot_on_its_side_does_not_rise(system, advance):

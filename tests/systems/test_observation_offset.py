@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from glassgait.models.counterfactuals.intervention import Intervention
+from glassgait.models.counterfactuals.question import Intervention
 from glassgait.systems.observation_offset import ObservationOffset
 
 

@@ -45,8 +45,8 @@ def test_an_action_that_is_not_finite_ends_the_simulation_in_one_sentence():
     builder.Connect(source.get_output_port(), policy.get_observation_input_port())
     builder.Connect(policy.get_action_output_port(), hold.get_input_port())
     simulator = Simulator(builder.Build())
-    told = "symbolic policy's action of FL_calf is not finite at control step 3"
-    with pytest.raises(InputError, match=told):
+    message = "symbolic policy's action of FL_calf is not finite at control step 3"
+    with pytest.raises(InputError, match=message):
         simulator.AdvanceTo(1.0)
 
 

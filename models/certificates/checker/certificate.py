@@ -24,8 +24,8 @@ from .robot import (
     JOINTS,
     LIMITS,
     STIFFNESS,
+    BoundQuery,
     Box,
-    Question,
     RefusedError,
     image_of,
     observed_names,
@@ -197,7 +197,7 @@ class Check:
         box: Box = {name: (float(low), float(high)) for name, (low, high) in told.items()}
         return box | {f"s{i}": (float(i == state), float(i == state)) for i in range(self.n_states)}
 
-    def error(self, asked: Question, where: str, stuck: list[str]) -> Any:
+    def error(self, asked: BoundQuery, where: str, stuck: list[str]) -> Any:
         """Bounds what double precision does to what is asked (rad)."""
         place = asked.state, asked.joint, where, *sorted(stuck)
         if place not in self.rounding:
@@ -206,7 +206,7 @@ class Check:
         # A slope is one of the exact target, from which no computed one is further than this.
         return self.rounding[place] * {"effect": 2, "slope": 0}.get(asked.of, 1)
 
-    def least(self, asked: Question, points: list[Point]) -> Any:
+    def least(self, asked: BoundQuery, points: list[Point]) -> Any:
         """Returns what is asked, at a point, or as the change from the second to the first."""
         boxes = [{name: (value, value) for name, value in point.items()} for point in points]
         if len(points) == 1 or asked.name is None:
@@ -214,10 +214,10 @@ class Check:
         rises = asked.of == "effect" or points[0][asked.name] >= points[1][asked.name]
         refuse_unless(rises, "the witnesses of a slope are in the wrong order")
         signs = zip(boxes, (-asked.sign, asked.sign), strict=True)
-        target = Question("target", *asked[1:3], 1)
+        target = BoundQuery("target", *asked[1:3], 1)
         return -sum(self.targets.bound(target._replace(sign=sign), box) for box, sign in signs)
 
-    def asked_in(self, own: dict[str, Any]) -> Question:
+    def asked_in(self, own: dict[str, Any]) -> BoundQuery:
         """Returns what a statement bounds, and refuses a statement that is none."""
         refuse_unless({*STATEMENT} <= {*own}, f"a statement lacks one of {STATEMENT}")
         refuse_unless(
@@ -225,7 +225,7 @@ class Check:
             f"a statement has a key of no use, among {sorted(own)}",
         )
         name, stuck = own.get("observation"), own.get("stuck", [])
-        asked = Question(own["of"], own["state"], own["joint"], own["sign"], name)
+        asked = BoundQuery(own["of"], own["state"], own["joint"], own["sign"], name)
         told = f"{asked.of} of {asked.joint} in state {asked.state}"
         refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{told}: is not known")
         refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{told}: has no sign")
@@ -301,9 +301,11 @@ class Check:
         refuse_unless(right, f"{claim['name']}: is not {outcome}")
         return outcome
 
-    def limits(self, claim: dict[str, Any], state: int, joint: str) -> list[tuple[Question, float]]:
+    def limits(
+        self, claim: dict[str, Any], state: int, joint: str
+    ) -> list[tuple[BoundQuery, float]]:
         """Lists questions, and the limit that each exceeds nowhere."""
-        up, down = (Question("target", state, joint, sign) for sign in (1, -1))
+        up, down = (BoundQuery("target", state, joint, sign) for sign in (1, -1))
         match claim["kind"]:
             case "limits":
                 low, high = LIMITS[joint[3:]]
@@ -338,18 +340,18 @@ class Check:
                         return True
             if not points:
                 # Of what no bound was needed, there must be targets all the same.
-                self.error(Question("target", state, joint, 1), place[0], stuck)
+                self.error(BoundQuery("target", state, joint, 1), place[0], stuck)
         return False
 
     def apart(self, state: int, joint: str, points: list[Point]) -> Any:
         """Returns how far a target goes, at least, from one point to another."""
-        asked = [Question("effect", state, joint, sign, self.names[0]) for sign in (1, -1)]
+        asked = [BoundQuery("effect", state, joint, sign, self.names[0]) for sign in (1, -1)]
         return max(0.0, *(self.least(own, points) - ROUNDING for own in asked))
 
     def depends(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
         for state, joint in scope:
             named = set(observations(claim, joint))
-            self.error(Question("target", state, joint, 1), claim.get("box", "operating"), [])
+            self.error(BoundQuery("target", state, joint, 1), claim.get("box", "operating"), [])
             if not points and named & self.targets.used(state, joint):
                 return True
             alike = points and all(points[0][k] == points[1][k] for k in {*self.names} - named)
@@ -364,7 +366,7 @@ class Check:
             theirs, turn = image_of(joint, image)
             where = claim.get("box", "operating")
             for own in ((state, joint), (image[state], theirs)):
-                self.error(Question("target", *own, 1), where, [])
+                self.error(BoundQuery("target", *own, 1), where, [])
             # What is seen in the mirror need not lie in the box.
             seen = self.box(where, [], state)
             there = {}
@@ -378,8 +380,8 @@ class Check:
                 turned = {name: image_of(name, image) for name in self.names}
                 seen = {new: sign * points[0][name] for name, (new, sign) in turned.items()}
                 for sign in (1, -1):
-                    own = self.least(Question("target", state, joint, sign), [points[0]])
-                    there = Question("target", image[state], theirs, -sign * turn)
+                    own = self.least(BoundQuery("target", state, joint, sign), [points[0]])
+                    there = BoundQuery("target", image[state], theirs, -sign * turn)
                     if own + self.least(there, [seen]) - ROUNDING > 0.0:
                         return True
         return False
@@ -396,7 +398,7 @@ class Check:
             refuse_unless(near, f"{claim['name']}: its witnesses are further apart than it says")
         squares = dict.fromkeys((state for state, _ in scope), 0.0)
         for state, joint in scope:
-            error = 2 * self.error(Question("target", state, joint, 1), where, [])
+            error = 2 * self.error(BoundQuery("target", state, joint, 1), where, [])
             if points:
                 moved = self.apart(state, joint, points)
             else:

@@ -12,8 +12,8 @@ from .robot import (
     COUNTED,
     JOINTS,
     STANCE,
+    BoundQuery,
     Box,
-    Question,
     RefusedError,
     image_of,
     refuse_unless,
@@ -192,10 +192,12 @@ class Formulas:
 
     def moved(self, state: int, joint: str, name: str, most: float, box: Box) -> Any:
         """Bounds the change of a target where a quantity changes by `most` at most."""
-        slopes = [self.bound(Question("slope", state, joint, sign, name), box) for sign in (1, -1)]
+        slopes = [
+            self.bound(BoundQuery("slope", state, joint, sign, name), box) for sign in (1, -1)
+        ]
         return arb(most) * slopes[0].max(slopes[1])
 
-    def bound(self, asked: Question, box: Box, splits: list | None = None) -> Any:
+    def bound(self, asked: BoundQuery, box: Box, splits: list | None = None) -> Any:
         """Bounds what is asked from above over a box, cell by cell of a tree of splits."""
         formula, counted = self.target(asked.state, asked.joint), set[str](COUNTED)
         if asked.name is not None:

@@ -16,7 +16,7 @@ COUNTED = ("t", "cmd.t")
 Box = dict[str, tuple[float, float]]
 
 
-class Question(NamedTuple):
+class BoundQuery(NamedTuple):
     """What is bounded: a joint's target, or what follows from it, times a sign."""
 
     of: str

@@ -18,8 +18,8 @@ from .robot import (
     COUNTED,
     JOINTS,
     STANCE,
+    BoundQuery,
     Box,
-    Question,
     refuse_unless,
     symbols,
     units,
@@ -113,7 +113,7 @@ class Tables:
         values = self.arrays["tables"][joint, index, np.searchsorted(fine, first, side="right")]
         return first, last, values, np.searchsorted(coarse, first, side="right")
 
-    def bound(self, asked: Question, box: Box, splits: list | None = None) -> float:
+    def bound(self, asked: BoundQuery, box: Box, splits: list | None = None) -> float:
         """Bounds what is asked from above over a box."""
         if asked.of in ("slope", "effect"):
             return self.change(asked, box, math.inf)
@@ -137,7 +137,7 @@ class Tables:
             + self.own_rounding(asked.joint)
         )
 
-    def change(self, asked: Question, box: Box, most: float) -> float:
+    def change(self, asked: BoundQuery, box: Box, most: float) -> float:
         """Bounds the step from a bin to the next, or the change between bins not too far apart."""
         joint, index = JOINTS.index(asked.joint), self.names.index(str(asked.name))
         first, last, values, labels = self.cells(str(asked.name), joint, box)
@@ -158,7 +158,7 @@ class Tables:
 
     def moved(self, state: int, joint: str, name: str, most: float, box: Box) -> float:
         """Bounds the change of a target where a quantity changes by `most` at most."""
-        asked = [Question("effect", state, joint, sign, name) for sign in (1, -1)]
+        asked = [BoundQuery("effect", state, joint, sign, name) for sign in (1, -1)]
         return max(self.change(one, box, most) for one in asked)
 
 
@@ -232,7 +232,7 @@ class Trees(Tables):
         asked = self.arrays["features"][number][np.isfinite(self.cuts[number])]
         return {self.names[index] for index in asked.ravel().tolist()}
 
-    def bound(self, asked: Question, box: Box, splits: list | None = None) -> float:
+    def bound(self, asked: BoundQuery, box: Box, splits: list | None = None) -> float:
         joint, sign = JOINTS.index(asked.joint), asked.sign
         features, leaves = self.arrays["features"][joint], self.arrays["leaves"][joint]
         scaled = [(np.array(box[name]) - units(name)[1]) * units(name)[0] for name in self.names]
@@ -257,5 +257,5 @@ class Trees(Tables):
             whole -= min(sign * end for end in box[f"q.{asked.joint}"])
         return whole
 
-    def change(self, asked: Question, box: Box, most: float) -> float:
+    def change(self, asked: BoundQuery, box: Box, most: float) -> float:
         return self.bound(asked, box)

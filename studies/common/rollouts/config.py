@@ -9,7 +9,7 @@ import tyro
 from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.settings import Count, Interval, Seed, Settings
+from glassgait.models.settings import Count, Range, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.sweep import Seeds
@@ -52,7 +52,7 @@ class RolloutConfig(Settings):
     n_steps: Count = EPISODE_STEPS
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 5
-    speed_range: Interval | None = None
+    speed_range: Range | None = None
 
     def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":
         """Returns the settings with a gait's speeds of distillation.

@@ -28,7 +28,7 @@ from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.drive.connection import open_lcm
 from glassgait.studies.deployment.drive.controller import control
-from glassgait.studies.deployment.drive.losses import COLUMNS, TRIALS, Walkers
+from glassgait.studies.deployment.drive.packet_loss import COLUMNS, TRIALS, Walkers
 from glassgait.studies.deployment.drive.simulator import Record, RobotProcess
 from glassgait.studies.view.command import OwnCommand
 from glassgait.studies.view.live import first_interrupt
@@ -143,7 +143,7 @@ class DriveSimulator(Settings):
 
 
 @dataclass(frozen=True)
-class DriveLosses(Settings):
+class DrivePacketLoss(Settings):
     """Lose messages on purpose, in one process and simulated time, and count what happens.
 
     Attributes:

@@ -12,8 +12,7 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.pair_replay import ReplayedRobot, save_pair_replay
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.counterfactuals.intervention import Intervention
-from glassgait.models.counterfactuals.question import Answer, Question, Room
+from glassgait.models.counterfactuals.question import Answer, Intervention, Question, Room
 from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
@@ -50,7 +49,7 @@ REPETITIONS = 100
 
 
 @dataclass(frozen=True)
-class Counterfactual(Settings):
+class ExplainCounterfactual(Settings):
     """Ask what a robot would have had to observe for a joint to do otherwise, and let it.
 
     Attributes:

@@ -27,7 +27,7 @@ from glassgait.studies.explanation.interventions.walks import Walk, walk
 
 
 @dataclass(frozen=True)
-class Claims(Settings):
+class ExplainInterventions(Settings):
     """Test what a policy of formulas says: change a term, and see whether the robot moves so.
 
     Attributes:

@@ -22,7 +22,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
 from glassgait.studies.reproduction.benchmark.controllers import compile_harness, run_harness
-from glassgait.studies.reproduction.benchmark.quietest import quietest
+from glassgait.studies.reproduction.benchmark.timing import fastest
 
 COUNT = 20_000
 """Actions that are timed."""
@@ -70,7 +70,7 @@ def tree_times(
                 "intercepts": policy.intercepts.tolist(),
             }
             program = compile_harness(folder, "tree_times.c", values, objects)
-            (times,), load = quietest(lambda: run_harness(program))  # noqa: B023
+            (times,), load = fastest(lambda: run_harness(program))  # noqa: B023
             actions = np.fromfile(folder / "actions.bin").reshape(n_rows, -1)
             rows.append(
                 {

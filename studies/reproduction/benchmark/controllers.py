@@ -24,7 +24,7 @@ from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.deployment.export.command import controller_name
 from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
 from glassgait.studies.distillation.students.library import load_shipped_students
-from glassgait.studies.reproduction.benchmark.quietest import Times, quietest
+from glassgait.studies.reproduction.benchmark.timing import Times, fastest
 
 COUNT = 20_000
 """Steps that are timed."""
@@ -117,7 +117,7 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
             "n_gaits": len(written.n_states),
         }
         program = compile_harness(folder, "controller_times.c", values)
-        times, load = quietest(lambda: run_harness(program))
+        times, load = fastest(lambda: run_harness(program))
         told = {
             part: {f"{part} (µs)": own.median, f"{part}, 99.9 % (µs)": own.late}
             for part, own in zip(("step", "estimator", "policy"), times, strict=False)

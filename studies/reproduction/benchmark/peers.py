@@ -16,7 +16,7 @@ from glassgait.studies.common.console import say
 from glassgait.studies.deployment.export.agreement import recorded_observations
 from glassgait.studies.deployment.export.exported import Acting
 from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
-from glassgait.studies.reproduction.benchmark.quietest import call_times, quietest
+from glassgait.studies.reproduction.benchmark.timing import call_times, fastest
 
 COUNT = 3000
 """Calls that are timed."""
@@ -53,7 +53,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
         if graph := _graph(Acting(gait, policy, expert, "timed", kind)):
             calls["both, ONNX"] = (graph, own)
         row: dict[str, object] = {"policy": kind}
-        times, load = quietest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
+        times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
         for title, one in zip(calls, times, strict=True):
             row |= {f"{title} (µs)": one.median, f"{title}, 99.9 % (µs)": one.late}
         rows.append(row | {"load": load})

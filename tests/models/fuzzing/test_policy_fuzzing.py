@@ -188,15 +188,15 @@ def forged(policy: Policy, generator: np.random.Generator) -> tuple[str, str, by
     """Returns what was done to a sound file, what must become of it, and the file."""
     contents = contents_of(policy)
     mutation = pick(generator, (*ANYWHERE, *IN_ARRAYS * 2))
-    told, verdict, *data = mutation(generator, contents)
-    return told, verdict, data[0] if data else to_bytes(*contents)
+    message, verdict, *data = mutation(generator, contents)
+    return message, verdict, data[0] if data else to_bytes(*contents)
 
 
 @pytest.fixture
 def check(sound_policies, assert_refused_or_works):
     def run(kind: str, seed: int) -> None:
-        told, verdict, data = forged(sound_policies[kind], np.random.default_rng(seed))
-        where = f"{kind}, seed {seed}: {told}"
+        message, verdict, data = forged(sound_policies[kind], np.random.default_rng(seed))
+        where = f"{kind}, seed {seed}: {message}"
         assert_refused_or_works(data, where, verdict != BAD, verdict != GOOD)
 
     return run

@@ -14,7 +14,7 @@ from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.drive.silence import (
+from glassgait.studies.deployment.drive.dropout import (
     lower,
     pushed,
     silence_table,
@@ -23,7 +23,7 @@ from glassgait.studies.deployment.drive.silence import (
 
 
 @dataclass(frozen=True)
-class DriveSilence(Settings):
+class DriveDropout(Settings):
     """Silence controllers for good at many moments of the stride, and count who overturns.
 
     Attributes:

@@ -21,7 +21,7 @@ from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import ControlStep, Observer, episode, give
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.deployment.drive.losses import OVERTURNED
+from glassgait.studies.deployment.drive.packet_loss import OVERTURNED
 
 SETTLED = 120
 """Control steps after which robots have found their gait."""

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import tyro
 from rich.text import Text
 
-from glassgait.models.certificates.findings import OUTCOME_WORDS
+from glassgait.models.certificates.reading import OUTCOME_WORDS
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.registry import student_title
 
 
 @dataclass(frozen=True)
-class Show(Settings):
+class ExplainTerms(Settings):
     """Print the formulas of a policy: the lines that its file holds, and that act.
 
     Attributes:
