@@ -17,7 +17,6 @@ from glassgait.models.policies.controller import AlternatingController, Controll
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.serialization import to_plain
 
 
@@ -32,6 +31,7 @@ class Case:
         scenario: Where.
         seed: Seed of all that is drawn.
         config: Further settings of the measurement, a dataclass or plain values.
+        scores: Names of what is measured, where an earlier version measured something else.
     """
 
     labels: dict[str, Any]
@@ -40,6 +40,7 @@ class Case:
     scenario: Scenario
     seed: int
     config: Any = None
+    scores: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -58,7 +59,7 @@ class Case:
         config = self.config.digest() if hasattr(self.config, "digest") else to_plain(self.config)
         settings = [self.gait.digest(), self.scenario.digest(), self.seed, config]
         policies = [policy.digest() for policy in (own.expert, own.student) if policy is not None]
-        whole = [*settings, SCORES, own.settings(), *policies]
+        whole = [*settings, self.scores, own.settings(), *policies]
         return hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:16]
 
     def with_config(self, config: Any) -> "Case":

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from glassgait.models.settings import Count, Interval
+from glassgait.models.settings import Count, Range
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import ratio_title
 from glassgait.studies.common.cases import Case
@@ -38,7 +38,7 @@ class Alternation(Experiment):
     one_scenario: ClassVar[bool] = True
 
     n_steps: Count = EPISODE_STEPS
-    speed_range: Interval | None = None
+    speed_range: Range | None = None
 
     def cases(self) -> list[Case]:
         """Lists the rollouts of every student at every ratio, and those of the expert."""

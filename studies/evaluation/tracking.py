@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.models.arrays import Array
-from glassgait.models.settings import Count, Interval
+from glassgait.models.settings import Count, Range
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import COLORS
@@ -56,7 +56,7 @@ class Tracking(Experiment):
     policy: PolicyNames = (EXPERT,)
     n_robots: Count = 8
     n_steps: Count = 500
-    speed_range: Interval | None = None
+    speed_range: Range | None = None
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots out that keep one command each.

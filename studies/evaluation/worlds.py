@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import Count, Interval
+from glassgait.models.settings import Count, Range
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case
@@ -54,7 +54,7 @@ class Worlds(Experiment):
 
     scenario: ScenarioNames = ("all",)
     n_steps: Count = EPISODE_STEPS
-    speed_range: Interval | None = None
+    speed_range: Range | None = None
     command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds = 10.0
 

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.common.cases
 import glassgait.studies.common.rollouts.scoring
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -110,10 +109,14 @@ def test_standing_as_told_does_not_lower_the_speed_error():
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
-    job = Case({}, load_gait("trot"), alone(expert), Scenario(), 0, RolloutConfig())
-    before = job.digest()
-    monkeypatch.setattr(glassgait.studies.common.cases, "SCORES", ("speed_error",))
-    assert job.digest() != before
+    def digest():
+        worlds, config = {"training": Scenario()}, RolloutConfig(n_seeds=1)
+        (case,) = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, worlds, config)
+        return case.digest()
+
+    before = digest()
+    monkeypatch.setattr(glassgait.studies.common.rollouts.scoring, "SCORES", ("speed_error",))
+    assert digest() != before
 
 
 def test_steady_commands_stay_within_the_gait():

@@ -18,7 +18,7 @@ from glassgait.studies.common.rollouts.config import (
     refuse_to_report,
 )
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.scores import score_rollouts
+from glassgait.studies.common.scores import SCORES, score_rollouts
 
 
 def rollout_cases(
@@ -43,6 +43,7 @@ def rollout_cases(
             scenario,
             seed,
             replace(config, seed=seed, n_seeds=1),
+            SCORES,
         )
         for seed in config.seeds
     ]

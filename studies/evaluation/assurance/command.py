@@ -103,7 +103,7 @@ class Assurance(Settings):
         """
         super().__post_init__()
         refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
-        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.config}:
+        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
             raise InputError(
                 f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "
                 "the next one; name another"
