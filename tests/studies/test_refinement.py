@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
@@ -38,7 +38,7 @@ TINY = RefinementConfig(
     candidate_updates=2,
     candidate_steps=10,
     n_robots=8,
-    worlds=Worlds(n_groups=2, fine_steps=()),
+    worlds=DomainRandomization(n_groups=2, fine_steps=()),
     ppo=PPO,
 )
 SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps"]

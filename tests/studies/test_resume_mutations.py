@@ -6,8 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario
-from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
@@ -28,7 +28,7 @@ DISTILLATION = DistillationConfig(
 TRAINING = TrainingConfig(
     updates=1,
     n_robots=4,
-    worlds=Worlds(n_groups=1, fine_steps=()),
+    worlds=DomainRandomization(n_groups=1, fine_steps=()),
     ppo=PpoConfig(steps_per_update=4, actor_layers=(4,), critic_layers=(4,), epochs=1),
 )
 JOBS = cases_in_worlds(

@@ -1,4 +1,4 @@
-"""The worlds that robots meet while they learn: other loads, motors, grounds, delays and pushes."""
+"""Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar
@@ -74,7 +74,7 @@ class GroupRanges(Settings):
 
 
 @dataclass(frozen=True)
-class Worlds(Settings):
+class DomainRandomization(Settings):
     """The randomised scenarios of many robots: a station a group, and what is drawn for each robot.
 
     Attributes:
@@ -86,7 +86,7 @@ class Worlds(Settings):
         randomization: What differs between robots and episodes.
     """
 
-    title: ClassVar[str] = "worlds"
+    title: ClassVar[str] = "domain randomization"
 
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)

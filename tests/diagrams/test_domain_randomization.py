@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from glassgait.diagrams.domain_randomization import DomainRandomization, GroupRanges
 from glassgait.diagrams.station import StationConfig
-from glassgait.diagrams.worlds import GroupRanges, Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import load_robot
 
@@ -29,33 +29,37 @@ def drawn(worlds, seed=0):
     ],
 )
 def test_groups_cover_every_range_evenly(name, least, greatest):
-    values = np.sort([getattr(station, name) for station in drawn(Worlds())])
+    values = np.sort([getattr(station, name) for station in drawn(DomainRandomization())])
     # One in each sixteenth of the range.
     parts = (values - least) / (greatest - least) * len(values)
     np.testing.assert_array_equal(np.floor(parts), np.arange(len(values)))
 
 
 def test_loads_lie_about_the_trunks_centre():
-    places = np.array([station.payload_position for station in drawn(Worlds())])
+    places = np.array([station.payload_position for station in drawn(DomainRandomization())])
     assert np.all(np.abs(places[:, :2]) <= 0.08)
     assert np.all(places[:, :2].min(axis=0) < -0.05) and np.all(places[:, :2].max(axis=0) > 0.05)
     assert not places[:, 2].any()
 
 
 def test_one_quantity_says_nothing_of_another():
-    stations = drawn(Worlds(n_groups=200))
+    stations = drawn(DomainRandomization(n_groups=200))
     values = np.array([[s.payload, s.motor_strength, s.stiffness, s.damping] for s in stations])
     assert np.abs(np.corrcoef(values.T) - np.eye(4)).max() < 0.25
 
 
 def test_fine_steps_are_of_one_group_each():
-    steps = [station.time_step for station in drawn(Worlds())]
+    steps = [station.time_step for station in drawn(DomainRandomization())]
     assert steps == [0.01] * 14 + [0.005, 0.0025]
-    assert {station.time_step for station in drawn(Worlds(fine_steps=()))} == {0.01}
+    assert {station.time_step for station in drawn(DomainRandomization(fine_steps=()))} == {0.01}
 
 
 def test_the_same_seed_gives_the_same_worlds():
-    assert drawn(Worlds(), seed=4) == drawn(Worlds(), seed=4) != drawn(Worlds(), seed=5)
+    assert (
+        drawn(DomainRandomization(), seed=4)
+        == drawn(DomainRandomization(), seed=4)
+        != drawn(DomainRandomization(), seed=5)
+    )
 
 
 def test_ranges_of_one_value_change_nothing():
@@ -68,7 +72,7 @@ def test_ranges_of_one_value_change_nothing():
         armature=(0, 0),
         relaxation_time=(0.01, 0.01),
     )
-    same = Worlds(n_groups=3, groups=none, fine_steps=(), station=station)
+    same = DomainRandomization(n_groups=3, groups=none, fine_steps=(), station=station)
     assert drawn(same) == [station] * 3
 
 
@@ -81,4 +85,4 @@ def test_ranges_of_one_value_change_nothing():
 )
 def test_worlds_that_cannot_be_are_refused(change, message):
     with pytest.raises(InputError, match=message):
-        replace(Worlds(), **change)
+        replace(DomainRandomization(), **change)
