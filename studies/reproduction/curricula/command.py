@@ -19,9 +19,9 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import summarize_against
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
@@ -170,12 +170,12 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
 
     Returns:
-        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
-        and the reward's `share` of the expert's with its interval `share_ci`.
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `return`, `return_ci`,
+        and the return's `share` of the expert's with its interval `share_ci`.
     """
     by = ["curriculum", "student"]
     means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
-    columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
+    columns = ["robots", "falls", "fall_rate", "return", "return_ci", "share", "share_ci"]
     return fits.merge(means[[*by, *columns]], on=by)
 
 
