@@ -14,7 +14,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.training.record import read_config
 
