@@ -43,32 +43,31 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "measure": {
         "evaluate worlds": (
-            "evaluation.robustness.command:Robustness",
-            "Let the expert and every student walk alone in every scenario, and tell who falls "
-            "where.",
+            "evaluation.worlds:Worlds",
+            "Let policies walk alone in every scenario, and report scores and falls.",
         ),
-        "evaluate policies": (
-            "evaluation.command:Evaluate",
-            "Roll policies out in closed loop and score them.",
+        "evaluate alternation": (
+            "evaluation.alternation:Alternation",
+            "Let expert and student act by turns, and report the return at every ratio.",
         ),
-        "evaluate compare": (
-            "evaluation.compare.command:Compare",
-            "Set two policies side by side: their lines, targets, scores, and one replay of both.",
+        "evaluate tracking": (
+            "evaluation.tracking:Tracking",
+            "Let robots keep one command each, and report how fast they go and turn.",
         ),
         "evaluate pushes": (
-            "evaluation.pushes.command:PushBasin",
+            "evaluation.pushes:Pushes",
             "Push walking robots from every side, and draw which pushes each policy survives.",
         ),
         "evaluate transitions": (
-            "evaluation.transitions.command:Transitions",
-            "Change the gait of walking robots, each to each, and tell who falls and how soon.",
+            "evaluation.transitions:Transitions",
+            "Change the gait of walking robots, each to each, and report falls and waits.",
         ),
         "evaluate stability": (
-            "evaluation.stability.command:Stability",
-            "Tell whether small differences grow or fade from one stride to the next, and test it.",
+            "evaluation.stability:Stability",
+            "Find whether small differences grow or fade from one stride to the next, and test it.",
         ),
         "evaluate symmetry": (
-            "evaluation.symmetry.command:Symmetry",
+            "evaluation.symmetry:Symmetry",
             "Measure whether an expert and its students treat left and right alike.",
         ),
         "evaluate assurance": (
@@ -169,7 +168,7 @@ TRAINS = ("train", "refine", "reproduce", "reproduce benchmark")
 
 MOVED = {
     "robustness": "evaluate worlds",
-    "compare": "evaluate compare",
+    "compare": "evaluate worlds",
     "pushes": "evaluate pushes",
     "transitions": "evaluate transitions",
     "stability": "evaluate stability",

@@ -1,1 +1,1 @@
-"""The Unitree A1: its description, constants and closed-form kinematics."""
+"""Robots as data, what quadrupeds have in common, and their closed-form kinematics."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.worlds import Worlds
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, alone
@@ -39,7 +39,7 @@ def collect(
     episodes: range,
     n_steps: int,
     speeds: Array,
-    worlds: Worlds | Scenario,
+    worlds: DomainRandomization | Scenario,
     generator: np.random.Generator,
 ) -> Dataset:
     """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
@@ -62,7 +62,7 @@ def collect(
     n, numbers = len(episodes), np.array(episodes)
     own_speeds = speeds[(numbers - 1) % len(speeds)]
     world = worlds if isinstance(worlds, Scenario) else None
-    if isinstance(worlds, Worlds):
+    if isinstance(worlds, DomainRandomization):
         limited, robot = controller.limits_targets, controller.robot
         drawn = worlds.stations(robot, generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]

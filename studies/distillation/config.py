@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 from annotated_types import Ge, MinLen
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Settings
 from glassgait.models.task.gait import Gait
@@ -72,7 +72,9 @@ class DistillationConfig(Settings):
     episode_steps: Steps = 1000
     curriculum: Curriculum = "alternation"
     speeds: Annotated[tuple[float, ...], MinLen(1), FEW] = (0.0, 0.25, 0.5, 0.75)
-    worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = field(default_factory=Worlds)
+    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = field(
+        default_factory=DomainRandomization
+    )
     scenario: str | None = None
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings

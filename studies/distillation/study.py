@@ -11,8 +11,8 @@ from joblib import delayed
 from sklearn.model_selection import train_test_split
 from threadpoolctl import threadpool_limits
 
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.scenario import Scenario, load_scenario
-from glassgait.diagrams.worlds import Worlds
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_record, write_record
 from glassgait.models.policies.controller import AlternatingController
@@ -79,7 +79,7 @@ def distill(
     """
     config = config.for_gait(gait)
     inputs = {"gait": gait.digest(), "expert": expert.digest()}
-    worlds: Worlds | Scenario = config.worlds
+    worlds: DomainRandomization | Scenario = config.worlds
     if config.scenario is not None:
         worlds = load_scenario(config.scenario)
         inputs["scenario"] = worlds.digest()
@@ -110,7 +110,7 @@ class _Distillation:
     config: DistillationConfig
     gait: Gait
     expert: NeuralPolicy
-    worlds: Worlds | Scenario
+    worlds: DomainRandomization | Scenario
     folder: Path
     run: str
     report: Report

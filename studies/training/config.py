@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import tyro
 from annotated_types import Le, MaxLen, MinLen
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import (
@@ -150,7 +150,9 @@ class TrainingConfig(Settings):
     seed: Seed = 0
     updates: Count = 800
     n_robots: Count = 256
-    worlds: Annotated[Worlds, tyro.conf.arg(name="")] = field(default_factory=Worlds)
+    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="")] = field(
+        default_factory=DomainRandomization
+    )
     friction_updates: Count = 20
     checkpoint_updates: Count = 50
     mirrored: bool = True

@@ -8,7 +8,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 
-TINY = ["--n-robots", "32", "--worlds.n-groups", "2", "--worlds.fine-steps", "0.005"]
+TINY = ["--n-robots", "32", "--n-groups", "2", "--fine-steps", "0.005"]
 
 
 @pytest.mark.slow
@@ -17,14 +17,13 @@ def test_go2_is_trained_distilled_watched_explained_and_exported(tmp_path, monke
     main(["train", "--robot", "go2", "--updates", "3", "--output", "expert", *TINY])
     expert = load_expert("trot", tmp_path / "expert" / "trot.safetensors")
     assert expert.robot is load_robot("go2")
-    own = ["--expert", "expert/trot.safetensors"]
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
     few += ["--episode-steps", "100", "--output", "students"]
-    main(["distill", *own, "--students", "sparse_formula", *few])
+    main(["distill", "--expert", "expert/trot.safetensors", "--students", "sparse_formula", *few])
     path = tmp_path / "students" / "sparse_formula.formulas"
     assert "robot: go2\n" in path.read_text()
     assert load_policy(path).robot is expert.robot
-    own += ["--distillation", "students", "--policy", "sparse_formula"]
+    own = ["--source", "students", "--policy", "sparse_formula"]
     main(["view", *own, "--seconds", "0.2", "--output", "seen"])
     main(["explain", "page", *own, "--seconds", "0.2", "--output", "explained"])
     main(["export", *own, "--n-steps", "200", "--output", "exported"])

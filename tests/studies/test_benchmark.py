@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from sklearn.linear_model import LinearRegression
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.files import write_record
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
@@ -37,7 +37,9 @@ from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 def test_training_and_physics_are_timed_over_the_same_steps():
     config = TrainingConfig(
-        n_robots=4, worlds=Worlds(n_groups=1, fine_steps=()), ppo=PpoConfig(steps_per_update=8)
+        n_robots=4,
+        worlds=DomainRandomization(n_groups=1, fine_steps=()),
+        ppo=PpoConfig(steps_per_update=8),
     )
     rows = training_and_physics(config, None, n_updates=1, repeats=3)
     assert len(rows) == 3

@@ -48,12 +48,12 @@ def test_shares_are_of_the_expert_alone():
         {
             "curriculum": ["expert", "expert", "half", "half"],
             "student": ["expert", "expert", "linear", "linear"],
-            "reward": [10.0, 10.0, 9.0, 7.0],
+            "return": [10.0, 10.0, 9.0, 7.0],
             "fell": [False, False, False, True],
         }
     )
     for name in (
-        "plain_reward",
+        "plain_return",
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",

@@ -179,11 +179,9 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
-TAKES_EXPERT = ["distill", "distill --sweep terms", "importance"]
-TAKES_EXPERT += [f"evaluate {name}" for name in ("policies", "worlds", "symmetry")]
-TAKES_EXPERT += ["reproduce curricula"]
-SOURCES = [["train", "--like"], ["importance", "--distillation"]]
-SOURCES += [["evaluate", "symmetry", "--distillation"]]
+TAKES_EXPERT = ["distill", "distill --sweep terms", "reproduce curricula"]
+SOURCES = [["train", "--like"], ["importance", "--source"]]
+SOURCES += [["evaluate", name, "--source"] for name in ("worlds", "pushes", "symmetry")]
 SOURCES += [["explain", "interventions", "--source"], ["view", "--source"]]
 SOURCES += [["explain", "page", "--source"]]
 

@@ -39,7 +39,7 @@ LEARN += ["--n-robots", "8", "--n-groups", "2", "--fine-steps"]
 COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-jobs", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
 FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]
-LOOK = ["--n-samples", "20", "--repeats", "2", "--students", "statewise_linear"]
+LOOK = ["--n-samples", "20", "--repeats", "2", "--policy", "statewise_linear"]
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +56,14 @@ def distilled(tmp_path_factory):
 COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
-    "evaluate policies": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
     "evaluate worlds": [
         *ROLL_OUT,
-        "--worlds",
+        "--scenario",
         "training",
         "push_1.0",
-        "--distillation",
+        "--n-seeds",
+        "3",
+        "--source",
         "{distilled}",
     ],
     "distill --sweep terms": [
@@ -73,14 +74,14 @@ COMMANDS = {
         "{distilled}/statewise_symbolic",
     ],
     "reproduce curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
-    "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
+    "importance": [*ROLL_OUT, *LOOK, "--source", "{distilled}"],
     "evaluate symmetry": [
         *ROLL_OUT,
         "--n-samples",
         "20",
         "--repeats",
         "2",
-        "--distillation",
+        "--source",
         "{distilled}",
     ],
     "demo": ["--n-robots", "2"],

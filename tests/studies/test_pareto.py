@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
@@ -61,10 +61,10 @@ def test_the_smallest_that_walk_are_named():
         }
     )
     scores = pd.DataFrame(
-        {"policy": ["expert", "a", "a", "b", "b", "c"], "reward": [10, 9, 9, 8, 4, 1]}
+        {"policy": ["expert", "a", "a", "b", "b", "c"], "return": [10, 9, 9, 8, 4, 1]}
     )
     for name in (
-        "plain_reward",
+        "plain_return",
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",
@@ -85,7 +85,11 @@ def test_the_smallest_that_walk_are_named():
 
 
 def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, monkeypatch):
-    few = {"n_robots": 8, "candidate_steps": 20, "worlds": Worlds(n_groups=2, fine_steps=())}
+    few = {
+        "n_robots": 8,
+        "candidate_steps": 20,
+        "worlds": DomainRandomization(n_groups=2, fine_steps=()),
+    }
     monkeypatch.setattr(command, "RefinementConfig", partial(RefinementConfig, **few))
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]

@@ -34,7 +34,7 @@ def row(told, start):
 
 
 def test_clearance_is_of_the_sole(told):
-    standing = kinematics.standing_state(A1.default_stance[None])
+    standing = kinematics.standing_state(A1, A1.default_stance[None])
     assert np.abs(kinematics.foot_heights(A1, standing)).min() < 1e-12
     assert A1.foot_radius == 0.02
     assert {load_gait(name).clearance for name in gait_names()} == {0.03}
@@ -61,7 +61,7 @@ def test_a_state_ends_at_the_commanded_step(told, trot):
 
 def test_commands_are_observed_as_they_are(told):
     entries = observation.ObservationLayout(2).entries
-    assert [(own.unit, own.scale) for own in entries[:2]] == [("m/s", 1.0), ("rad/s", 1.0)]
+    assert [(own.unit, own.scale(A1)) for own in entries[:2]] == [("m/s", 1.0), ("rad/s", 1.0)]
     assert observation.OVERDUE == 2
     assert row(told, "observed commands") == "in m/s and rad/s"
     assert "two steps beyond" in row(told, "observed time")
@@ -73,7 +73,7 @@ def test_an_episode_ends_where_the_page_says(told):
     assert row(told, "a low trunk") == f"below {limits.trunk_height:.2f} m"
     assert row(told, "a change of the action") == f"above {limits.action_change:g}, squared"
     assert limits.shank_share == 0.9
-    state, still = kinematics.standing_state(A1.default_stance[None]), np.zeros((1, 12))
+    state, still = kinematics.standing_state(A1, A1.default_stance[None]), np.zeros((1, 12))
     for beyond, fails in ((0.04, False), (0.06, True)):
         state[0, quadruped.JOINT_POSITION.start] = A1.upper_limits[0] + beyond
         shown = failures(A1, state, action=still, previous_action=still, limits=limits)

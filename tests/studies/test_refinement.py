@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
@@ -38,7 +38,7 @@ TINY = RefinementConfig(
     candidate_updates=2,
     candidate_steps=10,
     n_robots=8,
-    worlds=Worlds(n_groups=2, fine_steps=()),
+    worlds=DomainRandomization(n_groups=2, fine_steps=()),
     ppo=PPO,
 )
 SMALL = ["--n-robots", "8", "--worlds.n-groups", "2", "--worlds.fine-steps"]
@@ -176,8 +176,8 @@ def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
     def rank(candidates, *_):
         asked.update(candidates)
         rewards = [3.0 if label == "update 2" else 1.0 for label in candidates]
-        table = pd.DataFrame({"candidate": list(candidates), "reward": rewards, "falls": 0})
-        return table.sort_values("reward", ascending=False, ignore_index=True)
+        table = pd.DataFrame({"candidate": list(candidates), "return": rewards, "falls": 0})
+        return table.sort_values("return", ascending=False, ignore_index=True)
 
     monkeypatch.setattr(study, "rank_alone", rank)
     run = refinement(tmp_path)

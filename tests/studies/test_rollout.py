@@ -322,7 +322,7 @@ def test_the_stills_are_named_at_the_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         glassgait.studies.view.command,
         "gait_strip",
-        lambda rollout, gait: drawn(rollout, gait, "stills"),
+        lambda _, rollout, gait: drawn(rollout, gait, "stills"),
     )
     command = ["view", "--seconds", "0.2", "--output", str(tmp_path)]
     main(command)

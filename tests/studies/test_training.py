@@ -11,7 +11,7 @@ import pytest
 import torch
 import yaml
 
-from glassgait.diagrams.worlds import Worlds
+from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
@@ -31,7 +31,7 @@ A1 = load_robot()
 TINY = TrainingConfig(
     updates=4,
     n_robots=8,
-    worlds=Worlds(n_groups=4, fine_steps=(0.005,)),
+    worlds=DomainRandomization(n_groups=4, fine_steps=(0.005,)),
     friction_updates=2,
     checkpoint_updates=2,
     ppo=PpoConfig(steps_per_update=8, actor_layers=(16,), critic_layers=(16,), epochs=2),

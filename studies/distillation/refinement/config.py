@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 import tyro
 
-from glassgait.diagrams.worlds import HARSH, GroupRanges, Worlds
+from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
@@ -17,7 +17,7 @@ REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
 PRUNING_SHARE = 2 / 3
 """Share of the updates after which no more terms are dropped."""
 
-MILD = Worlds(
+MILD = DomainRandomization(
     groups=GroupRanges(payload=(0.0, 1.0), motor_strength=(0.9, 1.1), gains=(0.9, 1.1)),
     fine_steps=(),
     randomization=replace(HARSH, push_speed=0.5, latency=(0.0, 0.01)),
@@ -53,7 +53,7 @@ class RefinementConfig(Settings):
     candidate_updates: Count = 20
     candidate_steps: Count = EPISODE_STEPS
     n_robots: Count = 256
-    worlds: Annotated[Worlds, tyro.conf.arg(name="worlds")] = MILD
+    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
     ppo: PpoConfig = REFINING
 
     def n_terms(self, update: int, at_first: int) -> int:

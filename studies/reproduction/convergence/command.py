@@ -11,11 +11,12 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.cases import Case, digests_of
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed, inputs_of, run_jobs
+from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.reproduction.convergence.drop import drop_robot
@@ -53,21 +54,19 @@ class Convergence(Settings):
         jobs = [
             job
             for variant in reversed(VARIANTS)
-            for job in for_each_seed(
-                RolloutJob(
-                    {"variant": variant.scenario.title},
-                    gait,
-                    policy,
-                    variant.scenario,
-                    self.rollouts,
-                )
+            for job in rollout_cases(
+                {"variant": variant.scenario.title},
+                gait,
+                policy,
+                variant.scenario,
+                self.rollouts,
             )
         ]
         with open_run(
             folder,
             study="reproduce convergence",
             settings=self,
-            inputs=inputs_of(jobs),
+            inputs=digests_of(jobs),
             resume=self.resume,
         ):
             results = _measure(jobs, folder)
@@ -78,7 +77,7 @@ class Convergence(Settings):
         console.print(f"written to {folder}")
 
 
-def _measure(jobs: list[RolloutJob], folder: Path) -> pd.DataFrame:
+def _measure(jobs: list[Case], folder: Path) -> pd.DataFrame:
     say("dropping the robot")
     drops = pd.DataFrame(
         [
@@ -92,7 +91,7 @@ def _measure(jobs: list[RolloutJob], folder: Path) -> pd.DataFrame:
         ]
     )
     say("rolling out")
-    return drops.merge(_means(run_jobs(jobs, folder / "rollouts")), on="variant")
+    return drops.merge(_means(run_rollouts(jobs, folder / "rollouts")), on="variant")
 
 
 def _means(scores: pd.DataFrame) -> pd.DataFrame:

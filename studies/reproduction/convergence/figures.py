@@ -21,7 +21,7 @@ _LABELS = {
     "stance": "stance after\na drop (m)",
     "height": "trunk after\na drop (m)",
     "survived": "survived of a\nrollout (s)",
-    "going_speed_error": "speed error,\ntold to go (m/s)",
+    "going_speed_error": "speed error,\ncommanded to go (m/s)",
     "yaw_rate_error": "yaw-rate error\n(rad/s)",
 }
 

@@ -14,13 +14,14 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed, run_jobs
-from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
@@ -103,7 +104,7 @@ class Curricula(Settings):
                 fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
                 students[name] = load_students(own, expert)
             jobs = standalone_jobs(gait, expert, students, self.rollouts)
-            scores = run_jobs(jobs, folder / "rollouts")
+            scores = run_rollouts(jobs, folder / "rollouts")
             table = curricula_table(pd.concat(fits, ignore_index=True), scores)
             write_table(scores, folder / "robots")
             write_table(table, folder / "curricula")
@@ -141,7 +142,7 @@ def standalone_jobs(
     expert: NeuralPolicy,
     students: Mapping[str, Mapping[str, Policy]],
     config: RolloutConfig,
-) -> list[RolloutJob]:
+) -> list[Case]:
     """Lists the rollouts of the expert and of every curriculum's students, each alone.
 
     Args:
@@ -157,7 +158,7 @@ def standalone_jobs(
     jobs = []
     for (curriculum, student), policy in policies.items():
         labels = {"curriculum": curriculum, "student": student}
-        jobs += for_each_seed(RolloutJob(labels, gait, policy, Scenario(), config))
+        jobs += rollout_cases(labels, gait, policy, Scenario(), config)
     return jobs
 
 
@@ -169,12 +170,12 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
 
     Returns:
-        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
-        and the reward's `share` of the expert's with its interval `share_ci`.
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `return`, `return_ci`,
+        and the return's `share` of the expert's with its interval `share_ci`.
     """
     by = ["curriculum", "student"]
     means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
-    columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
+    columns = ["robots", "falls", "fall_rate", "return", "return_ci", "share", "share_ci"]
     return fits.merge(means[[*by, *columns]], on=by)
 
 

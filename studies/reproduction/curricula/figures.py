@@ -18,7 +18,7 @@ TICKS = {
 
 @styled
 def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
-    """Draws share of the expert's reward and falls of each student, by curriculum.
+    """Draws share of the expert's return and falls of each student, by curriculum.
 
     Args:
         table: What `curricula_table` returned.

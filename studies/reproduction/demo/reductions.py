@@ -17,7 +17,7 @@ class Reduction:
 
     Attributes:
         subject: What is smaller.
-        full: How it is by default in `glassgait distill` and `glassgait evaluate policies`.
+        full: How it is by default in `glassgait distill` and `glassgait evaluate worlds`.
         here: How it is here.
         loss: What is lost.
     """

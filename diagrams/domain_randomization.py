@@ -1,0 +1,117 @@
+"""Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import Robot
+from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
+from glassgait.models.task.randomization import Randomization
+
+Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
+
+HARSH = Randomization(push_speed=1.2, push_interval=5.0, contact_flips=0.01, latency=(0.0, 0.02))
+"""What differs between robots and episodes: more than what they are to stand later."""
+
+
+@dataclass(frozen=True)
+class GroupRanges(Settings):
+    """Ranges from which the station of each group of robots is drawn.
+
+    Every range is cut into as many parts as there are groups, and each group draws from another
+    part, so that few groups cover the ranges.
+
+    Attributes:
+        payload: Mass on the trunk (kg).
+        payload_offset: Greatest distance of that mass from the trunk's centre, along each
+            horizontal axis (m).
+        motor_strength: Factor on the torque of the motors.
+        gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
+        armature: Inertia of the motors' rotors (kg·m²).
+        relaxation_time: Time in which a contact lets penetration relax (s).
+    """
+
+    title: ClassVar[str] = "groups"
+
+    payload: Range = (0.0, 2.5)
+    payload_offset: Annotated[float, Ge(0.0), Le(1.0)] = 0.08
+    motor_strength: Range = (0.8, 1.2)
+    gains: Range = (0.8, 1.2)
+    armature: Range = (0.0, 0.01)
+    relaxation_time: Range = (0.005, 0.03)
+
+    def draw(
+        self, robot: Robot, station: StationConfig, count: int, generator: np.random.Generator
+    ) -> list[StationConfig]:
+        """Draws the stations of `count` groups of a robot, which are else as `station` is."""
+
+        def spread(least: float, greatest: float) -> list[float]:
+            shares = (generator.permutation(count) + generator.random(count)) / count
+            return (least + (greatest - least) * shares).tolist()
+
+        masses, strengths = spread(*self.payload), spread(*self.motor_strength)
+        stiffness, damping = spread(*self.gains), spread(*self.gains)
+        rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
+        x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
+        nominal_stiffness, nominal_damping = station.gains(robot)
+        return [
+            replace(
+                station,
+                payload=masses[i],
+                payload_position=(x[i], y[i], 0.0),
+                motor_strength=strengths[i],
+                stiffness=nominal_stiffness * stiffness[i],
+                damping=nominal_damping * damping[i],
+                armature=rotors[i],
+                relaxation_time=relaxation_times[i],
+            )
+            for i in range(count)
+        ]
+
+
+@dataclass(frozen=True)
+class DomainRandomization(Settings):
+    """The randomised scenarios of many robots: a station a group, and what is drawn for each robot.
+
+    Attributes:
+        n_groups: Groups of robots, each with a station and a friction of its own.
+        groups: What differs between the groups' stations.
+        fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
+            only works in the coarse physics of the other groups is not learned.
+        station: Physics that the groups' stations vary.
+        randomization: What differs between robots and episodes.
+    """
+
+    title: ClassVar[str] = "domain randomization"
+
+    n_groups: Count = 16
+    groups: GroupRanges = field(default_factory=GroupRanges)
+    fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
+    station: StationConfig = field(default_factory=StationConfig)
+    randomization: Randomization = HARSH
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.fine_steps) > self.n_groups:
+            raise InputError(
+                f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
+                f"{self.n_groups}; raise n_groups or name fewer"
+            )
+        if any(step >= self.station.time_step for step in self.fine_steps):
+            raise InputError(
+                f"{self.title}: fine_steps is {self.fine_steps}; name steps that are shorter than "
+                f"the station's time_step, {self.station.time_step}"
+            )
+
+    def stations(self, robot: Robot, generator: np.random.Generator) -> list[StationConfig]:
+        """Draws the physics of every group of robots."""
+        drawn = self.groups.draw(robot, self.station, self.n_groups, generator)
+        fine = [
+            replace(station, time_step=step)
+            for station, step in zip(drawn, self.fine_steps, strict=False)
+        ]
+        return [*drawn[len(fine) :], *fine]

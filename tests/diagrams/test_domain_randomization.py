@@ -1,0 +1,88 @@
+"""The worlds that robots meet while they learn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from glassgait.diagrams.domain_randomization import DomainRandomization, GroupRanges
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import load_robot
+
+A1 = load_robot()
+
+
+def drawn(worlds, seed=0):
+    return worlds.stations(A1, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "greatest"),
+    [
+        ("payload", 0.0, 2.5),
+        ("motor_strength", 0.8, 1.2),
+        ("stiffness", 0.8 * A1.stiffness, 1.2 * A1.stiffness),
+        ("damping", 0.8 * A1.damping, 1.2 * A1.damping),
+        ("armature", 0.0, 0.01),
+        ("relaxation_time", 0.005, 0.03),
+    ],
+)
+def test_groups_cover_every_range_evenly(name, least, greatest):
+    values = np.sort([getattr(station, name) for station in drawn(DomainRandomization())])
+    # One in each sixteenth of the range.
+    parts = (values - least) / (greatest - least) * len(values)
+    np.testing.assert_array_equal(np.floor(parts), np.arange(len(values)))
+
+
+def test_loads_lie_about_the_trunks_centre():
+    places = np.array([station.payload_position for station in drawn(DomainRandomization())])
+    assert np.all(np.abs(places[:, :2]) <= 0.08)
+    assert np.all(places[:, :2].min(axis=0) < -0.05) and np.all(places[:, :2].max(axis=0) > 0.05)
+    assert not places[:, 2].any()
+
+
+def test_one_quantity_says_nothing_of_another():
+    stations = drawn(DomainRandomization(n_groups=200))
+    values = np.array([[s.payload, s.motor_strength, s.stiffness, s.damping] for s in stations])
+    assert np.abs(np.corrcoef(values.T) - np.eye(4)).max() < 0.25
+
+
+def test_fine_steps_are_of_one_group_each():
+    steps = [station.time_step for station in drawn(DomainRandomization())]
+    assert steps == [0.01] * 14 + [0.005, 0.0025]
+    assert {station.time_step for station in drawn(DomainRandomization(fine_steps=()))} == {0.01}
+
+
+def test_the_same_seed_gives_the_same_worlds():
+    assert (
+        drawn(DomainRandomization(), seed=4)
+        == drawn(DomainRandomization(), seed=4)
+        != drawn(DomainRandomization(), seed=5)
+    )
+
+
+def test_ranges_of_one_value_change_nothing():
+    station = StationConfig(friction=0.7, stiffness=20.0, damping=0.5)
+    none = GroupRanges(
+        payload=(0, 0),
+        payload_offset=0,
+        motor_strength=(1, 1),
+        gains=(1, 1),
+        armature=(0, 0),
+        relaxation_time=(0.01, 0.01),
+    )
+    same = DomainRandomization(n_groups=3, groups=none, fine_steps=(), station=station)
+    assert drawn(same) == [station] * 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n_groups": 1}, "2 fine_steps do not fit in n_groups = 1"),
+        ({"fine_steps": (0.01,)}, "shorter than the station's time_step, 0.01"),
+    ],
+)
+def test_worlds_that_cannot_be_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        replace(DomainRandomization(), **change)
