@@ -8,13 +8,12 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import yaml
 from annotated_types import Ge, Le, MaxLen
 
 from glassgait.diagrams.commands import CommandConfig, DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError, shown
-from glassgait.models.files import read_yaml, write_atomically
+from glassgait.models.files import read_yaml
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
@@ -259,15 +258,6 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
                 "and tables could not tell them apart; give it another title"
             )
     return found
-
-
-def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Writes a scenario with every setting to a file that `load_scenario` reads, atomically.
-
-    Raises:
-        InputError: if it cannot be written there.
-    """
-    write_atomically(path, yaml.safe_dump(scenario.to_plain(), sort_keys=False))
 
 
 def _parse(values: Any, path: Path) -> Scenario:

@@ -8,7 +8,6 @@ from typing import Any, Self
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
@@ -99,10 +98,6 @@ class ObservationBox:
         units = RobotUnits.of(self.robot, self.names)
         low, high = units.quantities(self.lower), units.quantities(self.upper)
         return _rounded(low), _rounded(high)
-
-    def contains(self, observation: Array) -> NDArray[np.bool_]:
-        """Tells which observations (..., n) are in the box (...)."""
-        return np.all((observation >= self.lower) & (observation <= self.upper), axis=-1)
 
     def clipped(self, observation: Array) -> Array:
         """Returns the observations (..., n) of the box that are nearest to the given ones."""

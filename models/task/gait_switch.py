@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import N_STANCES, STANCES, stance_code
 from glassgait.models.task.gait import Gait
@@ -86,17 +86,6 @@ class GaitSwitch:
     def gait_of(self, state: IntArray) -> IntArray:
         """Tells which gait states (...) belong to."""
         return self._gait_of[state]
-
-    def number_of(self, name: str) -> int:
-        """Returns the number of a gait.
-
-        Raises:
-            InputError: if it is none of these.
-        """
-        names = [gait.name for gait in self.gaits]
-        if name not in names:
-            raise InputError(f"unknown gait {shown(name)}; the gaits are {', '.join(names)}")
-        return names.index(name)
 
     def step(
         self,

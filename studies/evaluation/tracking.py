@@ -18,7 +18,7 @@ from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.observers import Log
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 

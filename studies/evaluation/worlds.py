@@ -18,8 +18,8 @@ from glassgait.studies.common.experiment import Experiment, Report, ScenarioName
 from glassgait.studies.common.policies import ALL
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.play import Seconds
-from glassgait.studies.common.rollouts.scores import summarize
 from glassgait.studies.common.rollouts.scoring import not_finite_lines, refuse_commands, score
+from glassgait.studies.common.scores import summarize
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.evaluation.pair import Pair
 from glassgait.studies.evaluation.worlds_figures import fall_map, fall_overview

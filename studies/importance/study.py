@@ -18,7 +18,7 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex, write_table
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds

@@ -14,7 +14,6 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import note
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
@@ -168,22 +167,6 @@ def inputs_of_walkers(walkers: Mapping[str, AlternatingController]) -> dict[str,
     experts = {walker.expert.digest() for walker in walkers.values()}
     acting = (f"{name} {walker.policy.digest()}" for name, walker in walkers.items())
     return {"expert": " ".join(sorted(experts)), "policies": " ".join(acting)}
-
-
-def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -> FormulaPolicy:
-    """Loads a student that is made of formulas, as `find_student` does.
-
-    Raises:
-        InputError: if there is no such student, it is of another kind, or does not fit the expert.
-    """
-    student = find_student(name, expert, folder)
-    if not isinstance(student, FormulaPolicy):
-        raise InputError(
-            f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
-            "student of the kind sparse_formula, symbolic or statewise_symbolic, or a .formulas "
-            "file"
-        )
-    return student
 
 
 def student_file(name: str, gait: str, folder: Path | None = None) -> Path:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.models.arrays import Array
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 from glassgait.studies.explanation.interventions.derivation import Claim, spoken_of
 from glassgait.studies.explanation.interventions.walks import Walk
 
