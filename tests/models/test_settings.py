@@ -12,9 +12,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import (
     DISTINCT,
     Count,
-    Range,
     NotNegative,
     Positive,
+    Range,
     Seed,
     Settings,
     Share,
