@@ -93,8 +93,8 @@ def start(command, folder, distilled, *more):
 
 
 def finish(process):
-    _, told = process.communicate(timeout=300)
-    assert process.returncode == 0, told.decode()
+    _, message = process.communicate(timeout=300)
+    assert process.returncode == 0, message.decode()
 
 
 def results(folder):
