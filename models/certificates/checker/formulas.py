@@ -59,10 +59,10 @@ class Formulas:
         self.known: dict[Node, fmpq_mpoly] = {}
 
     @classmethod
-    def read(cls, told: FormulaText) -> "Formulas":
+    def read(cls, text: FormulaText) -> "Formulas":
         """Takes what a formula file says."""
-        own = cls(told.n_states)
-        own.written |= told.targets
+        own = cls(text.n_states)
+        own.written |= text.targets
         return own
 
     def target(self, state: int, joint: str) -> fmpq_mpoly:

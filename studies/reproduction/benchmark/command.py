@@ -56,7 +56,7 @@ class Benchmark(Settings):
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
-        repeats: Number of timings; medians are told.
+        repeats: Number of timings; medians are reported.
         gym_steps: Steps of gymnasium's sixteen environments.
         distillation: Folder of a distillation; runs/distillation/<gait> by default.
         output: Folder of the results.
@@ -86,9 +86,9 @@ class Benchmark(Settings):
         }
         metrics: dict[str, Any] = {}
         for part in dict.fromkeys(self.parts):
-            for title, (told, table) in measures[part]().items():
+            for title, (heading, table) in measures[part]().items():
                 write_table(table, self.output / title)
-                print_table(told, table)
+                print_table(heading, table)
                 metrics[title] = json_records(table)
         # Linux counts in KiB.
         metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10
