@@ -146,11 +146,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "paper.",
         ),
         "reproduce curricula": (
-            "reproduction.curricula.command:Curricula",
+            "reproduction.curricula:Curricula",
             "Distil by other curricula with as many samples, and let the students walk alone.",
         ),
         "reproduce convergence": (
-            "reproduction.convergence.command:Convergence",
+            "reproduction.convergence:Convergence",
             "Drop the robot and roll an expert out with every contact solver and time step.",
         ),
         "reproduce benchmark": (

@@ -6,12 +6,12 @@ import pytest
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
-from glassgait.studies.reproduction.curricula.command import (
+from glassgait.studies.reproduction.curricula import (
     CURRICULA,
+    TICKS,
     curricula_table,
     equal_budgets,
 )
-from glassgait.studies.reproduction.curricula.figures import TICKS
 
 SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]

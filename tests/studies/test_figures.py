@@ -30,7 +30,7 @@ from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_
 from glassgait.studies.evaluation.worlds_figures import fall_map
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
-from glassgait.studies.reproduction.curricula.figures import curricula_figure
+from glassgait.studies.reproduction.curricula import curricula_figure
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
 

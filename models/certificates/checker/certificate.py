@@ -12,22 +12,22 @@ from typing import Any
 
 import yaml
 
-from .claims import BOXES, check_keys, is_number, is_point, observations
+from .claims import BOXES, check_keys, is_point, observations
 from .files import read_bytes, read_json, read_yaml
 from .formulas import Formulas
 from .gait import Gait
 from .robot import (
     ABRUPT,
-    ACTION_SCALE,
     COUNTED,
-    EFFORT,
+    DEFAULT_ROBOT,
     JOINTS,
-    LIMITS,
-    STIFFNESS,
     BoundQuery,
     Box,
     RefusedError,
+    Robot,
     image_of,
+    is_number,
+    is_robot_name,
     observed_names,
     refuse_unless,
     symbols,
@@ -50,44 +50,73 @@ STATEMENT = ("of", "state", "joint", "sign", "box", "bound", "reached", "witness
 Point = dict[str, float]
 
 
-def read_policy(data: bytes, kind: str, gait: str, n_states: int) -> tuple[Formulas | Tables, Any]:
+def read_policy(
+    robot: Robot, data: bytes, kind: str, gait: str, n_states: int
+) -> tuple[Formulas | Tables, Any]:
     """Reads what a policy's file says of the targets, and its mirror if it says one.
 
     Raises:
-        RefusedError: if the policy is of another gait or kind.
+        RefusedError: if the policy is of another robot, gait or kind.
     """
     if kind in ("symbolic", "statewise_symbolic"):
         text = FormulaText.read(data.decode("ascii"))
         refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
+        of = text.header.get("robot", DEFAULT_ROBOT)
+        refuse_unless(of == robot.name, "the policy is of another robot")
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
+<<<<<<< HEAD
         return Formulas.read(text), text.image
     header, arrays = read_arrays(data)
     refuse_unless(header["gait"] == gait, "the policy is of another gait")
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
     refuse_unless("robot" not in header, "the policy is of another robot")
     same = header["observation_names"] == observed_names(n_states)
+=======
+        return Formulas.read(robot, text), text.image
+    told, arrays = read_arrays(data)
+    refuse_unless(told["gait"] == gait, "the policy is of another gait")
+    refuse_unless(told["kind"] == kind, "the policy is of another kind")
+    of = told.get("robot", DEFAULT_ROBOT)
+    refuse_unless(of == robot.name, "the policy is of another robot")
+    same = told["observation_names"] == observed_names(n_states)
+>>>>>>> main
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](arrays, n_states), None
+    return readers[kind](robot, arrays, n_states), None
 
 
 class Check:
-    """A certificate, the gait and the policy that it is of.
+    """A certificate, the robot, the gait and the policy that it is of.
 
     Attributes:
+<<<<<<< HEAD
         content: What the certificate says.
+=======
+        told: What the certificate says.
+        robot: What the robot's file says.
+>>>>>>> main
         gait: What the gait's file says.
         targets: What the policy's file says.
         proved: The least bound that holds of each question and place.
     """
 
+<<<<<<< HEAD
     def __init__(self, certificate: Path, policy: Path | None, gait: Path | None) -> None:
         self.content = read_json(read_bytes(certificate))
         self.check_contents()
         name = self.content["gait"]
+=======
+    def __init__(
+        self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
+    ) -> None:
+        self.told = read_json(read_bytes(certificate))
+        self.check_contents()
+        self.robot = self.read_robot(robot)
+        name = self.told["gait"]
+>>>>>>> main
         plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
         shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
         refuse_unless(
@@ -108,6 +137,7 @@ class Check:
         self.rounding: dict[tuple, Any] = {}
 
     def check_contents(self) -> None:
+<<<<<<< HEAD
         # Those of the robot whose numbers are restated here do not name it.
         other = self.content.get("robot") if isinstance(self.content, dict) else None
         refuse_unless(other is None, f"the checker knows nothing of the robot {other!r}")
@@ -115,6 +145,11 @@ class Check:
             isinstance(self.content, dict) and {*self.content} == {*TOP}, "it is no certificate"
         )
         rest = {key: value for key, value in self.content.items() if key != "sha256"}
+=======
+        sound = isinstance(self.told, dict) and {*self.told} - {"robot"} == {*TOP}
+        refuse_unless(sound, "it is no certificate")
+        rest = {key: value for key, value in self.told.items() if key != "sha256"}
+>>>>>>> main
         text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
         refuse_unless(
             hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"],
@@ -122,6 +157,28 @@ class Check:
         )
         of = self.content["format"]
         refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
+
+    def read_robot(self, given: Path | None) -> Robot:
+        """Reads the file of the robot that the certificate names, and refuses that of another."""
+        name = self.told.get("robot", DEFAULT_ROBOT)
+        refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
+        shipped = MODELS / "robots" / name / "robot.yaml"
+        refuse_unless(
+            given or shipped.is_file(),
+            f"no robot {name!r} ships with the project; name its file by --robot",
+        )
+        path = given or shipped
+        said = read_yaml(path)
+        same = not (given and shipped.is_file()) or said == read_yaml(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your robot another name")
+        robot = Robot.read(said, path)
+        refuse_unless(robot.name == name, f"{path} is the file of another robot than the {name}")
+        return robot
+
+    def shipped_in(self, folder: str, rest: str) -> Path:
+        """Returns where a file of a robot and gait ships; the default robot's are not apart."""
+        own = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
+        return MODELS.joinpath(folder, *own, rest)
 
     def check_policy(self, policy: Path | None, plain: Any) -> None:
         own, name = self.content["policy"], self.content["gait"]
@@ -131,8 +188,13 @@ class Check:
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
+<<<<<<< HEAD
         self.targets, mirror = read_policy(data, own["kind"], name, self.n_states)
         image = self.content["mirror"]
+=======
+        self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
+        image = self.told["mirror"]
+>>>>>>> main
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
@@ -145,7 +207,11 @@ class Check:
             plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
+<<<<<<< HEAD
         return MODELS / "students" / self.content["gait"] / file
+=======
+        return self.shipped_in("students", f"{self.told['gait']}/{file}")
+>>>>>>> main
 
     def check_boxes(self) -> None:
         boxes = self.content["boxes"]
@@ -156,7 +222,7 @@ class Check:
                 for ends in box.values()
             )
             refuse_unless(sound, f"the {name} box is no box of this gait's observations")
-        expected = self.gait.physical(boxes["operating"])
+        expected = self.gait.physical(self.robot, boxes["operating"])
         near = all(
             abs(mine - theirs) <= SLACK
             for name, ends in expected.items()
@@ -169,7 +235,7 @@ class Check:
             for name, (low, high) in expected.items()
         }
         for name in COUNTED:
-            low, high = self.gait.limits(name)
+            low, high = self.gait.limits(self.robot, name)
             ends = boxes["operating"][name]
             whole = all(end == int(end) and low <= end <= high for end in ends)
             refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
@@ -187,8 +253,13 @@ class Check:
         )
 
     def box_ships(self) -> bool:
+<<<<<<< HEAD
         path = MODELS / "certificates" / "boxes" / f"{self.content['gait']}.yaml"
         return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
+=======
+        path = self.shipped_in("certificates/boxes", f"{self.told['gait']}.yaml")
+        return path.is_file() and read_yaml(path)["ranges"] == self.told["boxes"]["operating"]
+>>>>>>> main
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""
@@ -308,10 +379,10 @@ class Check:
         up, down = (BoundQuery("target", state, joint, sign) for sign in (1, -1))
         match claim["kind"]:
             case "limits":
-                low, high = LIMITS[joint[3:]]
+                low, high = self.robot.limits[joint]
                 return [(up, claim.get("most", high)), (down, -claim.get("least", low))]
             case "torque":
-                most = claim.get("most", EFFORT) / STIFFNESS
+                most = claim.get("most", self.robot.effort[joint]) / self.robot.stiffness
                 return [(own._replace(of="offset"), most) for own in (up, down)]
         asked = down if claim.get("never") == "falls" else up
         asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
@@ -405,7 +476,7 @@ class Check:
                 box, used = self.box(where, [], state), sorted(self.targets.used(state, joint))
                 along = [(name, by[name]) for name in used if by[name]]
                 moved = sum((self.targets.moved(state, joint, *own, box) for own in along), error)
-            squares[state] += (moved / ACTION_SCALE) ** 2
+            squares[state] += (moved / self.robot.action_scale) ** 2
         limit = claim.get("most", ABRUPT)
         return any(own > limit if points else not own <= limit for own in squares.values())
 
@@ -420,19 +491,25 @@ def holds(box: Box, point: Point) -> bool:
     )
 
 
-def check(certificate: Path, policy: Path | None = None, gait: Path | None = None) -> str:
+def check(
+    certificate: Path,
+    policy: Path | None = None,
+    gait: Path | None = None,
+    robot: Path | None = None,
+) -> str:
     """Checks a certificate, and reports in a line what holds.
 
     Args:
         certificate: The certificate.
         policy: The policy's file; by default the student that ships under the certificate's name.
         gait: The gait's file; by default the one that ships under the certificate's name.
+        robot: The robot's file, in the same way.
 
     Raises:
         RefusedError: if anything in it does not hold, or it cannot be read.
     """
     try:
-        return Check(certificate, policy, gait).run()
+        return Check(certificate, policy, gait, robot).run()
     except RefusedError:
         raise
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
@@ -440,4 +517,4 @@ def check(certificate: Path, policy: Path | None = None, gait: Path | None = Non
     except (SyntaxError, StopIteration, RecursionError, MemoryError, struct.error) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
     except yaml.YAMLError as error:
-        raise RefusedError(f"the gait's file cannot be read ({error})") from error
+        raise RefusedError(f"the file of gait or robot cannot be read ({error})") from error

@@ -1,10 +1,9 @@
 """What a claim may say; each key is refused where it is of no use, misspelt or of another kind."""
 
-import math
 import re
 from typing import Any
 
-from .robot import COUNTED, JOINTS, refuse_unless
+from .robot import COUNTED, JOINTS, is_number, refuse_unless
 
 OUTCOMES = ("proved", "refuted", "undecided")
 BOXES = ("operating", "physical")
@@ -32,11 +31,6 @@ ALLOWED = {
     "mirror": (),
     "change": ("most",),
 }
-
-
-def is_number(value: Any) -> bool:
-    """Returns whether a value is a finite number, and no truth value."""
-    return type(value) in (int, float) and abs(value) <= 1e300 and math.isfinite(value)
 
 
 def is_list_of(value: Any, known: list[str]) -> bool:

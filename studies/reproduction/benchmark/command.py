@@ -22,13 +22,14 @@ from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.library import distillation_folder
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.reproduction.benchmark.controllers import controller_times, switching_times
-from glassgait.studies.reproduction.benchmark.distillation import (
+from glassgait.studies.reproduction.benchmark.python_times import (
     compiled_against_library,
     expert_samples,
+    observed,
+    peer_times,
+    single_row_microseconds,
     study_against_naive_loop,
 )
-from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
-from glassgait.studies.reproduction.benchmark.peers import observed, peer_times
 from glassgait.studies.reproduction.benchmark.throughput import (
     gymnasium_processes,
     training_and_physics,
