@@ -65,22 +65,13 @@ def read_policy(
         refuse_unless(of == robot.name, "the policy is of another robot")
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-<<<<<<< HEAD
-        return Formulas.read(text), text.image
+        return Formulas.read(robot, text), text.image
     header, arrays = read_arrays(data)
     refuse_unless(header["gait"] == gait, "the policy is of another gait")
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
-    refuse_unless("robot" not in header, "the policy is of another robot")
-    same = header["observation_names"] == observed_names(n_states)
-=======
-        return Formulas.read(robot, text), text.image
-    told, arrays = read_arrays(data)
-    refuse_unless(told["gait"] == gait, "the policy is of another gait")
-    refuse_unless(told["kind"] == kind, "the policy is of another kind")
-    of = told.get("robot", DEFAULT_ROBOT)
+    of = header.get("robot", DEFAULT_ROBOT)
     refuse_unless(of == robot.name, "the policy is of another robot")
-    same = told["observation_names"] == observed_names(n_states)
->>>>>>> main
+    same = header["observation_names"] == observed_names(n_states)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
@@ -92,31 +83,20 @@ class Check:
     """A certificate, the robot, the gait and the policy that it is of.
 
     Attributes:
-<<<<<<< HEAD
         content: What the certificate says.
-=======
-        told: What the certificate says.
         robot: What the robot's file says.
->>>>>>> main
         gait: What the gait's file says.
         targets: What the policy's file says.
         proved: The least bound that holds of each question and place.
     """
 
-<<<<<<< HEAD
-    def __init__(self, certificate: Path, policy: Path | None, gait: Path | None) -> None:
-        self.content = read_json(read_bytes(certificate))
-        self.check_contents()
-        name = self.content["gait"]
-=======
     def __init__(
         self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
     ) -> None:
-        self.told = read_json(read_bytes(certificate))
+        self.content = read_json(read_bytes(certificate))
         self.check_contents()
         self.robot = self.read_robot(robot)
-        name = self.told["gait"]
->>>>>>> main
+        name = self.content["gait"]
         plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
         shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
         refuse_unless(
@@ -137,19 +117,9 @@ class Check:
         self.rounding: dict[tuple, Any] = {}
 
     def check_contents(self) -> None:
-<<<<<<< HEAD
-        # Those of the robot whose numbers are restated here do not name it.
-        other = self.content.get("robot") if isinstance(self.content, dict) else None
-        refuse_unless(other is None, f"the checker knows nothing of the robot {other!r}")
-        refuse_unless(
-            isinstance(self.content, dict) and {*self.content} == {*TOP}, "it is no certificate"
-        )
-        rest = {key: value for key, value in self.content.items() if key != "sha256"}
-=======
-        sound = isinstance(self.told, dict) and {*self.told} - {"robot"} == {*TOP}
+        sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == {*TOP}
         refuse_unless(sound, "it is no certificate")
-        rest = {key: value for key, value in self.told.items() if key != "sha256"}
->>>>>>> main
+        rest = {key: value for key, value in self.content.items() if key != "sha256"}
         text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
         refuse_unless(
             hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"],
@@ -160,7 +130,7 @@ class Check:
 
     def read_robot(self, given: Path | None) -> Robot:
         """Reads the file of the robot that the certificate names, and refuses that of another."""
-        name = self.told.get("robot", DEFAULT_ROBOT)
+        name = self.content.get("robot", DEFAULT_ROBOT)
         refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
         shipped = MODELS / "robots" / name / "robot.yaml"
         refuse_unless(
@@ -188,13 +158,8 @@ class Check:
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
-<<<<<<< HEAD
-        self.targets, mirror = read_policy(data, own["kind"], name, self.n_states)
-        image = self.content["mirror"]
-=======
         self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
-        image = self.told["mirror"]
->>>>>>> main
+        image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
@@ -207,11 +172,7 @@ class Check:
             plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
-<<<<<<< HEAD
-        return MODELS / "students" / self.content["gait"] / file
-=======
-        return self.shipped_in("students", f"{self.told['gait']}/{file}")
->>>>>>> main
+        return self.shipped_in("students", f"{self.content['gait']}/{file}")
 
     def check_boxes(self) -> None:
         boxes = self.content["boxes"]
@@ -253,13 +214,8 @@ class Check:
         )
 
     def box_ships(self) -> bool:
-<<<<<<< HEAD
-        path = MODELS / "certificates" / "boxes" / f"{self.content['gait']}.yaml"
+        path = self.shipped_in("certificates/boxes", f"{self.content['gait']}.yaml")
         return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
-=======
-        path = self.shipped_in("certificates/boxes", f"{self.told['gait']}.yaml")
-        return path.is_file() and read_yaml(path)["ranges"] == self.told["boxes"]["operating"]
->>>>>>> main
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""
