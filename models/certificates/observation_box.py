@@ -225,7 +225,7 @@ def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> Observa
 
 
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
-    """Returns the box of what the robot can be and its sensors can tell.
+    """Returns the box of what the robot can be and its sensors can measure.
 
     Joint angles reach as far as a robot that is not failed, and the noise of encoders, let them;
     targets of the step before reach the joints' limits. Where the operating box goes further, as

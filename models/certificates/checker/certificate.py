@@ -66,12 +66,12 @@ def read_policy(
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
         return Formulas.read(robot, text), text.image
-    told, arrays = read_arrays(data)
-    refuse_unless(told["gait"] == gait, "the policy is of another gait")
-    refuse_unless(told["kind"] == kind, "the policy is of another kind")
-    of = told.get("robot", DEFAULT_ROBOT)
+    header, arrays = read_arrays(data)
+    refuse_unless(header["gait"] == gait, "the policy is of another gait")
+    refuse_unless(header["kind"] == kind, "the policy is of another kind")
+    of = header.get("robot", DEFAULT_ROBOT)
     refuse_unless(of == robot.name, "the policy is of another robot")
-    same = told["observation_names"] == observed_names(n_states)
+    same = header["observation_names"] == observed_names(n_states)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
@@ -83,7 +83,7 @@ class Check:
     """A certificate, the robot, the gait and the policy that it is of.
 
     Attributes:
-        told: What the certificate says.
+        content: What the certificate says.
         robot: What the robot's file says.
         gait: What the gait's file says.
         targets: What the policy's file says.
@@ -93,10 +93,10 @@ class Check:
     def __init__(
         self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
     ) -> None:
-        self.told = read_json(read_bytes(certificate))
+        self.content = read_json(read_bytes(certificate))
         self.check_contents()
         self.robot = self.read_robot(robot)
-        name = self.told["gait"]
+        name = self.content["gait"]
         plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
         shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
         refuse_unless(
@@ -109,7 +109,7 @@ class Check:
         refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
         self.gait = Gait(path)
         states = self.gait.states
-        refuse_unless(self.told["states"] == states, f"the {name} has other states: {states}")
+        refuse_unless(self.content["states"] == states, f"the {name} has other states: {states}")
         self.n_states, self.names = len(states), symbols(len(states))
         self.check_policy(policy, plain)
         self.check_boxes()
@@ -117,20 +117,20 @@ class Check:
         self.rounding: dict[tuple, Any] = {}
 
     def check_contents(self) -> None:
-        sound = isinstance(self.told, dict) and {*self.told} - {"robot"} == {*TOP}
+        sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == {*TOP}
         refuse_unless(sound, "it is no certificate")
-        rest = {key: value for key, value in self.told.items() if key != "sha256"}
+        rest = {key: value for key, value in self.content.items() if key != "sha256"}
         text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
         refuse_unless(
-            hashlib.sha256(text.encode()).hexdigest() == self.told["sha256"],
+            hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"],
             "the certificate was changed: its digest is of other contents",
         )
-        of = self.told["format"]
+        of = self.content["format"]
         refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
 
     def read_robot(self, given: Path | None) -> Robot:
         """Reads the file of the robot that the certificate names, and refuses that of another."""
-        name = self.told.get("robot", DEFAULT_ROBOT)
+        name = self.content.get("robot", DEFAULT_ROBOT)
         refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
         shipped = MODELS / "robots" / name / "robot.yaml"
         refuse_unless(
@@ -151,7 +151,7 @@ class Check:
         return MODELS.joinpath(folder, *own, rest)
 
     def check_policy(self, policy: Path | None, plain: Any) -> None:
-        own, name = self.told["policy"], self.told["gait"]
+        own, name = self.content["policy"], self.content["gait"]
         path = policy or self.shipped_policy(str(own["file"]), plain)
         data = read_bytes(path)
         refuse_unless(
@@ -159,7 +159,7 @@ class Check:
             f"the policy {path} is not the one that was certified",
         )
         self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
-        image = self.told["mirror"]
+        image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
@@ -172,10 +172,10 @@ class Check:
             plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
-        return self.shipped_in("students", f"{self.told['gait']}/{file}")
+        return self.shipped_in("students", f"{self.content['gait']}/{file}")
 
     def check_boxes(self) -> None:
-        boxes = self.told["boxes"]
+        boxes = self.content["boxes"]
         refuse_unless({*boxes} == {*BOXES}, "there must be an operating and a physical box")
         for name, box in boxes.items():
             sound = list(box) == self.names and all(
@@ -203,7 +203,7 @@ class Check:
 
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
-        statements, claims = self.told["statements"], self.told["claims"]
+        statements, claims = self.content["statements"], self.content["claims"]
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
@@ -214,14 +214,14 @@ class Check:
         )
 
     def box_ships(self) -> bool:
-        path = self.shipped_in("certificates/boxes", f"{self.told['gait']}.yaml")
-        return path.is_file() and read_yaml(path)["ranges"] == self.told["boxes"]["operating"]
+        path = self.shipped_in("certificates/boxes", f"{self.content['gait']}.yaml")
+        return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""
-        boxes = self.told["boxes"]
-        told = boxes[where] | {name: boxes["physical"][name] for name in stuck}
-        box: Box = {name: (float(low), float(high)) for name, (low, high) in told.items()}
+        boxes = self.content["boxes"]
+        ranges = boxes[where] | {name: boxes["physical"][name] for name in stuck}
+        box: Box = {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
         return box | {f"s{i}": (float(i == state), float(i == state)) for i in range(self.n_states)}
 
     def error(self, asked: BoundQuery, where: str, stuck: list[str]) -> Any:
@@ -253,27 +253,27 @@ class Check:
         )
         name, stuck = own.get("observation"), own.get("stuck", [])
         asked = BoundQuery(own["of"], own["state"], own["joint"], own["sign"], name)
-        told = f"{asked.of} of {asked.joint} in state {asked.state}"
-        refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{told}: is not known")
-        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{told}: has no sign")
+        what = f"{asked.of} of {asked.joint} in state {asked.state}"
+        refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{what}: is not known")
+        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{what}: has no sign")
         refuse_unless(
             type(asked.state) is int and asked.state in range(self.n_states),
-            f"{told}: there is no such state",
+            f"{what}: there is no such state",
         )
-        refuse_unless(asked.joint in JOINTS, f"{told}: there is no such joint")
+        refuse_unless(asked.joint in JOINTS, f"{what}: there is no such joint")
         sensed = self.names_sensed()
         moved = asked.of in ("slope", "effect")
-        refuse_unless(name in sensed if moved else name is None, f"{told}: of no observation")
+        refuse_unless(name in sensed if moved else name is None, f"{what}: of no observation")
         counted = asked.of == "slope" and name in COUNTED
-        refuse_unless(not counted, f"{told}: {name} counts steps, and has no slope")
-        refuse_unless(own["box"] in BOXES, f"{told}: there is no such box")
+        refuse_unless(not counted, f"{what}: {name} counts steps, and has no slope")
+        refuse_unless(own["box"] in BOXES, f"{what}: there is no such box")
         refuse_unless(
             isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
-            f"{told}: what is stuck is no observation",
+            f"{what}: what is stuck is no observation",
         )
         numbers = [own["bound"], own["reached"], *([own["other"]] if "other" in own else [])]
-        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{told}: NaN")
-        refuse_unless(moved or "other" not in own, f"{told}: has another value of nothing")
+        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{what}: NaN")
+        refuse_unless(moved or "other" not in own, f"{what}: has another value of nothing")
         return asked
 
     def names_sensed(self) -> list[str]:
@@ -282,17 +282,17 @@ class Check:
 
     def check_statement(self, own: dict[str, Any]) -> None:
         asked, stuck = self.asked_in(own), own.get("stuck", [])
-        told = f"{asked.of} of {asked.joint} in state {asked.state}"
+        what = f"{asked.of} of {asked.joint} in state {asked.state}"
         box = self.box(own["box"], stuck, asked.state)
         error = self.error(asked, own["box"], stuck)
         bound = self.targets.bound(asked, box, own.get("splits", [])) + error
-        refuse_unless(bound <= own["bound"], f"{told}: the bound {own['bound']} is not proved")
+        refuse_unless(bound <= own["bound"], f"{what}: the bound {own['bound']} is not proved")
         points = [{name: low for name, (low, _) in box.items()} | own["witness"]]
         points += [points[0] | {str(asked.name): own["other"]}] if "other" in own else []
         inside = all(holds(box, point) for point in points)
-        refuse_unless(inside, f"{told}: the witness is not in the box")
+        refuse_unless(inside, f"{what}: the witness is not in the box")
         reached = self.least(asked, points) >= own["reached"] - SLACK
-        refuse_unless(reached, f"{told}: the witness is too low")
+        refuse_unless(reached, f"{what}: the witness is too low")
         key = *asked, own["box"], *sorted(stuck)
         self.proved[key] = min(own["bound"], self.proved.get(key, math.inf))
 
@@ -387,7 +387,7 @@ class Check:
         return False
 
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        image = self.told["mirror"]
+        image = self.content["mirror"]
         refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
             theirs, turn = image_of(joint, image)

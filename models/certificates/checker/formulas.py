@@ -61,10 +61,10 @@ class Formulas:
         self.known: dict[Node, fmpq_mpoly] = {}
 
     @classmethod
-    def read(cls, robot: Robot, told: FormulaText) -> "Formulas":
+    def read(cls, robot: Robot, text: FormulaText) -> "Formulas":
         """Takes what a formula file says."""
-        own = cls(robot, told.n_states)
-        own.written |= told.targets
+        own = cls(robot, text.n_states)
+        own.written |= text.targets
         return own
 
     def target(self, state: int, joint: str) -> fmpq_mpoly:

@@ -1,4 +1,4 @@
-"""A gait's file, read anew: its states, its mirror image, and what a robot can be told and be."""
+"""A gait's file, read anew: its states, its mirror image, its commands and what a robot can be."""
 
 import math
 import re

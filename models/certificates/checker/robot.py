@@ -41,7 +41,7 @@ class BoundQuery(NamedTuple):
 
 
 class RefusedError(Exception):
-    """A certificate that does not hold, told in one sentence."""
+    """A certificate that does not hold; the reason is one sentence."""
 
 
 def refuse_unless(holds: Any, sentence: str) -> None:

@@ -31,10 +31,10 @@ Table = tuple[tuple[int, ...], Any]
 
 
 def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Reads a safetensors file: what its header tells, and its arrays."""
+    """Reads a safetensors file: its header and its arrays."""
     (size,) = struct.unpack("<Q", data[:8])
     header = json.loads(data[8 : 8 + size])
-    told, arrays = json.loads(header.pop("__metadata__")["header"]), {}
+    contents, arrays = json.loads(header.pop("__metadata__")["header"]), {}
     places = sorted(own["data_offsets"] for own in header.values())
     ends = [0, *(end for _, end in places)]
     tiled = all(start == before for (start, _), before in zip(places, ends, strict=False))
@@ -45,7 +45,7 @@ def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
         flat = np.frombuffer(data[8 + size + start : 8 + size + end], kind[own["dtype"]])
         arrays[name] = flat.astype("<i8" if own["dtype"][0] in "UI" else float)
         arrays[name] = arrays[name].reshape(own["shape"])
-    return told, arrays
+    return contents, arrays
 
 
 class Tables:
@@ -91,7 +91,7 @@ class Tables:
         return {self.names[index] for index in {*single, *paired}}
 
     def is_mirrored(self, state: int, joint: str, image: list[int]) -> bool:
-        """Tells that nothing is known of the mirror."""
+        """Returns False: nothing is known of the mirror."""
         return False
 
     def cells(self, name: str, joint: int, box: Box) -> tuple[Any, Any, Any, Any]:

@@ -204,7 +204,7 @@ def naive_minutes(
     Args:
         samples: Samples to fit to.
         model: The model.
-        config: Tells how many episodes there are, and how long they are.
+        config: How many episodes there are, and how long they are.
 
     Returns:
         Minutes if a fit's time is linear in the samples, and if none takes longer than the smallest
