@@ -11,6 +11,7 @@ from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -63,6 +64,7 @@ class Export(Settings):
         n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
             several gaits with another one every 3 s; none by default.
         seed: Seed of all randomness.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
@@ -80,6 +82,7 @@ class Export(Settings):
     n_steps: Count = 10_000
     n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -95,10 +98,12 @@ class Export(Settings):
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
         gaits = [load_gait(name) for name in gaits_named(self.gait)]
-        found = list(find_policies_of(gaits, self.source, [self.policy or ""]).values())
+        found = list(find_policies_of(gaits, self.source, [self.policy or ""], self.robot).values())
         asked = self.policy or default_student(found[0])
         job = self._several(found, asked) if len(gaits) > 1 else self._one(found[0], asked)
-        folder = self.output or Path("runs/export") / job.title
+        folder = (
+            self.output or robot_folder(Path("runs/export"), found[0].expert.robot.name) / job.title
+        )
         run = {"study": "export", "settings": self, "inputs": job.inputs, "resume": self.resume}
         with open_run(folder, **run):
             tables = job.exported.check(Effort(self.n_steps, self.n_robots, self.seed))
