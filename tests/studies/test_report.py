@@ -144,9 +144,9 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
         assert "../explanation/trot/sparse_formula/index.html#certificate" in rendered(name, [page])
 
 
-def test_gaits_without_an_expert_are_told(refused):
+def test_unknown_gaits_are_refused(refused):
     message = refused(["reproduce", "report", "--quick", "--gait", "trot", "gallop"])
-    assert "no expert of gallop ships with the project" in message
+    assert "unknown gait 'gallop'" in message
 
 
 @pytest.mark.slow
