@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -14,7 +15,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.console import say
 from glassgait.studies.deployment.export.agreement import recorded_observations
-from glassgait.studies.deployment.export.exported import Acting
+from glassgait.studies.deployment.export.files import Acting
 from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
 from glassgait.studies.reproduction.benchmark.timing import call_times, fastest
 
@@ -27,7 +28,7 @@ N_ROBOTS, N_STEPS = 4, 250
 
 def observed(gait: Gait, expert: NeuralPolicy) -> Array:
     """Records observations (m, n) of robots that the expert moves."""
-    return recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
+    return recorded_observations(gait, alone(expert), N_ROBOTS, N_STEPS, 0)
 
 
 def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
@@ -50,7 +51,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
             "policy, Python": (policy, observations),
             "both, Python": (_both(policy, expert), own),
         }
-        if graph := _graph(Acting(gait, policy, expert, "timed", kind)):
+        if graph := _graph(Acting(gait, alone(policy, expert), "timed", kind)):
             calls["both, ONNX"] = (graph, own)
         row: dict[str, object] = {"policy": kind}
         times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
