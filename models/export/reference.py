@@ -43,7 +43,9 @@ class PythonController:
         self._switch = gait if isinstance(gait, GaitSwitch) else None
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
-        self._estimator = estimator_in_loop(controller)
+        estimator = estimator_in_loop(controller)
+        assert estimator is not None
+        self._estimator = estimator
         self._limits_targets = controller.limits_targets
 
     def initial(self) -> Array:

@@ -26,7 +26,7 @@ pytest.importorskip("onnxruntime")
 from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
 from glassgait.studies.deployment.export import onnx_file  # noqa: E402
 from glassgait.studies.deployment.export.closed_loop import by_graph, walk_both  # noqa: E402
-from glassgait.studies.deployment.export.files import Acting  # noqa: E402
+from glassgait.studies.deployment.export.files import Deployment  # noqa: E402
 from glassgait.studies.deployment.export.onnx_file import (  # noqa: E402
     OnnxFile,
     check_graph,
@@ -41,7 +41,7 @@ EXPORT = ["export", "--format", "onnx"]
 def loaded(gait, kind, real="double"):
     machine, expert = load_gait(gait), load_expert(gait)
     policy = expert if kind == "expert" else load_student(gait, kind)
-    file = OnnxFile(Acting(machine, alone(policy, expert), f"{gait}_{kind}", kind), real)
+    file = OnnxFile(Deployment(machine, alone(policy, expert), f"{gait}_{kind}", kind), real)
     return LoadedGraph(file.model), policy, expert
 
 
@@ -209,6 +209,6 @@ def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
     policy = make_policy(odd)
     expert = load_expert("trot")
     own = type(expert)("hop", expert.observation_names, *expert._networks)
-    file = OnnxFile(Acting(odd, alone(policy, own), "hop_mine", "mine"), "double")
+    file = OnnxFile(Deployment(odd, alone(policy, own), "hop_mine", "mine"), "double")
     rows = random_rows(A1, odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12

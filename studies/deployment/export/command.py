@@ -20,7 +20,7 @@ from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.export.files import Acting, CFile, Effort, Exported
+from glassgait.studies.deployment.export.files import CFile, Deployment, Effort, Exported
 from glassgait.studies.distillation.students.library import default_student
 
 
@@ -78,9 +78,9 @@ class Export(Settings):
         gaits = [load_gait(name) for name in gaits_named(self.gait)]
         found = list(find_policies_of(gaits, self.source, [self.policy or ""]).values())
         asked = self.policy or default_student(found[0])
-        acting, inputs = self._acting(found, asked)
-        exported = self._exported(acting)
-        title = Path("_".join(gait.name for gait in gaits)) / acting.policy_name
+        deployment, inputs = self._deployment(found, asked)
+        exported = self._exported(deployment)
+        title = Path("_".join(gait.name for gait in gaits)) / deployment.policy_name
         folder = self.output or Path("runs/export") / title
         run = {"study": "export", "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
@@ -88,12 +88,14 @@ class Export(Settings):
             first, *others = exported.write(folder)
             for title, table in tables.items():
                 write_table(table, folder / title)
-                print_table(f"{acting.name}: {title.replace('_', ' ')}", table)
+                print_table(f"{deployment.name}: {title.replace('_', ' ')}", table)
             records = {title: json_records(table) for title, table in tables.items()}
             write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
         console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
 
-    def _acting(self, found: Sequence[Policies], asked: str) -> tuple[Acting, dict[str, str]]:
+    def _deployment(
+        self, found: Sequence[Policies], asked: str
+    ) -> tuple[Deployment, dict[str, str]]:
         """Returns what is exported, and digests of what it is made of."""
         controllers = [own.controller(asked) for own in found]
         if len(found) > 1:
@@ -107,11 +109,11 @@ class Export(Settings):
         policy_name = Path(asked).stem
         gaits = "_".join(own.gait.name for own in found)
         name = self.name or controller_name(gaits, policy_name)
-        return Acting(gait, controller, name, policy_name), inputs
+        return Deployment(gait, controller, name, policy_name), inputs
 
-    def _exported(self, acting: Acting) -> Exported:
+    def _exported(self, deployment: Deployment) -> Exported:
         if self.format == "c":
-            return CFile(acting, self.precision)
+            return CFile(deployment, self.precision)
         try:
             # Imported here: ONNX and its runtime are an extra.
             from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
@@ -119,7 +121,7 @@ class Export(Settings):
             raise InputError(
                 "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"
             ) from error
-        return OnnxFile(acting, self.precision)
+        return OnnxFile(deployment, self.precision)
 
 
 def controller_name(gait: str, policy: str) -> str:

@@ -27,7 +27,7 @@ from glassgait.studies.deployment.export.compiler import has_compiler, load_cont
 
 
 @dataclass(frozen=True)
-class Acting:
+class Deployment:
     """What is exported.
 
     Attributes:
@@ -68,13 +68,13 @@ class Exported(ABC):
 
     Attributes:
         title: Name of the language.
-        acting: What is exported.
+        deployment: What is exported.
     """
 
     title: str
 
-    def __init__(self, acting: Acting) -> None:
-        self.acting = acting
+    def __init__(self, deployment: Deployment) -> None:
+        self.deployment = deployment
 
     @abstractmethod
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
@@ -101,8 +101,8 @@ class Exported(ABC):
             return {}
         say(f"robots that walk, moved by Python and by {self.title}: {effort.n_robots}")
         table = walk_both(
-            self.acting.gait,
-            self.acting.controller,
+            self.deployment.gait,
+            self.deployment.controller,
             exported,
             title=self.title,
             n_robots=effort.n_robots,
@@ -117,21 +117,21 @@ class CFile(Exported):
 
     title = "C"
 
-    def __init__(self, acting: Acting, real: Real) -> None:
+    def __init__(self, deployment: Deployment, real: Real) -> None:
         """
         Args:
-            acting: What is exported.
+            deployment: What is exported.
             real: The type to compute in.
 
         Raises:
             InputError: if there is no C for it.
         """
-        super().__init__(acting)
+        super().__init__(deployment)
         self.written = write_controller(
-            acting.gait,
-            acting.controller,
-            name=acting.name,
-            policy_name=acting.policy_name,
+            deployment.gait,
+            deployment.controller,
+            name=deployment.name,
+            policy_name=deployment.policy_name,
             version=version("glassgait"),
             real=real,
         )
@@ -152,7 +152,7 @@ class CFile(Exported):
 
     def _agreement(self, compiled: LoadedController, effort: Effort) -> pd.DataFrame:
         """Compares both over recorded and over random sequences: a row each."""
-        gait, controller = self.acting.gait, self.acting.controller
+        gait, controller = self.deployment.gait, self.deployment.controller
         recorded, seed = effort.n_recorded, effort.seed
         sequences = {
             "recorded": recorded_sequences(gait, controller, recorded, seed),

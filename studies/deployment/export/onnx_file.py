@@ -26,7 +26,7 @@ from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, propriocepti
 from glassgait.studies.common.console import say
 from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, recorded_observations
 from glassgait.studies.deployment.export.closed_loop import by_graph
-from glassgait.studies.deployment.export.files import Acting, Effort, Exported
+from glassgait.studies.deployment.export.files import Deployment, Effort, Exported
 
 MOST = 1e-6
 """Greatest difference of a joint target (rad), or of an estimate, with which a graph is written."""
@@ -122,25 +122,25 @@ class OnnxFile(Exported):
 
     title = "ONNX"
 
-    def __init__(self, acting: Acting, real: Real) -> None:
+    def __init__(self, deployment: Deployment, real: Real) -> None:
         """
         Args:
-            acting: What is exported, of one gait.
+            deployment: What is exported, of one gait.
             real: Type of what the graph reads and gives.
 
         Raises:
             InputError: if there is no graph for it, or its name can name no controller.
         """
-        super().__init__(acting)
-        refuse_other_than_names(acting.name)
-        assert isinstance(acting.gait, Gait)
-        self.gait, self.policy = acting.gait, acting.controller.policy
-        self.expert = network_expert(acting.controller.expert)
+        super().__init__(deployment)
+        refuse_other_than_names(deployment.name)
+        assert isinstance(deployment.gait, Gait)
+        self.gait, self.policy = deployment.gait, deployment.controller.policy
+        self.expert = network_expert(deployment.controller.expert)
         model = write_graph(
             self.gait,
             self.policy,
             self.expert,
-            policy_name=acting.policy_name,
+            policy_name=deployment.policy_name,
             version=version("glassgait"),
             real=real,
         )
@@ -150,13 +150,13 @@ class OnnxFile(Exported):
         graph, recorded, seed = LoadedGraph(self.model), effort.n_recorded, effort.seed
         say(f"acting on {effort.n_steps} observations, in Python and by ONNX Runtime")
         rows = {
-            "recorded": recorded_rows(self.gait, self.acting.controller, recorded, seed),
+            "recorded": recorded_rows(self.gait, self.deployment.controller, recorded, seed),
             "random": random_rows(self.policy.robot, self.gait, effort.n_steps - recorded, seed),
         }
         agreement = check_graph(graph, self.policy, self.expert, rows)
         return {"agreement": agreement} | self._walked(by_graph(graph), effort)
 
     def write(self, folder: Path) -> tuple[Path, ...]:
-        path = folder / f"{self.acting.name}.onnx"
+        path = folder / f"{self.deployment.name}.onnx"
         write_atomically(path, self.model)
         return (path,)
