@@ -43,32 +43,31 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "measure": {
         "evaluate worlds": (
-            "evaluation.robustness.command:Robustness",
-            "Let the expert and every student walk alone in every scenario, and tell who falls "
-            "where.",
+            "evaluation.worlds:Worlds",
+            "Let policies walk alone in every scenario, and report scores and falls.",
         ),
-        "evaluate policies": (
-            "evaluation.command:Evaluate",
-            "Roll policies out in closed loop and score them.",
+        "evaluate alternation": (
+            "evaluation.alternation:Alternation",
+            "Let expert and student act by turns, and report the return at every ratio.",
         ),
-        "evaluate compare": (
-            "evaluation.compare.command:Compare",
-            "Set two policies side by side: their lines, targets, scores, and one replay of both.",
+        "evaluate tracking": (
+            "evaluation.tracking:Tracking",
+            "Let robots keep one command each, and report how fast they go and turn.",
         ),
         "evaluate pushes": (
-            "evaluation.pushes.command:PushBasin",
+            "evaluation.pushes:Pushes",
             "Push walking robots from every side, and draw which pushes each policy survives.",
         ),
         "evaluate transitions": (
-            "evaluation.transitions.command:Transitions",
-            "Change the gait of walking robots, each to each, and tell who falls and how soon.",
+            "evaluation.transitions:Transitions",
+            "Change the gait of walking robots, each to each, and report falls and waits.",
         ),
         "evaluate stability": (
-            "evaluation.stability.command:Stability",
-            "Tell whether small differences grow or fade from one stride to the next, and test it.",
+            "evaluation.stability:Stability",
+            "Find whether small differences grow or fade from one stride to the next, and test it.",
         ),
         "evaluate symmetry": (
-            "evaluation.symmetry.command:Symmetry",
+            "evaluation.symmetry:Symmetry",
             "Measure whether an expert and its students treat left and right alike.",
         ),
         "evaluate assurance": (
@@ -133,7 +132,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "drive dropout": (
             "deployment.drive.dropout_command:DriveDropout",
-            "Silence controllers for good at many moments of the stride, and count who overturns.",
+            "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },
     "reproduce": {
@@ -147,11 +146,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "paper.",
         ),
         "reproduce curricula": (
-            "reproduction.curricula.command:Curricula",
+            "reproduction.curricula:Curricula",
             "Distil by other curricula with as many samples, and let the students walk alone.",
         ),
         "reproduce convergence": (
-            "reproduction.convergence.command:Convergence",
+            "reproduction.convergence:Convergence",
             "Drop the robot and roll an expert out with every contact solver and time step.",
         ),
         "reproduce benchmark": (
@@ -169,7 +168,7 @@ TRAINS = ("train", "refine", "reproduce", "reproduce benchmark")
 
 MOVED = {
     "robustness": "evaluate worlds",
-    "compare": "evaluate compare",
+    "compare": "evaluate worlds",
     "pushes": "evaluate pushes",
     "transitions": "evaluate transitions",
     "stability": "evaluate stability",
@@ -280,7 +279,7 @@ def _check_working_folder() -> None:
 
 
 def _parse(name: str, arguments: list[str]) -> Any:
-    # Imported here: Ctrl-C is told plainly by now, and other commands' modules stay out.
+    # Imported here: Ctrl-C is handled by now, and other commands' modules stay out.
     import tyro  # noqa: PLC0415
 
     if name in TRAINS:

@@ -50,7 +50,7 @@ ORDER = (
     "ebm",
     "symbolic",
     "statewise_symbolic",
-    "page",
+    "sparse_formula",
 )
 """Order of the kinds of students in tables; kinds that it does not name come last."""
 
@@ -164,16 +164,13 @@ class Policies:
             names: As `controller` takes them; `all` stands for the expert and every student.
 
         Raises:
-            InputError: if there is no such policy, it does not fit, or two are called the same.
+            InputError: if there is no such policy, or it does not fit.
         """
         found: dict[str, AlternatingController] = {}
         for name in self.named(names):
             stem = policy_stem(name)
-            if stem in found:
-                raise InputError(
-                    f"--policy: two policies are called {shown(stem)}; give one file another name"
-                )
-            found[stem] = self.controller(name)
+            # Of two files of one name the second is called by its path.
+            found[name if stem in found else stem] = self.controller(name)
         return found
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:
@@ -222,13 +219,14 @@ def is_file(name: str) -> bool:
     return Path(name).suffix in POLICY_SUFFIXES
 
 
-def find_policies(gait: Gait, source: Path | None = None) -> Policies:
+def find_policies(gait: Gait, source: Path | None = None, *, quiet: bool = False) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
     Args:
         gait: The gait.
         source: Folder of a run of train, distill or refine; by default what ships is taken and, of
             a gait that does not ship, what the default folders hold.
+        quiet: Whether nothing is printed.
 
     Raises:
         InputError: if there is no expert of the gait, the folder holds no policies of it, or the
@@ -244,6 +242,8 @@ def find_policies(gait: Gait, source: Path | None = None) -> Policies:
         found = _in_run(gait, DISTILLATION_FOLDER / name)
     else:
         found = _in_run(gait, TRAINING_FOLDER / name)
+    if quiet:
+        return found
     if found.place == SHIPPED:
         note(f"{name}: policies are those that ship")
     elif found.expert_place == SHIPPED:

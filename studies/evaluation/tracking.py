@@ -1,19 +1,26 @@
-"""Commanded against measured speed and yaw rate, of robots that keep one command."""
+"""`glassgait evaluate tracking`: measured speeds of robots that keep one command."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from glassgait.models.arrays import Array
+from glassgait.models.settings import Count, Range
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.palette import COLORS
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.episode import episode, give
+from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.observers import Log
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.scores import interval
+from glassgait.studies.common.tables import json_records
+from glassgait.studies.distillation.students.registry import policy_title
 
 SPEEDS = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 """Forward speeds that are commanded (m/s), without turning, as far as the gait goes."""
@@ -24,17 +31,79 @@ YAW_RATES = (-0.8, -0.4, 0.4, 0.8)
 TURNING_SPEED = 0.5
 """Forward speed at which yaw rates are commanded (m/s), or the greatest below it."""
 
-N_ROBOTS = 8
-"""Robots for each command, at most; their dwells are spread over the gait's range."""
-
-N_STEPS = 500
-"""Control steps that a command is kept (10 s), at most."""
-
 SETTLED_SHARE = 0.5
 """Share of the steps, at the end, over which speed and yaw rate are averaged."""
 
 COMMANDED = ["commanded speed (m/s)", "commanded yaw rate (rad/s)"]
 MEASURED = ["measured speed (m/s)", "measured yaw rate (rad/s)"]
+
+
+@dataclass(frozen=True)
+class Tracking(Experiment):
+    """Let robots keep one command each, and report how fast they go and turn.
+
+    Attributes:
+        n_robots: Robots for each command; their dwells are spread over the gait's range.
+        n_steps: Control steps that a command is kept.
+        speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
+    """
+
+    title: ClassVar[str] = "evaluate tracking"
+    together: ClassVar[bool] = True
+    discrete: ClassVar[bool] = True
+    one_scenario: ClassVar[bool] = True
+
+    policy: PolicyNames = (EXPERT,)
+    n_robots: Count = 8
+    n_steps: Count = 500
+    speed_range: Range | None = None
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls robots out that keep one command each.
+
+        Returns:
+            A row a robot: `dwell` (control steps), what was commanded, `fell`, and the means
+            measured over the last half of the rollout, NaN of a robot that fell.
+        """
+        n = self.n_robots
+        commands = steady_commands(case.gait, self.speed_range)
+        given = Command(
+            np.repeat(commands, n, axis=0),
+            np.tile(np.rint(np.linspace(*case.gait.dwell, n)), len(commands)),
+        )
+        recorder = Log(case.controller.robot, limited=case.scenario.limits_targets(case.controller))
+        episode(
+            case.gait,
+            case.controller,
+            case.scenario,
+            n_robots=len(given.dwell),
+            n_steps=self.n_steps,
+            seed=case.seed,
+            observers=[recorder],
+            events=[give(0, given)],
+        )
+        log = recorder.rollout(self.n_steps)
+        fell = np.asarray(log.failures.any(axis=(0, 2)))
+        measured = log.velocity[-max(1, round(SETTLED_SHARE * self.n_steps)) :].mean(axis=0)
+        measured[fell] = np.nan
+        rows = pd.DataFrame(given.velocity, columns=COMMANDED).assign(dwell=given.dwell)
+        rows["fell"] = fell
+        rows[MEASURED] = measured
+        return rows
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports what is measured for each command, by policy or, of one policy, by gait."""
+        by = "policy" if table["policy"].nunique() > 1 else "gait"
+        means = tracking_table(table, by)
+        gaits, policies = (", ".join(table[name].unique()) for name in ("gait", "policy"))
+        scenario = self.scenario_titles[table["scenario"].iloc[0]]
+        title = f"{gaits}: {policies}: commanded and measured, {scenario}"
+        return Report(
+            tables={"robots": table, "tracking": means},
+            metrics=json_records(means),
+            figures={"tracking": tracking_figure(means, title)},
+            shown={title: means},
+        )
 
 
 def steady_commands(gait: Gait, speed_range: tuple[float, float] | None) -> Array:
@@ -54,85 +123,62 @@ def steady_commands(gait: Gait, speed_range: tuple[float, float] | None) -> Arra
     return np.array(straight + turns)
 
 
-def steady_jobs(jobs: Sequence[RolloutJob], config: RolloutConfig) -> list[RolloutJob]:
-    """Lists those rollouts of an evaluation in which `follow` asks for steady commands.
-
-    They are of its first world that has a time step, and of its first seed; of policies that
-    alternate there are only those in which one acts alone. Students are asked for all speeds,
-    not only for those of distillation.
+def tracking_table(rows: pd.DataFrame, by: str) -> pd.DataFrame:
+    """Averages over robots that were given the same command.
 
     Args:
-        jobs: The evaluation's rollouts.
-        config: Its settings: fewer robots or steps than `N_ROBOTS` and `N_STEPS` are kept, and a
-            range of speeds.
-    """
-    own = replace(
-        config,
-        n_robots=min(config.n_robots, N_ROBOTS),
-        n_steps=min(config.n_steps, N_STEPS),
-        n_seeds=1,
-    )
-    alone = [
-        job
-        for job in jobs
-        if job.config.seed == config.seed
-        and job.scenario.accuracy is None
-        and job.labels.get("ratio", "0") in ("0", "1")
-    ]
-    return [replace(job, config=own) for job in alone if job.scenario == alone[0].scenario]
-
-
-def follow(job: RolloutJob) -> pd.DataFrame:
-    """Rolls robots out that keep one command each.
-
-    Returns:
-        A row a robot, with the job's labels: `dwell` (control steps), what was commanded, `fell`,
-        and the means measured over the last half of the rollout, NaN of a robot that fell.
-    """
-    gait, n, n_steps = job.gait, job.config.n_robots, job.config.n_steps
-    commands = steady_commands(gait, job.config.speed_range)
-    command = Command(
-        np.repeat(commands, n, axis=0),
-        np.tile(np.rint(np.linspace(*gait.dwell, n)), len(commands)),
-    )
-    recorder = Log(job.policy.robot, limited=job.scenario.limits_targets(job.policy))
-    episode(
-        gait,
-        job.policy,
-        job.scenario,
-        n_robots=len(command.dwell),
-        n_steps=n_steps,
-        seed=job.config.seed,
-        observers=[recorder],
-        events=[give(0, command)],
-    )
-    log = recorder.rollout(n_steps)
-    fell = np.asarray(log.failures.any(axis=(0, 2)))
-    measured = log.velocity[-max(1, round(SETTLED_SHARE * n_steps)) :].mean(axis=0)
-    measured[fell] = np.nan
-    rows = pd.DataFrame(command.velocity, columns=COMMANDED).assign(dwell=command.dwell)
-    rows["fell"] = fell
-    rows[MEASURED] = measured
-    for position, (label, value) in enumerate(job.labels.items()):
-        rows.insert(position, label, value)
-    return rows
-
-
-def tracking_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Averages what robots did over those that were told the same.
-
-    Args:
-        rows: What `follow` returned of all policies, which the first column tells apart.
+        rows: What `measure` returned of all policies.
+        by: The column by which lines differ.
 
     Returns:
         A row a policy and command: means over the robots that did not fall, half the widths of
         their 95 % intervals, and how many fell.
     """
-    who = str(rows.columns[0])
     means = []
-    for keys, group in rows.groupby([who, *COMMANDED], sort=False):
-        row = dict(zip([who, *COMMANDED], keys, strict=True))
+    for keys, group in rows.groupby([by, *COMMANDED], sort=False):
+        row = dict(zip([by, *COMMANDED], keys, strict=True))
         for name in MEASURED:
             row |= {name: group[name].mean(), f"{name.split(' (')[0]} ±": interval(group[name])}
         means.append(row | {"robots": len(group), "falls": int(group["fell"].sum())})
     return pd.DataFrame(means)
+
+
+@styled
+def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Draws measured against commanded speed and yaw rate, a line a policy or gait.
+
+    Speeds are those of robots that do not turn, yaw rates those of robots that go at one speed. A
+    robot that follows its command is on the dotted line.
+
+    Args:
+        table: What `tracking_table` returned.
+        title: The legend's title.
+    """
+    figure, panels = subplots(1, 2, figsize=(2 * COLUMN_WIDTH, 3.2))
+    policy_column = str(table.columns[0])
+    straight = table[COMMANDED[1]] == 0.0
+    turning = table[COMMANDED[0]] == table.loc[~straight, COMMANDED[0]].max()
+    for axes, commanded, measured, rows in zip(
+        panels, COMMANDED, MEASURED, (straight, turning), strict=True
+    ):
+        shown = table[rows].sort_values(commanded)
+        if len(shown):
+            ends = [shown[commanded].min(), shown[commanded].max()]
+            axes.plot(ends, ends, color="black", linewidth=0.8, linestyle=":")
+        for i, name in enumerate(table[policy_column].unique()):
+            mine = shown[shown[policy_column] == name]
+            axes.errorbar(
+                mine[commanded],
+                mine[measured],
+                mine[f"{measured.split(' (')[0]} ±"],
+                label=policy_title(str(name)),
+                color=COLORS[i % len(COLORS)],
+                marker="osv^Dx"[i % 6],
+                markersize=3.5,
+                linewidth=1.0,
+                capsize=1.5,
+            )
+        axes.set(xlabel=commanded, ylabel=measured)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, title=title)
+    return figure

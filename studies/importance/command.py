@@ -10,32 +10,26 @@ import tyro
 from annotated_types import Ge
 
 from glassgait.models.errors import InputError
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import EXPERT, Policies, find_policies, policy_stem
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.dataset import round_paths
-from glassgait.studies.distillation.students.library import (
-    distillation_folder,
-    kept_students,
-    load_shipped_students,
-    load_students,
-    samples_folder,
-)
+from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.linear import STATEWISE_LINEAR
-from glassgait.studies.distillation.students.settings import StudentKind
+from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.importance.faithfulness import ablation_jobs, losses, rank_correlations
+from glassgait.studies.importance.faithfulness import ablation_cases, losses, rank_correlations
 from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import (
     draw_student,
@@ -54,15 +48,16 @@ class Importance(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
-        students: Kinds of students; by default those that there are of gbm, ebm, statewise_linear,
+        policy: Kinds of students; by default those that there are of gbm, ebm, statewise_linear,
             symbolic and statewise_symbolic.
         joint: Joint whose trees and functions are drawn.
-        distillation: Folder of the distillation; by default runs/distillation/<gait>, and where
-            that holds no students, those that ship, in new episodes of their own.
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
+            They are those that a distillation held out or, of other students, new ones.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine, whose policies are taken; by default
+            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
+            runs/training/<gait>.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/importance/<gait> by default.
     """
@@ -70,26 +65,26 @@ class Importance(Settings):
     title: ClassVar[str] = "importance"
 
     gait: str = "trot"
-    students: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
+    policy: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
     joint: str = "FL_hip"
-    distillation: Path | None = None
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
     )
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
+        policies = find_policies(gait, self.source)
+        expert = policies.expert
         joint, seed = joint_index(self.joint), self.rollouts.seed
-        source = self._distillation(gait)
-        students = self._chosen(load_students(source, expert) if source else self._shipped(expert))
-        inputs = _inputs(gait, expert, students, source)
+        students = self._chosen(policies)
+        source = _samples_of(policies, students)
+        inputs = _inputs(policies, students, source)
         folder = self.output or Path("runs/importance") / gait.name
         with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
             samples = {
@@ -106,46 +101,39 @@ class Importance(Settings):
                 draw_student(gait.name, kind, student, joint, observations, folder, seed)
             means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
             say("rolling out without each group of observations")
-            jobs = ablation_jobs(gait, expert, students, means, self.rollouts)
-            lost = losses(run_jobs(jobs, folder / "rollouts"))
+            jobs = ablation_cases(gait, expert, students, means, self.rollouts)
+            lost = losses(run_rollouts(jobs, folder / "rollouts"))
             correlations = rank_correlations(importances, lost)
             _write(importances, lost, correlations, gait.name.capitalize(), folder)
         print_table(f"{gait.name}: rank correlation of importance and loss", correlations)
         console.print(f"written to {folder}")
 
-    def _distillation(self, gait: Gait) -> Path | None:
-        """Returns the folder of the students, or None where they are those that ship."""
-        source = self.distillation or distillation_folder(gait.name)
-        return source if self.distillation or kept_students(source) else None
-
-    def _shipped(self, expert: NeuralPolicy) -> dict[str, Policy]:
-        if self.expert:
+    def _chosen(self, policies: Policies) -> dict[str, Policy]:
+        chosen = self.policy or tuple(kind for kind in MEASURED if kind in policies.files)
+        if not chosen or EXPERT in chosen:
             raise InputError(
-                f"{self.expert}: the students that ship are of another expert; name the folder of "
-                "this one's with --distillation"
+                f"--policy: no student {', '.join(MEASURED)} of the {policies.gait.name} there, "
+                "and of students alone importances are measured; make one with 'glassgait distill "
+                f"--gait {self.gait}', or name others"
             )
-        return load_shipped_students(expert)
+        return {policy_stem(name): policies.policy(name) for name in chosen}
 
-    def _chosen(self, students: Mapping[str, Policy]) -> dict[StudentKind, Policy]:
-        chosen = self.students or tuple(kind for kind in MEASURED if kind in students)
-        missing = [kind for kind in chosen if kind not in students]
-        if missing or not chosen:
-            raise InputError(
-                f"no student {', '.join(missing or MEASURED)} of the {self.gait}; make it with "
-                f"'glassgait distill --gait {self.gait}', or name others with --students"
-            )
-        return {kind: students[kind] for kind in chosen}
+
+def _samples_of(policies: Policies, students: Mapping[str, Policy]) -> Path | None:
+    """Returns the folder whose samples the students were fitted to, if it is there."""
+    folder = policies.folder
+    if folder is None or not set(students) <= set(STUDENTS):
+        return None
+    kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in students)
+    return folder if kept else None
 
 
 def _inputs(
-    gait: Gait, expert: NeuralPolicy, students: Mapping[str, Policy], source: Path | None
+    policies: Policies, students: Mapping[str, Policy], source: Path | None
 ) -> dict[str, str]:
     """Returns the digests of all that the run depends on."""
-    inputs = {
-        "gait": gait.digest(),
-        "expert": expert.digest(),
-        "students": " ".join(student.digest() for student in students.values()),
-    }
+    acting = [(kind, alone(student, policies.expert)) for kind, student in students.items()]
+    inputs = policies.inputs(acting)
     if source:
         rounds = [path for kind in students for path in round_paths(samples_folder(source, kind))]
         inputs["samples"] = digest_of_files(rounds)

@@ -19,9 +19,10 @@ from glassgait.models.policies.controller import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
-from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.scoring import rollout_cases
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.importance.observations import observation_groups
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
@@ -86,13 +87,13 @@ class AblatedController(WrappedController):
         }
 
 
-def ablation_jobs(
+def ablation_cases(
     gait: Gait,
     expert: NeuralPolicy,
     students: Mapping[str, Policy],
     means: Mapping[str, Array],
     config: RolloutConfig,
-) -> list[RolloutJob]:
+) -> list[Case]:
     """Lists the rollouts of every student alone, whole and without each group of observations.
 
     Forward speeds are those of distillation unless the settings name others. The rollouts of a
@@ -120,18 +121,18 @@ def ablation_jobs(
                 )
         for (group, mode), policy in policies.items():
             labels = {"policy": kind, "without": group, "mode": mode}
-            jobs += for_each_seed(RolloutJob(labels, gait, policy, Scenario(), config))
+            jobs += rollout_cases(labels, gait, policy, Scenario(), config)
     return jobs
 
 
 def losses(scores: pd.DataFrame) -> pd.DataFrame:
-    """Returns the share of its reward that each student loses without each group.
+    """Returns the share of its return that each student loses without each group.
 
     Args:
-        scores: Scores of `ablation_jobs`.
+        scores: Scores of `ablation_cases`.
 
     Returns:
-        A row for each policy, group and mode: `lost` share of reward, its 95 % interval `lost_ci`,
+        A row for each policy, group and mode: `lost` share of return, its 95 % interval `lost_ci`,
         and `fall_rate`.
     """
     by = ["policy", "without", "mode"]

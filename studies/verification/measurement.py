@@ -14,16 +14,17 @@ from glassgait.models.certificates.observation_box import (
     rounded_outward,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob
-from glassgait.studies.common.rollouts.worlds import world_jobs
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 
 MARGIN = 0.1
 """Share of its width that a measured range is widened by, on both sides."""
@@ -68,7 +69,12 @@ def measure_box(
         InputError: if no robot stayed up.
     """
     stepped = {name: world for name, world in scenarios.items() if world.accuracy is None}
-    jobs = world_jobs(gait, expert, students, stepped, config)
+    jobs = cases_in_worlds(
+        gait,
+        {"expert": alone(expert)} | {kind: alone(own, expert) for kind, own in students.items()},
+        stepped,
+        config,
+    )
     found = [corners for corners in _corners(jobs, processes) if corners is not None]
     if not found:
         raise InputError(f"every robot of the {gait.name} fell; measure with more or longer")
@@ -84,9 +90,7 @@ def measure_box(
     return MeasuredBox(rounded_outward(commanded(box.widened(MARGIN), gait)), measured)
 
 
-def _corners(
-    jobs: Sequence[RolloutJob], processes: int | None
-) -> Iterator[tuple[Array, Array] | None]:
+def _corners(jobs: Sequence[Case], processes: int | None) -> Iterator[tuple[Array, Array] | None]:
     work = (delayed(_sensed)(job) for job in jobs)
     with progress_bar(len(jobs)) as (progress, bar):
         for corners in run_parallel(work, processes or len(jobs), in_order=False):
@@ -94,12 +98,12 @@ def _corners(
             yield corners
 
 
-def _sensed(job: RolloutJob) -> tuple[Array, Array] | None:
+def _sensed(job: Case) -> tuple[Array, Array] | None:
     """Returns the least and greatest observations (n, n) of the robots that stay up."""
     scenario, observations = job.config.commanding(job.scenario), Observations()
     ended = episode(
         job.gait,
-        job.policy,
+        job.controller,
         scenario,
         n_robots=job.config.robots_in(scenario),
         n_steps=job.config.n_steps,

@@ -14,7 +14,7 @@ from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Re
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.scores import SCORES
 from glassgait.studies.evaluation.assurance.calibration import Visits, guarded, visit
 from glassgait.studies.evaluation.assurance.fall_prediction import LEADS, rescues, warnings_of
 from glassgait.studies.evaluation.assurance.figures import draw_calls
@@ -138,7 +138,7 @@ def run(tmp_path):
     folder = tmp_path / "run"
 
     def start(*more):
-        worlds = ["--worlds", "training", "--n-workers", "1", "--output", str(folder)]
+        worlds = ["--scenario", "training", "--n-workers", "1", "--output", str(folder)]
         main(["evaluate", "assurance", *small, *worlds, *more])
         return folder
 
@@ -167,7 +167,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
 
     for module, name in [("study", "visit"), ("pushed_robot", "record")]:
         monkeypatch.setattr(f"glassgait.studies.evaluation.assurance.{module}.{name}", never)
-    monkeypatch.setattr("glassgait.studies.common.rollouts.jobs.roll_out", never)
+    monkeypatch.setattr("glassgait.studies.common.rollouts.scoring.roll_out", never)
     before = (folder / "metrics.json").read_bytes()
     (folder / "metrics.json").unlink()
     assert (run("--resume") / "metrics.json").read_bytes() == before
@@ -181,12 +181,9 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--quantile", "0.5"], "quantile is 0.5; it must be less than 0.5"),
         (["--return-steps", "0"], "return_steps is 0; it must be 1 or more"),
         (["--calibration-seed", "999"], "and rollouts have it or the next one; name another"),
-        (["--gait", "three_one"], "no student 'sparse_formula' of the three_one ships"),
-        (["--worlds", "moon"], "moon"),
-        (
-            ["--disagreement"],
-            "the sparse_formula of the trot is no ensemble; name --student ebm",
-        ),
+        (["--gait", "three_one"], "--policy 'sparse_formula'"),
+        (["--scenario", "moon"], "moon"),
+        (["--disagreement"], "disagreement"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):

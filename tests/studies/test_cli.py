@@ -18,7 +18,7 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "is not an alternation ratio" in refused(["view", "--ratio", "2/3"])
     assert "name one with --policy" in refused(["view", "--ratio", "1/4"])
     assert "time_step is -0.1" in refused(["train", "--station.time-step", "-0.1"])
-    assert "n_robots is 0" in refused(["evaluate", "policies", "--n-robots", "0"])
+    assert "n_robots is 0" in refused(["evaluate", "worlds", "--n-robots", "0"])
     assert "do not fit in n_groups" in refused(["train", "--n-groups", "1"])
     assert "must divide the control period" in refused(
         ["train", "--station.time-step", "0.015", "--output", str(tmp_path / "run")]
@@ -29,17 +29,14 @@ def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
     assert "start_weights is empty" in refused(["distill", "--symbolic.start-weights"])
     assert "start_weights is (0,)" in refused(["distill", "--symbolic.start-weights", "0"])
     assert "shape 90 64 asks" in refused(["distill", "--symbolic.shapes", "90", "64"])
-    assert "scenario is empty" in refused(["evaluate", "policies", "--scenario"])
+    assert "scenario is empty" in refused(["evaluate", "worlds", "--scenario"])
     assert "terms is empty" in refused(["distill", "--sweep", "terms", "--terms"])
     assert "terms is (8, 0)" in refused(["distill", "--sweep", "terms", "--terms", "8", "0"])
     assert "repeats is 0" in refused(["importance", "--repeats", "0"])
-    assert "name one gait" in refused(["evaluate", "policies", "--gait", "all", "--expert", "x"])
-    assert "unknown policy 'oracle'" in refused(["evaluate", "policies", "--policy", "oracle"])
-    students = ["--distillation", str(tmp_path)]
+    assert "--gait" in refused(["evaluate", "worlds", "--gait", "all", "--source", "x"])
+    assert "oracle" in refused(["evaluate", "worlds", "--policy", "oracle"])
     assert "holds no policies" in refused(["view", "--source", str(tmp_path)])
-    assert "holds no students" in refused(
-        ["evaluate", "policies", "--policy", "students", *students]
-    )
+    assert "--source" in refused(["evaluate", "alternation", "--source", str(tmp_path)])
 
 
 TOO_MANY = "it must be of 100 values at most"
@@ -100,13 +97,12 @@ REFUSED = {
     "distill --symbolic.population 1": "population is 1; it must be 2 or more",
     "distill --symbolic.max-samples 0": "max_samples is 0",
     "distill --symbolic.generations 0": "generations is 0",
-    "evaluate policies --n-steps 0": "n_steps is 0",
-    "evaluate policies --seed -1": "seed is -1; it must be 0 or more",
-    "evaluate policies --speed-range 1 0": "it must be the least, then the greatest",
-    "evaluate policies --speed-range 0 inf": "it must be a finite number",
-    "evaluate policies --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
-    "evaluate policies --scenario training training": "it must be a list that names nothing twice",
-    "evaluate worlds --worlds training training": "it must be a list that names nothing twice",
+    "evaluate worlds --n-steps 0": "n_steps is 0",
+    "evaluate worlds --seed -1": "seed is -1; it must be 0 or more",
+    "evaluate worlds --speed-range 1 0": "it must be the least, then the greatest",
+    "evaluate worlds --speed-range 0 inf": "it must be a finite number",
+    "evaluate worlds --speed-range 0 50": "name speeds of the trot from -1.0 to 1.0 m/s",
+    "evaluate worlds --scenario training training": "it must be a list that names nothing twice",
     "evaluate worlds --n-robots 0": "n_robots is 0; it must be 1 or more",
     "importance --n-samples 1": "n_samples is 1; it must be 2 or more",
     "evaluate symmetry --n-robots 1": "n_robots is 1; it must be 2 or more",
@@ -162,18 +158,17 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
 
 
 def test_evaluate_writes_its_tables(tmp_path, capsys):
-    small = ["--n-robots", "2", "--n-steps", "60", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", "policies", *small, "--output", str(tmp_path)])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in told
-    assert "commanded and measured" in told
+    small = ["--n-robots", "2", "--n-steps", "60", "--policy", "expert", "--scenario", "training"]
+    main(["evaluate", "worlds", *small, "--output", str(tmp_path)])
+    message = " ".join(capsys.readouterr().out.split())
+    assert (
+        "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in message
+    )
     tables = {
-        f"{name}.{kind}"
-        for name in ("robots", "scorecard", "falls", "tracking")
-        for kind in ("csv", "md")
-    } | {"tracking.png", "tracking.pdf"}
+        f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
+    }
     written = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
-    assert written == {"config.yaml", "metrics.json", "rollouts", "steady"} | tables
+    assert written == {"config.yaml", "metrics.json", "cases"} | tables
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):

@@ -320,7 +320,7 @@ def test_an_interrupt_while_importing_is_reported(tmp_path):
 def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
     seconds = random.Random(moment).uniform(0.05, 5.0)
     endless = ["--n-seeds", "9", "--n-steps", "100000", "--scenario", "training"]
-    code, told = interrupt_after(seconds, ["evaluate", "policies", *endless], tmp_path)
+    code, told = interrupt_after(seconds, ["evaluate", "worlds", *endless], tmp_path)
     assert code == INTERRUPTED
     assert told.strip().startswith("glassgait: interrupted")
     assert len(told.strip().splitlines()) == 1

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.common.rollouts.jobs
+import glassgait.studies.common.rollouts.scoring
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
@@ -24,32 +24,31 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.jobs import RolloutJob, run_jobs
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import (
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
+from glassgait.studies.common.scores import (
     interval,
-    reward_shares,
+    return_shares,
     score_rollouts,
     summarize,
 )
 from glassgait.studies.distillation.students.linear import untrained_student
-from glassgait.studies.evaluation.figures import reward_figure, tracking_figure
-from glassgait.studies.evaluation.results import write_tracking
-from glassgait.studies.evaluation.scorecard import scorecard_jobs
-from glassgait.studies.evaluation.tables import falls_table, scorecard_table, standalone_table
+from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.tracking import (
     COMMANDED,
     MEASURED,
-    follow,
+    Tracking,
     steady_commands,
-    steady_jobs,
+    tracking_figure,
     tracking_table,
 )
+from glassgait.studies.evaluation.worlds_tables import falls_table, scorecard_table
 from glassgait.studies.importance.faithfulness import AblatedController
 
 A1 = load_robot()
@@ -80,7 +79,7 @@ def test_a_robot_is_scored_up_to_its_first_failure():
     scores = score_rollouts(values, A1.mass)
     assert scores["fell"].tolist() == [False, True]
     assert scores["steps"].tolist() == [200, 50]
-    assert scores["reward"].tolist() == [200, 50]
+    assert scores["return"].tolist() == [200, 50]
     assert scores["failure"].tolist() == ["", "low_trunk"]
     np.testing.assert_allclose(scores["rhythm"], 0.9)
 
@@ -106,14 +105,18 @@ def test_standing_as_told_does_not_lower_the_speed_error():
     np.testing.assert_allclose(scores["going_speed_error"], [0.1, np.nan], atol=1e-12)
     np.testing.assert_allclose(scores["yaw_rate_error"], 0.3)
     table = scorecard_table(scores.assign(gait="trot", scenario="training"), {"training": "home"})
-    assert table.loc[0, "speed error, told to go (m/s)"] == "0.100"
+    assert table.loc[0, "speed error, commanded to go (m/s)"] == "0.100"
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
-    job = RolloutJob({}, load_gait("trot"), alone(expert), Scenario(), RolloutConfig())
-    before = job.digest()
-    monkeypatch.setattr(glassgait.studies.common.rollouts.jobs, "SCORES", ("speed_error",))
-    assert job.digest() != before
+    def digest():
+        worlds, config = {"training": Scenario()}, RolloutConfig(n_seeds=1)
+        (case,) = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, worlds, config)
+        return case.digest()
+
+    before = digest()
+    monkeypatch.setattr(glassgait.studies.common.rollouts.scoring, "SCORES", ("speed_error",))
+    assert digest() != before
 
 
 def test_steady_commands_stay_within_the_gait():
@@ -127,26 +130,9 @@ def test_steady_commands_stay_within_the_gait():
     assert steady_commands(load_gait("trot"), (0.2, 0.6))[:, 0].min() == 0.25
 
 
-def test_each_policy_alone_is_told_steady_commands_in_the_first_discrete_world(expert):
-    gait, config = load_gait("trot"), RolloutConfig(n_seeds=3)
-    worlds = {"continuous": CONTINUOUS, "loaded": load_scenario("payload_2kg")} | TRAINING
-    jobs = steady_jobs(scorecard_jobs([(gait, alone(expert))], worlds, config), config)
-    assert [(job.scenario, job.config.seeds) for job in jobs] == [
-        (worlds["loaded"], range(1000, 1001))
-    ]
-    student = untrained_student(expert)
-    jobs = alternation_jobs(gait, expert, {"linear": student}, config)
-    assert [tuple(job.labels.values()) for job in steady_jobs(jobs, config)] == [
-        ("expert", "1"),
-        ("linear", "0"),
-    ]
-
-
-def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
-    config = RolloutConfig(n_robots=1, n_steps=120, n_seeds=1, speed_range=(-0.5, 0.5))
-    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    rows = follow(*steady_jobs(jobs, config))
-    table = write_tracking(rows, "trot", tmp_path)
+def test_robots_that_are_commanded_to_go_faster_go_faster(tmp_path):
+    Tracking(n_robots=1, n_steps=120, speed_range=(-0.5, 0.5), output=tmp_path / "run").run()
+    table = pd.read_csv(tmp_path / "run" / "tracking.csv")
     straight = table[table["commanded yaw rate (rad/s)"] == 0]
     assert straight["commanded speed (m/s)"].tolist() == [-0.5, -0.25, 0.0, 0.25, 0.5]
     np.testing.assert_allclose(
@@ -155,18 +141,22 @@ def test_who_is_told_to_go_faster_goes_faster(expert, tmp_path):
     turns = table[table["commanded yaw rate (rad/s)"] != 0]
     assert turns["measured yaw rate (rad/s)"].is_monotonic_increasing
     assert (table["falls"] == 0).all()
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "tracking.csv", "tracking.md", "tracking.png", "tracking.pdf",
-    }  # fmt: skip
+    assert (tmp_path / "run" / "tracking.png").exists()
+
+
+def test_tracking_refuses_continuous_and_several_scenarios(tmp_path):
+    for named in (("cenic_1e-5",), ("training", "push_1.0")):
+        with pytest.raises(InputError, match="--scenario"):
+            Tracking(scenario=named, output=tmp_path / "run").run()
 
 
 def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
     # The second is slower at the first command that is drawn.
-    told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
+    message = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
     measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
     walk, trot = (
         rows.assign(**dict.fromkeys(measures, value))
-        for rows, value in ((told[1:], 0.3), (told, 0.6))
+        for rows, value in ((message[1:], 0.3), (message, 0.6))
     )
     table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
     table = table[["gait", *COMMANDED, *measures]]
@@ -184,11 +174,11 @@ def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
 
 
 def test_speeds_are_of_robots_that_did_not_fall():
-    told = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
-    rows = pd.DataFrame({"gait": "trot", **told, "fell": [False, True, False]})
+    message = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
+    rows = pd.DataFrame({"gait": "trot", **message, "fell": [False, True, False]})
     rows["measured speed (m/s)"] = [0.3, np.nan, 0.5]
     rows["measured yaw rate (rad/s)"] = [0.0, np.nan, 0.0]
-    (row,) = tracking_table(rows).to_dict(orient="records")
+    (row,) = tracking_table(rows, "gait").to_dict(orient="records")
     assert row["measured speed (m/s)"] == pytest.approx(0.4)
     assert (row["robots"], row["falls"]) == (3, 1)
 
@@ -217,8 +207,8 @@ def expert():
 def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     student = untrained_student(expert)
     config = RolloutConfig(n_robots=2, n_steps=150, n_seeds=2)
-    jobs = alternation_jobs(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
-    scores = run_jobs(jobs, tmp_path, processes=1)
+    jobs = alternation_cases(load_gait("trot"), expert, {"linear": student}, config, (1, 2, 0))
+    scores = run_rollouts(jobs, tmp_path, processes=1)
     summary = summarize(scores, ["policy", "ratio"]).set_index(["policy", "ratio"])
     assert summary.loc[("expert", "1"), "falls"] == 0
     assert summary.loc[("expert", "1"), "rhythm"] > 0.9
@@ -226,8 +216,8 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     table = standalone_table(scores)
     assert table["policy"].tolist() == ["Neural expert", "Linear"]
     assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
-    save_figure(reward_figure(scores, "trot"), tmp_path / "reward")
-    assert (tmp_path / "reward.pdf").stat().st_size > 5000
+    save_figure(return_figure(scores, "trot"), tmp_path / "return")
+    assert (tmp_path / "return.pdf").stat().st_size > 5000
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -257,28 +247,28 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     student = SymbolicPolicy("trot", names, formulas)
     config = RolloutConfig(n_robots=3, n_steps=10)
     policy = alone(student, expert)
-    job = RolloutJob({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config)
-    scores = run_jobs([job], tmp_path, processes=1)
+    job = Case({"policy": "formula"}, load_gait("trot"), policy, Scenario(), config.seed, config)
+    scores = run_rollouts([job], tmp_path, processes=1)
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
     assert scores["steps"].tolist() == [3] * 3
-    told = " ".join(capsys.readouterr().out.split())
-    assert "the action of FL_calf is not finite at control step 2, robot 0" in told
+    message = " ".join(capsys.readouterr().out.split())
+    assert "the action of FL_calf is not finite at control step 2, robot 0" in message
 
 
 def test_shares_compare_robot_with_robot(generator):
-    whole = pd.DataFrame({"reward": generator.uniform(1000.0, 5000.0, size=40)})
+    whole = pd.DataFrame({"return": generator.uniform(1000.0, 5000.0, size=40)})
     noise = generator.normal(scale=50.0, size=40)
-    scores = pd.DataFrame({"policy": "a", "reward": 0.9 * whole["reward"] + noise})
-    row = reward_shares(scores, ["policy"], whole).iloc[0]
-    assert row["share"] == scores["reward"].mean() / whole["reward"].mean()
+    scores = pd.DataFrame({"policy": "a", "return": 0.9 * whole["return"] + noise})
+    row = return_shares(scores, ["policy"], whole).iloc[0]
+    assert row["share"] == scores["return"].mean() / whole["return"].mean()
     # As a bootstrap over robots finds it.
     picks = generator.integers(40, size=(4000, 40))
-    resampled = scores["reward"].to_numpy()[picks].mean(axis=1) / (
-        whole["reward"].to_numpy()[picks].mean(axis=1)
+    resampled = scores["return"].to_numpy()[picks].mean(axis=1) / (
+        whole["return"].to_numpy()[picks].mean(axis=1)
     )
     assert row["share_ci"] == pytest.approx(1.96 * resampled.std(), rel=0.15)
-    unpaired = interval(scores["reward"]) / whole["reward"].mean()
+    unpaired = interval(scores["return"]) / whole["return"].mean()
     assert row["share_ci"] < 0.1 * unpaired
 
 
@@ -286,8 +276,9 @@ def test_scenarios_are_named_in_the_tables(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=60, n_seeds=1)
     scenarios = load_scenarios(("training", "sap_2ms"))
     titles = {name: scenario.title for name, scenario in scenarios.items()}
-    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], scenarios, config)
-    scores = run_jobs(jobs, tmp_path, processes=1)
+    jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, scenarios, config)
+    scores = run_rollouts(jobs, tmp_path, processes=1)
+    scores = scores.assign(gait="trot")
     table, falls = scorecard_table(scores, titles), falls_table(scores, titles)
     assert table["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
     assert falls["scenario"].tolist() == ["SAP 10 ms (training)", "SAP 2 ms"]
@@ -299,13 +290,13 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
     def scores(*, seeds=2, folder=tmp_path):
         config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=seeds)
-        jobs = scorecard_jobs([(gait, alone(expert))], TRAINING, config)
-        return run_jobs(jobs, folder, processes=1)
+        jobs = cases_in_worlds(gait, {"expert": alone(expert)}, TRAINING, config)
+        return run_rollouts(jobs, folder, processes=1)
 
     rolled_out = []
-    original = glassgait.studies.common.rollouts.jobs.roll_out
+    original = glassgait.studies.common.rollouts.scoring.roll_out
     monkeypatch.setattr(
-        glassgait.studies.common.rollouts.jobs,
+        glassgait.studies.common.rollouts.scoring,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )
@@ -321,28 +312,28 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
 
 def test_damaged_scores_are_told(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
-    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    run_jobs(jobs, tmp_path, processes=1)
+    jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, TRAINING, config)
+    run_rollouts(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
-    path.write_text(path.read_text().replace("reward", "rewart", 1))
+    path.write_text(path.read_text().replace("return", "rewart", 1))
     with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
-        run_jobs(jobs, tmp_path, processes=1)
+        run_rollouts(jobs, tmp_path, processes=1)
 
 
 def test_scores_of_another_seed_are_not_taken(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    run_jobs(jobs, tmp_path, processes=1)
+    jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, TRAINING, config)
+    run_rollouts(jobs, tmp_path, processes=1)
     first, second = sorted(tmp_path.glob("*.json"))
     second.write_bytes(first.read_bytes())
     with pytest.raises(InputError, match="is of another run, or of another part"):
-        run_jobs(jobs, tmp_path, processes=1)
+        run_rollouts(jobs, tmp_path, processes=1)
 
 
 def test_processes_do_not_change_the_scores(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=2)
-    jobs = scorecard_jobs([(load_gait("trot"), alone(expert))], TRAINING, config)
-    one, two = (run_jobs(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
+    jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, TRAINING, config)
+    one, two = (run_rollouts(jobs, tmp_path / str(n), processes=n) for n in (1, 2))
     pd.testing.assert_frame_equal(one, two)
 
 

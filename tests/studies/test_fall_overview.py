@@ -3,8 +3,9 @@
 import pandas as pd
 import pytest
 
-from glassgait.studies.cli import main
-from glassgait.studies.evaluation.robustness.figures import fall_overview
+from glassgait.studies.common.sweep import WorkersConfig
+from glassgait.studies.evaluation.worlds import Worlds
+from glassgait.studies.evaluation.worlds_figures import fall_overview
 
 
 def table_of(falls, robots=10):
@@ -40,29 +41,19 @@ def test_gaits_stand_side_by_side_and_share_their_rows():
 
 
 def test_command_draws_all_its_gaits(tmp_path):
-    small = ["--n-robots", "2", "--n-steps", "10", "--n-workers", "1", "--worlds", "training"]
-    students = ["--students", "statewise_symbolic"]
-    main(
-        [
-            "evaluate",
-            "worlds",
-            "--gait",
-            "trot",
-            "pace",
-            *small,
-            *students,
-            "--output",
-            str(tmp_path),
-        ]
-    )
-    assert {path.name for path in tmp_path.iterdir()} == {
-        *("trot", "pace"),
-        *(f"worlds.{kind}" for kind in ("csv", "md", "png", "pdf")),
-    }
-    whole = pd.read_csv(tmp_path / "worlds.csv")
+    Worlds(
+        gait=("trot", "pace"),
+        policy=("expert", "statewise_symbolic"),
+        scenario=("training",),
+        n_robots=2,
+        n_steps=10,
+        workers=WorkersConfig(n_workers=1),
+        output=tmp_path / "run",
+    ).run()
+    drawn = {path.stem for path in (tmp_path / "run").glob("*.png")}
+    assert drawn == {"worlds", "worlds_trot", "worlds_pace"}
+    whole = pd.read_csv(tmp_path / "run" / "worlds.csv")
     assert whole["gait"].tolist() == ["trot", "trot", "pace", "pace"]
-    parts = [pd.read_csv(tmp_path / gait / "worlds.csv") for gait in ("trot", "pace")]
-    pd.testing.assert_frame_equal(whole.drop(columns="gait"), pd.concat(parts, ignore_index=True))
 
 
 @pytest.mark.parametrize("missing", [True, False])

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from glassgait.models.formulas.text import parse_expression, variable_names
-from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert
+from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import SymbolicPolicy
@@ -175,7 +175,7 @@ def distilled(tmp_path_factory):
 @pytest.mark.slow
 def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "2"]
-    students = ["--students", "statewise_linear", "histogram_gbm", "--distillation", str(distilled)]
+    students = ["--policy", "statewise_linear", "histogram_gbm", "--source", str(distilled)]
     main(["importance", *small, *students, "--output", str(tmp_path)])
     for stem in (
         "losses",
@@ -192,12 +192,12 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
 
 
 def test_missing_students_are_told(distilled, refused):
-    named = ["--students", "gbm", "histogram_gbm", "ebm"]
-    message = refused(["importance", *named, "--distillation", str(distilled)])
-    assert "no student gbm, ebm of the trot" in message
+    named = ["--policy", "gbm", "histogram_gbm", "ebm"]
+    message = refused(["importance", *named, "--source", str(distilled)])
+    assert "--policy 'gbm'" in message
 
 
-SMALL = ["--students", "statewise_linear", "--n-samples", "20", "--repeats", "1"]
+SMALL = ["--policy", "statewise_linear", "--n-samples", "20", "--repeats", "1"]
 FEW = ["--n-robots", "2", "--n-steps", "5"]
 
 
@@ -209,12 +209,6 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     assert set(table["policy"]) == {"statewise_linear"}
 
 
-def test_students_that_ship_are_of_the_expert_that_ships(tmp_path, monkeypatch, refused):
-    monkeypatch.chdir(tmp_path)
-    expert = str(EXPERT_DIRECTORY / "trot.safetensors")
-    assert "are of another expert" in refused(["importance", *SMALL, *FEW, "--expert", expert])
-
-
 def test_unknown_joints_are_told(distilled, refused):
-    message = refused(["importance", "--joint", "FL_knee", "--distillation", str(distilled)])
+    message = refused(["importance", "--joint", "FL_knee", "--source", str(distilled)])
     assert "unknown joint 'FL_knee'; the joints are FL_hip" in message

@@ -77,11 +77,11 @@ def check(arguments: list[str], capsys, accepted: list[Any] | None = None) -> No
     except SystemExit as ended:
         assert ended.code == BAD_INPUT
         lines = capsys.readouterr().err.strip().splitlines()
-        told = "\n".join(line for line in lines if not line.startswith("· "))
+        message = "\n".join(line for line in lines if not line.startswith("· "))
         # tyro tells in a frame of its own what it cannot parse.
-        framed = told.startswith("╭") or "\n ---" in told
-        assert framed or (told.startswith("glassgait: ") and "\n" not in told)
-        assert "Traceback" not in told
+        framed = message.startswith("╭") or "\n ---" in message
+        assert framed or (message.startswith("glassgait: ") and "\n" not in message)
+        assert "Traceback" not in message
     else:
         capsys.readouterr()
         if accepted is not None:
@@ -179,11 +179,9 @@ def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
 
 
 FILES = ["missing", "missing/deep", "folder", "file", "file/below"]
-TAKES_EXPERT = ["distill", "distill --sweep terms", "importance"]
-TAKES_EXPERT += [f"evaluate {name}" for name in ("policies", "worlds", "symmetry")]
-TAKES_EXPERT += ["reproduce curricula"]
-SOURCES = [["train", "--like"], ["importance", "--distillation"]]
-SOURCES += [["evaluate", "symmetry", "--distillation"]]
+TAKES_EXPERT = ["distill", "distill --sweep terms", "reproduce curricula"]
+SOURCES = [["train", "--like"], ["importance", "--source"]]
+SOURCES += [["evaluate", name, "--source"] for name in ("worlds", "pushes", "symmetry")]
 SOURCES += [["explain", "interventions", "--source"], ["view", "--source"]]
 SOURCES += [["explain", "page", "--source"]]
 

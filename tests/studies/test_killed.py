@@ -39,7 +39,7 @@ LEARN += ["--n-robots", "8", "--n-groups", "2", "--fine-steps"]
 COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-jobs", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
 FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]
-LOOK = ["--n-samples", "20", "--repeats", "2", "--students", "statewise_linear"]
+LOOK = ["--n-samples", "20", "--repeats", "2", "--policy", "statewise_linear"]
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +56,14 @@ def distilled(tmp_path_factory):
 COMMANDS = {
     "train": LEARN,
     "distill": [*COLLECT, "--students", "linear", "histogram_gbm", "--histogram-gbm.n-trees", "5"],
-    "evaluate policies": [*ROLL_OUT, "--n-seeds", "3", "--scenario", "training", "push_1.0"],
     "evaluate worlds": [
         *ROLL_OUT,
-        "--worlds",
+        "--scenario",
         "training",
         "push_1.0",
-        "--distillation",
+        "--n-seeds",
+        "3",
+        "--source",
         "{distilled}",
     ],
     "distill --sweep terms": [
@@ -73,16 +74,7 @@ COMMANDS = {
         "{distilled}/statewise_symbolic",
     ],
     "reproduce curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
-    "importance": [*ROLL_OUT, *LOOK, "--distillation", "{distilled}"],
-    "evaluate symmetry": [
-        *ROLL_OUT,
-        "--n-samples",
-        "20",
-        "--repeats",
-        "2",
-        "--distillation",
-        "{distilled}",
-    ],
+    "importance": [*ROLL_OUT, *LOOK, "--source", "{distilled}"],
     "demo": ["--n-robots", "2"],
 }
 
@@ -91,7 +83,7 @@ def start(command, folder, distilled, *more):
     arguments = [text.format(distilled=distilled) for text in COMMANDS[command]]
     tail = [str(Path(__file__).parent)] if command == "demo" else []
     whole = [*command.split(), *arguments, "--output", str(folder), *more, *tail]
-    # In a group of its own, so that a kill leaves nobody else behind.
+    # In a group of its own, so that a kill leaves no process behind.
     return subprocess.Popen(
         [sys.executable, "-c", DRIVER, *whole],
         stdout=subprocess.DEVNULL,
@@ -101,8 +93,8 @@ def start(command, folder, distilled, *more):
 
 
 def finish(process):
-    _, told = process.communicate(timeout=300)
-    assert process.returncode == 0, told.decode()
+    _, message = process.communicate(timeout=300)
+    assert process.returncode == 0, message.decode()
 
 
 def results(folder):

@@ -158,25 +158,15 @@ def test_it_is_distilled_with_settings_of_its_own(distilled):
 
 
 def test_it_is_evaluated_at_every_ratio(run, distilled, folder):
-    run(
-        "evaluate",
-        "policies",
-        "--policy",
-        "students",
-        "--n-robots",
-        "2",
-        "--n-steps",
-        "20",
-        "--n-seeds",
-        "1",
-    )
-    table = pd.read_csv(folder / "runs" / "evaluation" / "trot" / "students" / "standalone.csv")
+    source = ["--source", "runs/distillation/trot"]
+    run("evaluate", "alternation", *source, "--n-robots", "2", "--n-steps", "20")
+    table = pd.read_csv(folder / "runs" / "alternation" / "trot" / "standalone.csv")
     assert "Stiff" in table["policy"].tolist()
 
 
 def test_its_importances_are_measured(run, distilled, folder):
     short = ["--n-robots", "2", "--n-steps", "20", "--n-samples", "30", "--repeats", "2"]
-    run("importance", "--students", "stiff", *short)
+    run("importance", "--source", "runs/distillation/trot", "--policy", "stiff", *short)
     found = folder / "runs" / "importance" / "trot"
     assert (found / "stiff_permutation.png").exists()
     assert (found / "stiff_derivatives.png").exists()

@@ -97,10 +97,11 @@ def test_a_policy_that_is_not_there_is_refused(name):
         find_policies(TROT).policy(name)
 
 
-def test_policies_of_one_name_are_refused(tmp_path, other_expert):
-    path = keep(other_expert, tmp_path, "expert")
-    with pytest.raises(InputError, match="--policy"):
-        find_policies(TROT).controllers(["expert", str(path)])
+def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, other_expert):
+    path = str(keep(other_expert, tmp_path, "expert"))
+    found = find_policies(TROT).controllers(["expert", path])
+    assert list(found) == ["expert", path]
+    assert found[path].expert.digest() == other_expert.digest()
 
 
 @pytest.mark.parametrize(("source", "names"), [(STUDENT_DIRECTORY, ()), (None, ["a.formulas"])])

@@ -11,14 +11,14 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.pushes.basin import (
+from glassgait.studies.evaluation.push_basin import (
     Pushed,
     PushGrid,
     failure_counts,
     push_everywhere,
 )
-from glassgait.studies.evaluation.pushes.figures import half_lines, push_figure
-from glassgait.studies.evaluation.pushes.tables import Basin, push_table, summary_table
+from glassgait.studies.evaluation.pushes import Basin, push_table, summary_table
+from glassgait.studies.evaluation.pushes_figures import half_lines, push_figure
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
@@ -63,7 +63,7 @@ def test_a_robot_is_pushed_where_it_faces(expert, monkeypatch):
         n = len(state.steps)
         return np.ones(n, dtype=bool), np.full(n, -1)
 
-    monkeypatch.setattr("glassgait.studies.evaluation.pushes.basin._walk_on", note)
+    monkeypatch.setattr("glassgait.studies.evaluation.push_basin._walk_on", note)
     turning = Scenario(command=FixedCommand(0.5, 1.0, 8))
     push_everywhere(TROT, alone(expert), turning, GRID, n_steps=60, seed=3)
     (state,) = seen
@@ -146,7 +146,7 @@ def run(tmp_path, monkeypatch):
             survived = draws > grid.speeds[:, None] / 10.0
             return Pushed(survived, np.where(survived, -1, 0))
 
-        monkeypatch.setattr("glassgait.studies.evaluation.pushes.command.push_everywhere", quickly)
+        monkeypatch.setattr("glassgait.studies.evaluation.pushes.push_everywhere", quickly)
         folder = tmp_path / output
         small = ["--n-directions", "4", "--speeds", "0.1", "8", "--n-phases", "3"]
         policies = [
@@ -157,6 +157,8 @@ def run(tmp_path, monkeypatch):
             "1",
             "--output",
             str(folder),
+            "--n-workers",
+            "1",
         ]
         main(["evaluate", "pushes", *small, *policies, *more])
         return folder, len(asked)
@@ -190,7 +192,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
         (["--command.speed", "3"], "speed is 3"),
         (["--n-directions", "2"], "n_directions"),
         (["--seconds", "20"], "seconds"),
-        (["--policy", "nobody"], "unknown policy 'nobody'"),
+        (["--policy", "nobody"], "--policy 'nobody'"),
     ],
 )
 def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):

@@ -13,10 +13,9 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 from glassgait.studies.training.study import TrainingRun
@@ -32,8 +31,9 @@ TRAINING = TrainingConfig(
     worlds=DomainRandomization(n_groups=1, fine_steps=()),
     ppo=PpoConfig(steps_per_update=4, actor_layers=(4,), critic_layers=(4,), epochs=1),
 )
-JOBS = scorecard_jobs(
-    [(GAIT, alone(EXPERT))],
+JOBS = cases_in_worlds(
+    GAIT,
+    {"expert": alone(EXPERT)},
     {"training": Scenario()},
     RolloutConfig(n_robots=2, n_steps=5, n_seeds=1),
 )
@@ -74,7 +74,7 @@ def finished(tmp_path_factory):
     """Makes a distillation, rollouts and a training run, and what they resume to."""
     folder = tmp_path_factory.mktemp("finished")
     r2 = distill(DISTILLATION, GAIT, EXPERT, folder / "distillation", lambda line: None)
-    scores = run_jobs(JOBS, folder / "rollouts", processes=1)
+    scores = run_rollouts(JOBS, folder / "rollouts", processes=1)
     run = TrainingRun(TRAINING, GAIT, folder / "training")
     run.update()
     run.save()
@@ -101,7 +101,7 @@ def resumes(finished, tmp_path):
         return all(np.array_equal(value, weights[name]) for name, value in arrays.items())
 
     def evaluates():
-        return run_jobs(JOBS, tmp_path / "rollouts", processes=1).equals(scores)
+        return run_rollouts(JOBS, tmp_path / "rollouts", processes=1).equals(scores)
 
     (rollouts,) = (tmp_path / "rollouts").glob("*.json")
     distillation = tmp_path / "distillation"

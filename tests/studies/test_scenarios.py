@@ -19,14 +19,15 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob
 from glassgait.studies.common.rollouts.play import pusher
 from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.evaluation.scorecard import scorecard_jobs
 from glassgait.studies.view.command import OwnCommand
 
+EXPERT_ALONE = ["evaluate", "worlds", "--policy", "expert"]
 SMALL = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"]
 COMMANDED = FixedCommand(speed=0.3, yaw_rate=0.1, dwell=9)
 CONTINUOUS = Scenario("continuous", StationConfig(time_step=0.0), accuracy=1e-2, max_robots=1)
@@ -47,7 +48,20 @@ def icy(tmp_path):
 
 def test_evaluate_takes_files_beside_names(icy, tmp_path):
     run = tmp_path / "run"
-    main(["evaluate", "policies", *SMALL, "--scenario", str(icy), "training", "--output", str(run)])
+    main(
+        [
+            "evaluate",
+            "worlds",
+            "--policy",
+            "expert",
+            *SMALL,
+            "--scenario",
+            str(icy),
+            "training",
+            "--output",
+            str(run),
+        ]
+    )
     assert pd.read_csv(run / "falls.csv")["scenario"].tolist() == [
         "sheer ice",
         "SAP 10 ms (training)",
@@ -57,14 +71,35 @@ def test_evaluate_takes_files_beside_names(icy, tmp_path):
 
 def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     run = tmp_path / "run"
-    command = ["evaluate", "policies", *SMALL, "--scenario", str(icy), "--output", str(run)]
+    command = [
+        "evaluate",
+        "worlds",
+        "--policy",
+        "expert",
+        *SMALL,
+        "--scenario",
+        str(icy),
+        "--output",
+        str(run),
+    ]
     main(command)
     main([*command, "--resume"])
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     moved = icy.rename(elsewhere / "icy.yaml")
     main(
-        ["evaluate", "policies", *SMALL, "--scenario", str(moved), "--output", str(run), "--resume"]
+        [
+            "evaluate",
+            "worlds",
+            "--policy",
+            "expert",
+            *SMALL,
+            "--scenario",
+            str(moved),
+            "--output",
+            str(run),
+            "--resume",
+        ]
     )
     icy.write_text("title: sheer ice\nstation: {friction: 0.2}\n")
     assert "made with another scenario" in refused([*command, "--resume"])
@@ -74,27 +109,27 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     ("arguments", "told"),
     [
         (
-            ["evaluate", "policies", "--scenario", "ice"],
+            ["evaluate", "worlds", "--policy", "expert", "--scenario", "ice"],
             "unknown scenario 'ice'; the scenarios are training,",
         ),
         (
-            ["evaluate", "policies", "--scenario", "gone.yaml"],
+            ["evaluate", "worlds", "--policy", "expert", "--scenario", "gone.yaml"],
             "gone.yaml: cannot be read, no such file",
         ),
         (
-            ["evaluate", "policies", "--scenario", "bad.yaml"],
+            ["evaluate", "worlds", "--policy", "expert", "--scenario", "bad.yaml"],
             "bad.yaml: unknown key 'frictoin'; write",
         ),
         (
-            ["evaluate", "policies", "--scenario", "watched.yaml"],
+            ["evaluate", "worlds", "--policy", "expert", "--scenario", "watched.yaml"],
             "scenario 'watched': command is of sliders",
         ),
         (
-            ["evaluate", "policies", "--scenario", "fast.yaml"],
+            ["evaluate", "worlds", "--policy", "expert", "--scenario", "fast.yaml"],
             "command: speed is 9.0; give -1 to 1",
         ),
         (
-            ["evaluate", "policies", "--policy", "students", "--scenario", "training", "sap_2ms"],
+            ["evaluate", "alternation", "--scenario", "training", "sap_2ms"],
             "in one scenario, not in 2; name one with --scenario",
         ),
         (["view", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
@@ -132,14 +167,14 @@ def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
 def test_students_are_asked_for_what_the_scenario_names_or_for_their_speeds(expert):
     student = load_student("trot", "statewise_linear")
     scenarios = {"plain": Scenario(), "commanded": Scenario(command=COMMANDED)}
-    policies = [(TROT, alone(student, expert))]
-    jobs = scorecard_jobs(policies, scenarios, RolloutConfig(n_seeds=1))
+    policies = {"student": alone(student, expert)}
+    jobs = cases_in_worlds(TROT, policies, scenarios, RolloutConfig(n_seeds=1))
     asked = {job.labels["scenario"]: job.config.speed_range for job in jobs}
     assert asked == {"plain": (0.0, 0.75), "commanded": None}
 
 
 def test_jobs_in_other_scenarios_are_other_jobs(expert):
-    job = RolloutJob({"gait": "trot"}, TROT, alone(expert), Scenario(), RolloutConfig())
+    job = Case({"gait": "trot"}, TROT, alone(expert), Scenario(), 0, RolloutConfig())
     limits = replace(job, scenario=Scenario(limits=TerminationLimits(trunk_height=0.15)))
     command = replace(job, scenario=Scenario(command=COMMANDED))
     assert len({job.digest(), limits.digest(), command.digest()}) == 3

@@ -14,9 +14,8 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS, command_class
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import selection
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed, for_selection
-from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
+from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
+from glassgait.studies.common.rollouts.scoring import for_selection, rollout_cases
 from glassgait.studies.distillation.pareto.command import smallest_that_walk
 from glassgait.studies.evaluation.assurance.command import Assurance
 
@@ -90,11 +89,11 @@ def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
 
 def test_what_selects_is_not_reported(expert, refused):
     policy, config = alone(expert), RolloutConfig()
-    jobs = for_each_seed(RolloutJob({}, GAIT, policy, Scenario(), config))
+    jobs = rollout_cases({}, GAIT, policy, Scenario(), config)
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
     assert [[*job.config.seeds] for job in for_selection(jobs)] == [[SELECTION_SEEDS[0]]]
-    told = refused(["evaluate", "policies", "--scenario", "training", "--seed", "498"])
-    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in told
+    message = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "500"])
+    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message
 
 
 def test_a_reported_seed_calibrates_nothing():

@@ -12,18 +12,17 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students.library import find_walkers
-from glassgait.studies.evaluation.stability import analysis
-from glassgait.studies.evaluation.stability.figures import stability_figure
-from glassgait.studies.evaluation.stability.orbits import find_orbits
-from glassgait.studies.evaluation.stability.strides import NAMES, UNITS, StrideMap
-from glassgait.studies.evaluation.stability.tables import (
+from glassgait.studies.evaluation import stride_analysis as analysis
+from glassgait.studies.evaluation.stability_figures import stability_figure
+from glassgait.studies.evaluation.stability_tables import (
     believed,
     prediction_table,
     radius_error,
     stability_table,
     told_mode,
 )
+from glassgait.studies.evaluation.stride_orbits import find_orbits
+from glassgait.studies.evaluation.strides import NAMES, UNITS, StrideMap
 
 TROT = load_gait("trot")
 COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
@@ -166,10 +165,11 @@ def run(tmp_path, monkeypatch, records):
                 raise KeyboardInterrupt
             return found[strides.controller.student is None]
 
-        monkeypatch.setattr("glassgait.studies.evaluation.stability.command.analyse", again)
+        monkeypatch.setattr("glassgait.studies.evaluation.stability.analyse", again)
         folder = tmp_path / output
         commands = ["--yaw-rates", "0", "--speeds", "0.5", "--dwells", "8"]
         policies = ["--policy", "expert", "sparse_formula", "--output", str(folder)]
+        policies += ["--n-workers", "1"]
         main(["evaluate", "stability", *commands, *policies, *more])
         return folder, len(asked)
 
@@ -198,7 +198,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
     [
         (["--speeds", "1.5"], "speed is 1.5"),
         (["--dwells", "30"], "dwell is 30"),
-        (["--policy", "nobody"], "unknown policy 'nobody'"),
+        (["--policy", "nobody"], "--policy 'nobody'"),
         (["--step-sizes", "1e-3"], "step_sizes"),
         (["--step-sizes", "0", "0.1"], "step_sizes"),
         (["--gait", "trot", "pace", "--policy", "mine.formulas"], "several gaits take no files"),
@@ -208,15 +208,3 @@ def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
     folder = tmp_path / "run"
     assert told in refused(["evaluate", "stability", *arguments, "--output", str(folder)])
     assert not folder.exists()
-
-
-def test_two_policies_of_one_name_are_refused(expert, tmp_path, refused):
-    for folder in ("a", "b"):
-        load_student("trot", "sparse_formula").save(tmp_path / folder / "mine.formulas")
-    files = [str(tmp_path / folder / "mine.formulas") for folder in ("a", "b")]
-    assert "two policies are called 'mine'" in refused(
-        ["evaluate", "stability", "--policy", *files]
-    )
-    assert list(find_walkers(files[:1], expert, None, shipped=True)) == ["mine"]
-    assert list(find_walkers((), expert, None, shipped=False)) == ["expert"]
-    assert "sparse_formula" in find_walkers((), expert, None, shipped=True)

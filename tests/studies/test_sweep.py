@@ -72,10 +72,10 @@ def test_a_job_that_is_refused_stops_no_other(capsys):
         run_sweep(jobs, run, HERE)
     assert [(job.folder / "result").exists() for job in jobs] == [True, True, False, True]
     assert not jobs[2].folder.exists()
-    told = capsys.readouterr().out
-    assert told.count("sent to a worker") == 4
-    assert told.count("done (") == 3
-    assert told.count("walk, seed 0: refused (3 of 4)") == 1
+    message = capsys.readouterr().out
+    assert message.count("sent to a worker") == 4
+    assert message.count("done (") == 3
+    assert message.count("walk, seed 0: refused (3 of 4)") == 1
 
 
 def test_results_come_in_the_order_of_the_jobs_and_jobs_are_silent(capsys):
@@ -124,7 +124,7 @@ def test_folders_that_hold_runs_are_refused_before_any_job_is_begun(refused):
     assert not Path("runs/training/trot").exists()
 
 
-@pytest.mark.parametrize("command", ["train", "distill", "evaluate policies", "reproduce report"])
+@pytest.mark.parametrize("command", ["train", "distill", "evaluate worlds", "reproduce report"])
 def test_a_gait_that_is_none_is_refused_before_any_work(command, refused):
     assert "gallop" in refused([*command.split(), "--gait", "trot", "gallop"])
     assert not list(Path.cwd().iterdir())
@@ -152,12 +152,12 @@ def test_an_interrupted_sweep_goes_on_by_the_same_command(number):
     while "done (" not in (line := process.stdout.readline()):
         pass
     process.send_signal(number)
-    _, told = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=60)
     if number == signal.SIGKILL:
         assert process.returncode == -number
     else:
         assert process.returncode == 128 + number
-        assert told.strip().endswith("what was finished is kept")
+        assert message.strip().endswith("what was finished is kept")
     done = Path(line.split()[-1]) / "checkpoint.safetensors"
     saved = done.stat().st_mtime_ns
     process = _command(*sweep, "--resume")

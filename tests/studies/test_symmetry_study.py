@@ -1,7 +1,6 @@
 """The study of left and right: R² in the mirror, pairs of joints, and what it writes."""
 
 import json
-import shutil
 
 import numpy as np
 import pandas as pd
@@ -9,8 +8,6 @@ import pytest
 from sklearn.metrics import r2_score
 
 from glassgait.models.policies.library import (
-    EXPERT_DIRECTORY,
-    STUDENT_DIRECTORY,
     load_expert,
     shipped_students,
 )
@@ -22,7 +19,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, refl
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.evaluation.symmetry.measures import (
+from glassgait.studies.evaluation.symmetry_measures import (
     drawn_importances,
     left_right_table,
     mirror_r2,
@@ -168,7 +165,7 @@ def test_command_writes_tables_and_figure_and_resumes_to_the_same(tmp_path, caps
     command = ["evaluate", "symmetry", "--gait", "walk", *SMALL, "--output", str(output)]
     main(command)
     assert {path.name for path in output.iterdir() if path.name[0] != "."} == {
-        "config.yaml", "metrics.json", "symmetry.csv", "symmetry.md", "symmetry.png",
+        "cases", "config.yaml", "metrics.json", "symmetry.csv", "symmetry.md", "symmetry.png",
         "symmetry.pdf", "left_right.csv", "left_right.md",
     }  # fmt: skip
     table = pd.read_csv(output / "symmetry.csv")
@@ -182,29 +179,6 @@ def test_command_writes_tables_and_figure_and_resumes_to_the_same(tmp_path, caps
     assert "continue it with --resume" in refused(command)
     main([*command, "--resume"])
     assert (output / "metrics.json").read_text() == metrics
-
-
-def test_students_are_those_of_the_folder_or_none_of_another_expert(tmp_path, refused):
-    students = tmp_path / "students"
-    students.mkdir()
-    told = refused(["evaluate", "symmetry", *SMALL, "--distillation", str(students)])
-    assert "holds no students" in told
-    shutil.copy(STUDENT_DIRECTORY / "trot" / "symbolic.formulas", students)
-    main(
-        [
-            "evaluate",
-            "symmetry",
-            *SMALL,
-            "--distillation",
-            str(students),
-            "--output",
-            str(tmp_path / "a"),
-        ]
-    )
-    assert pd.read_csv(tmp_path / "a" / "symmetry.csv")["policy"].tolist() == ["expert", "symbolic"]
-    own = str(EXPERT_DIRECTORY / "trot.safetensors")
-    main(["evaluate", "symmetry", *SMALL, "--expert", own, "--output", str(tmp_path / "b")])
-    assert pd.read_csv(tmp_path / "b" / "symmetry.csv")["policy"].tolist() == ["expert"]
 
 
 @pytest.fixture
@@ -229,5 +203,5 @@ def test_a_gait_without_a_mirror_image_is_told_and_left_out(lopsided, tmp_path, 
 
 def test_several_gaits_take_no_files_of_ones_own(tmp_path, refused):
     several = ["evaluate", "symmetry", "--gait", "trot", "walk"]
-    for own in (["--expert", "x"], ["--distillation", str(tmp_path)]):
+    for own in (["--expert", "x"], ["--source", str(tmp_path)]):
         assert "name one gait for them" in refused([*several, *own])

@@ -7,37 +7,27 @@ import pandas as pd
 import pytest
 from matplotlib.patches import Rectangle
 
-from glassgait.diagrams.scenario import Scenario
-from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.evaluation.transitions.config import TransitionConfig
-from glassgait.studies.evaluation.transitions.figures import transition_figure
-from glassgait.studies.evaluation.transitions.jobs import jobs_of_pairs
-from glassgait.studies.evaluation.transitions.rolling import Requests, settled_from
-from glassgait.studies.evaluation.transitions.tables import summary_table, transition_table
+from glassgait.studies.evaluation.transition_rollouts import Requests, settled_from
+from glassgait.studies.evaluation.transitions import Transitions, summary_table, transition_table
+from glassgait.studies.evaluation.transitions_figures import transition_figure
 
-GAITS = [load_gait(name) for name in ("trot", "pace", "walk")]
+GAITS = ("trot", "pace", "walk")
 TITLES = {"training": "home"}
 
 
-def walkers(gaits=GAITS):
-    return {"expert": {gait.name: alone(load_expert(gait)) for gait in gaits}}
-
-
-def jobs(via=None, **config):
-    settings = TransitionConfig(speeds=(0.4, 0.3), **config)
-    return jobs_of_pairs(GAITS, walkers(), {"training": Scenario()}, settings, via)
+def transitions(**settings):
+    cases = Transitions(gait=GAITS, speeds=(0.4, 0.3), **settings).cases()
+    return [case.config for case in cases]
 
 
 def names(listed):
-    return [" ".join(gait.name for gait in job.path) for job in listed]
+    return [" ".join(gait.name for gait in own.path) for own in listed]
 
 
 def test_every_gait_goes_to_every_other_at_every_speed():
-    listed = jobs()
-    assert [job.speed for job in listed] == [0.4] * 9 + [0.3] * 9
+    listed = transitions()
+    assert [own.speed for own in listed] == [0.4] * 9 + [0.3] * 9
     assert names(listed[:3]) == ["trot", "pace", "walk"]
     assert names(listed[3:9]) == [
         "trot pace",
@@ -50,7 +40,7 @@ def test_every_gait_goes_to_every_other_at_every_speed():
 
 
 def test_a_gait_on_the_way_lies_between_others_alone():
-    listed = jobs(via=GAITS[0])[3:9]
+    listed = transitions(via="trot")[3:9]
     assert names(listed) == [
         "trot pace",
         "trot walk",
@@ -61,10 +51,11 @@ def test_a_gait_on_the_way_lies_between_others_alone():
     ]
 
 
-def test_jobs_that_would_not_walk_alike_have_digests_of_their_own():
-    listed = [*jobs(), *jobs(patience=0.0), *jobs(slowdown=0.5), *jobs(via=GAITS[0])]
+def test_transitions_that_would_not_walk_alike_have_digests_of_their_own():
+    listed = [*transitions(), *transitions(patience=0.0), *transitions(slowdown=0.5)]
+    listed += transitions(via="trot")
     # Where the gait on the way is an end itself, the path is the same.
-    assert len({job.digest() for job in listed}) == 18 + 18 + 18 + 4
+    assert len({str(own.digest()) for own in listed}) == 18 + 18 + 18 + 4
 
 
 def test_the_rhythm_is_kept_from_the_first_whole_cycle_on_that_is_in_time():
@@ -141,7 +132,7 @@ def test_the_summary_names_the_pairs_that_fall(table):
     (row,) = summary_table(table, TITLES).to_dict("records")
     assert row["pairs without a fall"] == "1 of 2"
     assert row["falls"] == "3 of 40"
-    assert row["who falls"] == "trot to walk 3"
+    assert row["falls from, to"] == "trot to walk 3"
 
 
 def test_the_figure_has_a_matrix_of_every_speed(table):
@@ -161,7 +152,7 @@ def test_the_figure_has_a_matrix_of_every_speed(table):
 def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys):
     short = {"FIRST_STEPS": 60, "AFTER_STEPS": 120, "SCORED_STEPS": 40, "SPREAD_STEPS": 10}
     for name, value in short.items():
-        monkeypatch.setattr(f"glassgait.studies.evaluation.transitions.rolling.{name}", value)
+        monkeypatch.setattr(f"glassgait.studies.evaluation.transition_rollouts.{name}", value)
     command = [
         "evaluate",
         "transitions",
@@ -178,7 +169,7 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
     written = {path.name for path in (tmp_path / "run").iterdir() if path.name[0] != "."}
     tables = {f"{name}.{end}" for name in ("robots", "transitions") for end in ("csv", "md")}
     figures = {"transitions.png", "transitions.pdf"}
-    assert written == {"config.yaml", "metrics.json", "rollouts"} | tables | figures
+    assert written == {"config.yaml", "metrics.json", "cases"} | tables | figures
     rows = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert [(row["from"], row["to"]) for row in rows] == [
         ("trot", "trot"),
@@ -189,24 +180,24 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
     # Half a cycle is 11 steps at most.
     assert all(0.0 <= row["longest_wait"] <= 0.3 and row["falls"] == 0 for row in rows)
     before = (tmp_path / "run" / "robots.csv").read_bytes()
-    kept = sorted((tmp_path / "run" / "rollouts").iterdir())
+    kept = sorted((tmp_path / "run" / "cases").iterdir())
     kept[0].unlink()
     main([*command, "--resume"])
     assert (tmp_path / "run" / "robots.csv").read_bytes() == before
-    assert sorted((tmp_path / "run" / "rollouts").iterdir()) == kept
+    assert sorted((tmp_path / "run" / "cases").iterdir()) == kept
     assert "2 of 2" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--gait", "trot"], "name two or more"),
+        (["--gait", "trot"], "--gait"),
         (["--gait", "trot", "gallop"], "unknown gait 'gallop'"),
         (["--speeds", "0.8"], "range of gait 'walk trot pace bound'"),
         (["--speeds", "0.3", "0.3"], "names nothing twice"),
         (["--via", "gallop"], "unknown gait 'gallop'"),
-        (["--policy", "symbolic"], "no student 'symbolic' of the walk"),
-        (["--worlds", "cenic_1e-5"], "is continuous"),
+        (["--policy", "symbolic"], "--policy 'symbolic'"),
+        (["--scenario", "cenic_1e-5"], "is continuous"),
         (["--patience", "-1"], "patience is -1.0; it must be 0 or more"),
         (["--slowdown", "0"], "slowdown is 0.0; it must be more than 0"),
         (["--n-robots", "0"], "n_robots is 0"),

@@ -8,21 +8,22 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, for_each_seed
+from glassgait.studies.common.rollouts.scoring import rollout_cases
 
 PERIODS = (1, 2, 4, 6, 8, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/2, 1/4, 1/6, 1/8 and 0."""
 
 
-def alternation_jobs(
+def alternation_cases(
     gait: Gait,
     expert: NeuralPolicy,
     students: Mapping[str, Policy],
     config: RolloutConfig,
     periods: tuple[int, ...] = PERIODS,
     scenario: Scenario | None = None,
-) -> list[RolloutJob]:
+) -> list[Case]:
     """Lists the rollouts of every student at every ratio, in the training world by default.
 
     All meet the same initial states, commands and noise. At ratio 1 the expert acts alone, so it
@@ -38,13 +39,11 @@ def alternation_jobs(
     return [
         job
         for (kind, period), policy in policies.items()
-        for job in for_each_seed(
-            RolloutJob(
-                {"policy": kind, "ratio": ratio_title(period)},
-                gait,
-                policy,
-                scenario,
-                config,
-            )
+        for job in rollout_cases(
+            {"policy": kind, "ratio": ratio_title(period)},
+            gait,
+            policy,
+            scenario,
+            config,
         )
     ]

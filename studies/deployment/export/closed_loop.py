@@ -25,7 +25,7 @@ from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
 from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.deployment.export.agreement import Moment, asking, drawn_requests, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}

@@ -11,24 +11,24 @@ from annotated_types import Ge, Lt, MinLen
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, load_scenarios
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.errors import InputError
-from glassgait.models.policies.library import (
-    load_student,
-    load_student_of,
-    policy_path,
-)
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.cases import digests_of
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.experiment import ScenarioNames
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, inputs_of
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
+from glassgait.studies.common.policies import Policies, find_policies, policy_stem
+from glassgait.studies.common.rollouts.config import (
+    SELECTION_SEEDS,
+    RolloutConfig,
+    refuse_to_select,
+)
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.evaluation.assurance.calibration import has_ensemble
 from glassgait.studies.evaluation.assurance.figures import draw_calls, draw_pushed
 from glassgait.studies.evaluation.assurance.pushed_robot import push_one
@@ -54,9 +54,8 @@ class Assurance(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file.
-        student: Kind of the student.
-        scenario: The scenarios: names of those that ship, and paths of scenario files. `--worlds`
-            is another name for it.
+        policy: The student: its kind, or the path of its file.
+        scenario: The scenarios: names of those that ship, and paths of scenario files.
         calls: Shares of steps in which the expert may be called in the training scenario; each
             gives limits, and a schedule with as many calls.
         quantile: Share of the observations in the training scenario that each end of a range
@@ -69,8 +68,9 @@ class Assurance(Settings):
         calibration_seed: Seed of both; other than those of the rollouts.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
-        distillation: Folder of a distillation that holds the student; the shipped one by default.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, distill or refine, whose policies are taken; by default
+            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
+            runs/training/<gait>.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/assurance/<gait>/<student> by default.
     """
@@ -78,10 +78,8 @@ class Assurance(Settings):
     title: ClassVar[str] = "assurance"
 
     gait: str = "trot"
-    student: StudentKind = "sparse_formula"
-    scenario: Annotated[
-        tuple[str, ...], MinLen(1), FEW, DISTINCT, tyro.conf.arg(aliases=("--worlds",))
-    ] = WORLDS
+    policy: str = "sparse_formula"
+    scenario: ScenarioNames = WORLDS
     calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
     quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
     return_steps: Count = 25
@@ -93,8 +91,7 @@ class Assurance(Settings):
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
     workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
-    distillation: Path | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -114,15 +111,14 @@ class Assurance(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        pair, scenarios = self._pair(), load_scenarios(self.scenario)
+        scenarios = load_scenarios(self.scenario)
+        policies = find_policies(load_gait(self.gait), self.source)
+        pair = self._pair(policies)
         folder = self.output or OUTPUT / pair.gait.name / pair.name
         alone = pair.alone[pair.name]
-        # A job refuses what cannot be rolled out, here before anything is made.
-        jobs = [
-            RolloutJob({}, pair.gait, alone, scenario, self.rollouts)
-            for scenario in scenarios.values()
-        ]
-        inputs = inputs_of(jobs)
+        # What cannot be rolled out is refused here, before anything is made.
+        cases = cases_in_worlds(pair.gait, {pair.name: alone}, scenarios, self.rollouts)
+        inputs = digests_of(cases) | policies.inputs([(pair.name, alone)])
         run = {
             "study": "evaluate assurance",
             "settings": self,
@@ -146,24 +142,21 @@ class Assurance(Settings):
             save_figure(draw_calls(table, titles), folder / "calls")
             shown = push_one(pair, calibration, folder / "pushed_robot.json", of=of)
             save_figure(draw_pushed(shown, calibration), folder / "pushed_robot")
-        print_table(f"{pair.gait.name}: who falls, and who acted", readable_table(table))
+        print_table(f"{pair.gait.name}: falls, and shares of the expert", readable_table(table))
         console.print(f"written to {folder}")
 
-    def _pair(self) -> Pair:
-        gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
-        kind = str(self.student)
-        if self.distillation:
-            student = load_student_of(expert, policy_path(self.distillation, kind))
-        else:
-            student = load_student(gait.name, kind)
-        student.check(gait=gait.name, observation_names=expert.observation_names)
-        if self.disagreement and not has_ensemble(student):
+    def _pair(self, policies: Policies) -> Pair:
+        controller = policies.controller(self.policy)
+        if controller.student is None:
+            raise InputError(f"--policy {self.policy}: is neural; name a student")
+        if self.disagreement and not has_ensemble(controller.student):
             raise InputError(
-                f"assurance: disagreement is set, but the {kind} of the {gait.name} is no "
-                "ensemble; name --student ebm, or leave it out"
+                f"{self.title}: disagreement is set, but {self.policy} of the "
+                f"{policies.gait.name} is no ensemble; name --policy ebm, or leave it out"
             )
-        return Pair(gait, expert, student, kind)
+        expert = controller.expert
+        assert isinstance(expert, NeuralPolicy)
+        return Pair(policies.gait, expert, controller.student, policy_stem(self.policy))
 
     def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
         say(

@@ -22,9 +22,9 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Region
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.jobs import RolloutJob, run_jobs
-from glassgait.studies.common.rollouts.worlds import jobs_in_worlds
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
 from glassgait.studies.evaluation.assurance.calibration import (
     REGION_TITLES,
     RegionKind,
@@ -241,9 +241,9 @@ def roll_out_all(
     Returns:
         Scores, a row a robot.
     """
-    jobs = jobs_in_worlds(pair.gait, assured_policies(pair, calibration), scenarios, config)
-    scores = run_jobs(jobs, folder, processes=processes)
-    scheduled: list[RolloutJob] = []
+    jobs = cases_in_worlds(pair.gait, assured_policies(pair, calibration), scenarios, config)
+    scores = run_rollouts(jobs, folder, processes=processes)
+    scheduled: list[Case] = []
     for name, scenario in scenarios.items():
         own = scores[scores["scenario"] == name]
         policies: dict[str, Controller] = {}
@@ -251,8 +251,10 @@ def roll_out_all(
             called = _share_called(own[own["policy"] == assured_name(calls)])
             schedule = AlternatingController(pair.expert, pair.student, period_of(called))
             policies[scheduled_name(calls)] = schedule
-        scheduled += jobs_in_worlds(pair.gait, policies, {name: scenario}, config)
-    return pd.concat([scores, run_jobs(scheduled, folder, processes=processes)], ignore_index=True)
+        scheduled += cases_in_worlds(pair.gait, policies, {name: scenario}, config)
+    return pd.concat(
+        [scores, run_rollouts(scheduled, folder, processes=processes)], ignore_index=True
+    )
 
 
 def period_of(called: float) -> int:
@@ -261,5 +263,5 @@ def period_of(called: float) -> int:
 
 
 def _share_called(scores: pd.DataFrame) -> float:
-    """Returns the share of all robots' steps, so that those who fell early count for less."""
+    """Returns the share of all robots' steps, so that robots that fell early count for less."""
     return float(np.average(scores["expert_share"], weights=scores["steps"]))

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.scores import summarize_against
+from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.robustness.tables import wilson_interval
 
 TITLES = {
     "world": "scenario",

@@ -25,11 +25,11 @@ from glassgait.models.settings import Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.jobs import run_jobs
 from glassgait.studies.common.rollouts.play import play
+from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
@@ -49,8 +49,7 @@ from glassgait.studies.distillation.students.symbolic_settings import (
 )
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import r2_table, write_r2_table
-from glassgait.studies.evaluation.results import write_alternation
-from glassgait.studies.evaluation.tables import standalone_table
+from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.reproduction.demo.reductions import reductions
 from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report
 
@@ -97,7 +96,7 @@ class Demo(Settings):
     """Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.
 
     A replay of formulas that ship is there within a minute, and the report grows from then on. It
-    lists what is smaller here than in `glassgait distill` and `glassgait evaluate policies`: fewer
+    lists what is smaller here than in `glassgait distill` and `glassgait evaluate worlds`: fewer
     samples, which one student collects for all, smaller ensembles, robots of one seed, three
     alternation ratios. Students that do not collect have met none of their own mistakes, and
     intervals are wider.
@@ -205,14 +204,13 @@ class _Road:
         print_table("Alone, without the expert", self.contents.standalone)
         self._write("scores alone")
         say("rolling out every student with the expert between")
-        write_alternation(
-            self._roll_out(students, RATIO_PERIODS), self.gait.name.capitalize(), self.folder
-        )
-        self.contents.reward_figure = self.folder / "reward.png"
+        scores = self._roll_out(students, RATIO_PERIODS)
+        alternation_report(scores, self.gait.name.capitalize()).write(self.folder)
+        self.contents.return_figure = self.folder / "return.png"
 
     def _roll_out(self, students: dict[str, Policy], periods: tuple[int, ...]) -> pd.DataFrame:
-        jobs = alternation_jobs(self.gait, self.expert, students, self.rollouts, periods)
-        return run_jobs(jobs, self.folder / "rollouts")
+        jobs = alternation_cases(self.gait, self.expert, students, self.rollouts, periods)
+        return run_rollouts(jobs, self.folder / "rollouts")
 
     def finish(self, minutes: float) -> None:
         """Writes the complete report."""

@@ -17,7 +17,7 @@ class Reduction:
 
     Attributes:
         subject: What is smaller.
-        full: How it is by default in `glassgait distill` and `glassgait evaluate policies`.
+        full: How it is by default in `glassgait distill` and `glassgait evaluate worlds`.
         here: How it is here.
         loss: What is lost.
     """
@@ -48,7 +48,7 @@ def reductions(
             "imitation and return: with more samples all students come closer to the expert",
         ),
         Reduction(
-            "who collects them",
+            "what collects them",
             "each student its own",
             STUDENTS[distillation.collector].title + ", for all"
             if distillation.collector

@@ -18,16 +18,16 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_jobs
+from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.jobs import run_jobs
+from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
-from glassgait.studies.evaluation.results import write_alternation
+from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
 from glassgait.studies.reproduction.report.config import ReportConfig
@@ -82,9 +82,10 @@ def study_gait(
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
-    jobs = alternation_jobs(gait, expert, students, config.rollouts, config.periods)
-    scores = run_jobs(jobs, folder / "rollouts")
-    standalone = write_alternation(scores, title, folder)
+    jobs = alternation_cases(gait, expert, students, config.rollouts, config.periods)
+    scores = run_rollouts(jobs, folder / "rollouts")
+    alternation_report(scores, title).write(folder)
+    standalone = standalone_table(scores)
 
     seed = config.rollouts.seed
     # Formulas are read; what the paper explains by figures are its ensembles.

@@ -1,0 +1,339 @@
+"""Experiments: what to measure and what to report; all else is done here, once for all of them.
+
+An experiment is a frozen dataclass with two methods:
+
+    @dataclass(frozen=True)
+    class Mine(Experiment):
+        title: ClassVar[str] = "mine"
+
+        def measure(self, case: Case) -> pd.DataFrame: ...
+
+        def report(self, table: pd.DataFrame) -> Report: ...
+
+`Mine().run()` and, from a file of one's own, `run_from_command_line(Mine)` find the policies, open
+the run's folder, measure every policy in every scenario with every seed side by side, keep each
+case as soon as it is done, continue a run that was stopped, and write and print the report.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import pandas as pd
+import tyro
+from annotated_types import MinLen
+from matplotlib.figure import Figure
+
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
+from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
+from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import Case, run_cases, slow_first
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.exit_codes import take_signals, told_plainly
+from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.parallel.loop import parallel_backend
+from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
+from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, refuse_to_report
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.sweep import (
+    ALL_GAITS,
+    Gaits,
+    Seeds,
+    WorkersConfig,
+    gaits_named,
+    run_each,
+)
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+
+PolicyNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
+"""Names of policies, as `Policies.controllers` takes them."""
+
+ScenarioNames = Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT]
+"""Names of scenarios that ship, or `all` of them, and paths of scenario files."""
+
+Workers = Annotated[WorkersConfig, tyro.conf.arg(name="")]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What an experiment found.
+
+    Attributes:
+        tables: Tables by name, written as CSV and Markdown.
+        metrics: What `metrics.json` holds.
+        figures: Figures by name, written as PNG and PDF.
+        shown: Tables that are printed, by title.
+        lines: Sentences that are printed after them.
+        files: Further files by name: their text, or a function that writes one.
+    """
+
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    metrics: Any = None
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    files: Mapping[str, str | Callable[[Path], None]] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        """Writes tables, metrics, figures and files."""
+        for name, table in self.tables.items():
+            write_table(table, folder / name)
+        if self.metrics is not None:
+            write_metrics(self.metrics, folder / "metrics.json")
+        for name, figure in self.figures.items():
+            save_figure(figure, folder / name)
+        for name, content in self.files.items():
+            if isinstance(content, str):
+                write_atomically(folder / name, content)
+            else:
+                content(folder / name)
+
+    def show(self) -> None:
+        """Prints the tables that are shown, and the sentences."""
+        for title, table in self.shown.items():
+            print_table(title, table)
+        for line in self.lines:
+            say(line)
+
+
+@dataclass(frozen=True)
+class Experiment(Settings):
+    """Measures policies in scenarios.
+
+    Attributes:
+        gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
+        policy: Policies: `expert`, kinds of students, `all` for the expert and every student, and
+            paths of policy files.
+        scenario: Scenarios: names of those that ship, `all` for every one of them, and paths of
+            scenario files.
+        n_robots: Number of robots for each seed.
+        seed: First seed of all that is drawn.
+        n_seeds: Number of seeds: seed, seed + 1, …
+        workers: Where cases run.
+        source: Folder of a run of train, distill or refine, whose policies are taken; by default
+            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
+            runs/training/<gait>.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/<name of the experiment>/<gait> by default.
+    """
+
+    title: ClassVar[str] = "experiment"
+
+    together: ClassVar[bool] = False
+    """Whether one run is of all gaits, rather than of one, in a folder <gait> of its own."""
+
+    discrete: ClassVar[bool] = False
+    """Whether scenarios of continuous time are refused."""
+
+    one_scenario: ClassVar[bool] = False
+    """Whether several scenarios are refused."""
+
+    gait: Gaits = ("trot",)
+    policy: PolicyNames = (ALL,)
+    scenario: ScenarioNames = (TRAINING,)
+    n_robots: Count = 26
+    seed: Seed = REPORTED_SEEDS[0]
+    n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 1
+    workers: Workers = field(default_factory=WorkersConfig)
+    source: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Measures one case; called in a process of its own.
+
+        Args:
+            case: A controller in a scenario, with a seed.
+
+        Returns:
+            Rows of the table; the case's labels are put before them.
+        """
+        raise NotImplementedError
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Turns the rows of all cases into tables, figures and metrics.
+
+        Args:
+            table: What `measure` returned, with columns `gait`, `policy`, `scenario` and `seed`.
+        """
+        raise NotImplementedError
+
+    def cases(self) -> list[Case]:
+        """Lists the cases: every policy in every scenario with every seed.
+
+        An experiment that measures something else than that lists its own.
+        """
+        return [
+            Case(
+                {"gait": gait.name, "policy": policy, "scenario": name, "seed": seed},
+                gait,
+                controller,
+                scenario,
+                seed,
+            )
+            for name, scenario in slow_first(self.scenarios)
+            for gait in self.gaits
+            for policy, controller in self.controllers[gait.name].items()
+            for seed in self.seeds
+        ]
+
+    def prepare(self, folder: Path, identity: str) -> None:
+        """Makes what all cases share, before the first; nothing by default.
+
+        Args:
+            folder: Folder of the run.
+            identity: What identifies the run.
+        """
+
+    def run(self) -> None:
+        """Runs the experiment, and writes and prints what it found."""
+        names = self._gaits_with_policies()
+        if self.together or len(names) == 1:
+            replace(self, gait=names)._run_one(self.output or self.default_output(names))
+            return
+        folder = self.output or self.default_output(names).parent
+
+        def run_alone(name: str) -> None:
+            replace(self, gait=(name,))._run_one(folder / load_gait(name).name)
+
+        run_each(names, run_alone)
+
+    def _run_one(self, folder: Path) -> None:
+        refuse_to_report(self.seeds)
+        self._refuse_scenarios()
+        cases = self.cases()
+        with (
+            open_run(
+                folder, study=self.title, settings=self, inputs=self._inputs(), resume=self.resume
+            ) as identity,
+            parallel_backend(self.workers.backend),
+        ):
+            self.prepare(folder, identity)
+            table = run_cases(
+                cases,
+                self.measure,
+                folder / "cases",
+                of=identity,
+                processes=self.workers.processes,
+            )
+            report = self.report(table)
+            report.write(folder)
+        report.show()
+        console.print(f"written to {folder}")
+
+    def default_output(self, names: Sequence[str]) -> Path:
+        """Returns the folder of a run of gaits where none is named."""
+        gaits = "_".join(Path(name).stem for name in names)
+        return Path("runs") / self.title.split()[-1] / gaits
+
+    @property
+    def seeds(self) -> range:
+        """Every seed."""
+        return range(self.seed, self.seed + self.n_seeds)
+
+    @cached_property
+    def gaits(self) -> list[Gait]:
+        """The gaits."""
+        return [load_gait(name) for name in gaits_named(self.gait)]
+
+    @cached_property
+    def scenarios(self) -> dict[str, Scenario]:
+        """The scenarios by name."""
+        return load_scenarios(self.scenario)
+
+    @cached_property
+    def policies(self) -> dict[str, Policies]:
+        """Where each gait's policies are from, by the gait's name."""
+        return {gait.name: find_policies(gait, self.source) for gait in self.gaits}
+
+    @cached_property
+    def controllers(self) -> dict[str, dict[str, AlternatingController]]:
+        """What acts, by the gait's name and the policy's.
+
+        Of several gaits each has those of the policies that there are.
+        """
+        found = {}
+        for gait in self.gaits:
+            policies = self.policies[gait.name]
+            names = policies.named(self.policy)
+            if len(self.gaits) > 1:
+                names = tuple(name for name in names if name in (EXPERT, *policies.files))
+            found[gait.name] = policies.controllers(names)
+        return found
+
+    @property
+    def scenario_titles(self) -> dict[str, str]:
+        """What people call each scenario."""
+        return {name: scenario.title for name, scenario in self.scenarios.items()}
+
+    def _gaits_with_policies(self) -> tuple[str, ...]:
+        """Returns the gaits of which there are policies that are named.
+
+        Raises:
+            InputError: if there are none, a gait that is named has none, or files of one gait are
+                named for several.
+        """
+        names = gaits_named(self.gait)
+        if len(names) == 1:
+            return names
+        if self.source or any(map(is_file, self.policy)):
+            raise InputError(
+                "--gait: several gaits take no files of your own; name one gait for them"
+            )
+        kept = []
+        for name in names:
+            policies = find_policies(load_gait(name), quiet=True)
+            lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
+            if len(lacks) < len(self.policy):
+                kept.append(name)
+                if lacks:
+                    say(f"{name}: has no policy {', '.join(lacks)}; the others are measured")
+            elif ALL_GAITS not in self.gait:
+                policies.file(lacks[0])
+        if not kept:
+            raise InputError(
+                f"--policy {' '.join(self.policy)}: no gait ships with such a policy; name others, "
+                "or one gait and the run with --source"
+            )
+        return tuple(kept)
+
+    def _refuse_scenarios(self) -> None:
+        """Refuses scenarios that the experiment cannot be made in.
+
+        Raises:
+            InputError: if there are several and one is asked for, or one is continuous.
+        """
+        if self.one_scenario and len(self.scenarios) > 1:
+            raise InputError(f"--scenario: {self.title} is of one scenario; name one")
+        for name, scenario in self.scenarios.items():
+            if self.discrete and scenario.accuracy is not None:
+                raise InputError(
+                    f"--scenario {name}: is continuous; name a scenario of discrete time"
+                )
+
+    def _inputs(self) -> dict[str, str]:
+        """Returns digests of all that the run takes in, as its record holds them."""
+        parts = [
+            self.policies[gait.name].inputs(self.controllers[gait.name].items())
+            for gait in self.gaits
+        ]
+        inputs = {key: " ".join(dict.fromkeys(part[key] for part in parts)) for key in parts[0]}
+        scenarios = [scenario.digest() for scenario in self.scenarios.values()]
+        return inputs | {"scenario": " ".join(scenarios)}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leaves out what is found again where it is needed: workers are sent what cases hold."""
+        found = ("gaits", "scenarios", "policies", "controllers")
+        return {name: value for name, value in self.__dict__.items() if name not in found}
+
+
+def run_from_command_line(kind: type[Experiment]) -> None:
+    """Runs an experiment of one's own by the settings of the command line."""
+    take_signals()
+    with told_plainly():
+        tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)).run()

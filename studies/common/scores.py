@@ -1,0 +1,168 @@
+"""Scores of rollouts, and their means with intervals."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from glassgait.models.arrays import Array
+from glassgait.models.policies.policy import first_not_finite
+from glassgait.models.robots import quadruped
+from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
+from glassgait.models.task.termination import FAILURES
+from glassgait.studies.common.observers import RolloutLog
+
+WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
+"""Tracking is judged by averages over 1 s, since a gait sways within its cycle."""
+
+SCORES = (
+    "return",
+    "plain_return",
+    "rhythm",
+    "going_speed_error",
+    "yaw_rate_error",
+    "cost_of_transport",
+)
+
+SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
+"""What tables call `going_speed_error`: commands to stand are left out."""
+
+GRAVITY = 9.81
+"""Acceleration by which energy is made comparable (m/s²)."""
+
+
+def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
+    """Scores every robot up to its first failure.
+
+    Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
+    terminations; `failure`, their names; `not_finite`, the joint whose action was not finite, if
+    there was one; `return` and `plain_return`, sums; `rhythm`, the share of
+    the commanded rhythm kept; `going_speed_error` (m/s) and `yaw_rate_error` (rad/s), means over
+    seconds of the absolute difference between a second's average and the command. The first second
+    after a new command is left out; of the speed, all seconds in which it is commanded to stand
+    are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
+    that is never commanded to go. `expert_share`, the share of steps at which the expert acted.
+    `cost_of_transport`, the joints' absolute work per weight and distance,
+    of the steps that are commanded to go forward or back.
+
+    Args:
+        log: What the robots did.
+        mass: The robot's mass, with its load (kg).
+    """
+    n_steps, n_robots = log.reward.shape
+    failed = np.any(log.failures, axis=2)
+    rows = []
+    for i in range(n_robots):
+        fell = bool(failed[:, i].any())
+        steps = int(np.argmax(failed[:, i])) + 1 if fell else n_steps
+        alive = slice(0, steps)
+        shown = log.failures[steps - 1, i]
+        velocity, command = log.velocity[alive, i], log.command[alive, i]
+        not_finite = first_not_finite(log.action[alive, i])
+        errors = _tracking_errors(velocity, command)
+        rows.append(
+            {
+                "robot": i,
+                "steps": steps,
+                "fell": fell,
+                "failure": " ".join(np.array(FAILURES)[shown]),
+                "not_finite": quadruped.JOINTS[not_finite[1]] if not_finite else "",
+                "return": log.reward[alive, i].sum(),
+                "plain_return": log.plain_reward[alive, i].sum(),
+                "rhythm": log.served_dwell[alive, i].sum() / steps,
+                "expert_share": log.expert_acts[alive, i].mean(),
+                "going_speed_error": errors[0],
+                "yaw_rate_error": errors[1],
+                "cost_of_transport": _cost_of_transport(
+                    log.power[alive, i], velocity[:, 0], command[:, 0], mass
+                ),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _tracking_errors(velocity: Array, command: Array) -> tuple[float, float]:
+    """Returns the mean errors of speed, where it is commanded, and of yaw rate (m/s, rad/s)."""
+    n_windows = len(velocity) // WINDOW_STEPS
+    whole = slice(0, n_windows * WINDOW_STEPS)
+    difference = (velocity[whole] - command[whole]).reshape(n_windows, WINDOW_STEPS, 2)
+    start = np.arange(n_windows) * WINDOW_STEPS
+    settled = start % COMMAND_STEPS >= WINDOW_STEPS
+    errors = np.abs(difference.mean(axis=1))
+    going = settled & (command[start, 0] != 0.0)
+    return _mean(errors[going, 0]), _mean(errors[settled, 1])
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else float("nan")
+
+
+def _cost_of_transport(power: Array, speed: Array, command: Array, mass: float) -> float:
+    going = command != 0.0
+    distance = np.abs(speed[going]).sum()
+    if distance == 0.0:
+        return float("nan")
+    return float(power[going].sum() / (mass * GRAVITY * distance))
+
+
+def interval(values: pd.Series) -> float:
+    """Returns half the width of the 95 % interval of the mean (Student's t)."""
+    known = values.dropna().to_numpy(dtype=float)
+    if len(known) < 2:
+        return float("nan")
+    quantile = stats.t.ppf(0.975, len(known) - 1)
+    return float(quantile * np.std(known, ddof=1) / np.sqrt(len(known)))
+
+
+def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Averages scores over robots: means, 95 % intervals (`_ci`), falls and fall rate."""
+    rows = []
+    for keys, group in scores.groupby(by, sort=False):
+        row: dict[str, Any] = dict(zip(by, keys, strict=True))
+        row |= {"robots": len(group), "falls": int(group["fell"].sum())}
+        row["fall_rate"] = row["falls"] / row["robots"]
+        for name in SCORES:
+            row[name] = group[name].mean()
+            row[f"{name}_ci"] = interval(group[name])
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def summarize_against(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
+    """Averages scores over robots, with shares of a reference's return.
+
+    Args:
+        scores: Scores, a row a robot.
+        by: Columns whose values make a group.
+        reference: Scores of the reference, as `return_shares` takes them.
+
+    Returns:
+        What `summarize` returns, with the columns of `return_shares`.
+    """
+    return summarize(scores, by).merge(return_shares(scores, by, reference), on=by)
+
+
+def return_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
+    """Sets returns in proportion to those of a reference that was rolled out from the same seeds.
+
+    Robots of a seed start alike, are commanded alike and feel the same noise. They are compared one
+    by one, which leaves out how much robots differ by their commands: the interval is that of a
+    ratio of paired means, to first order in the errors.
+
+    Args:
+        scores: Scores, a row a robot.
+        by: Columns whose values make a group.
+        reference: Scores of the reference, its robots in the order of each group's.
+
+    Returns:
+        A row a group: `share` of the reference's mean return, and its 95 % interval `share_ci`.
+    """
+    whole = reference["return"].to_numpy(dtype=float)
+    rows = []
+    for keys, group in scores.groupby(by, sort=False):
+        own = group["return"].to_numpy(dtype=float)
+        share = own.mean() / whole.mean()
+        half = interval(pd.Series(own - share * whole)) / abs(whole.mean())
+        rows.append({**dict(zip(by, keys, strict=True)), "share": share, "share_ci": half})
+    return pd.DataFrame(rows)

@@ -1,0 +1,150 @@
+"""`glassgait evaluate alternation`: return against the share of steps at which the expert acts."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from glassgait.models.settings import Count, Range
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.alternation import ratio_title
+from glassgait.studies.common.cases import Case
+from glassgait.studies.common.experiment import Experiment, Report
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.scoring import not_finite_lines, score
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
+from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
+from glassgait.studies.evaluation.worlds_tables import falls_of, with_interval
+
+LEAST_SHARE = 0.9
+"""Share of the expert's return above which students differ visibly."""
+
+
+@dataclass(frozen=True)
+class Alternation(Experiment):
+    """Let expert and student act by turns, and report the return at every ratio.
+
+    Attributes:
+        n_steps: Control steps of a rollout.
+        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
+            commands; by default the speeds of distillation.
+    """
+
+    title: ClassVar[str] = "evaluate alternation"
+    one_scenario: ClassVar[bool] = True
+
+    n_steps: Count = EPISODE_STEPS
+    speed_range: Range | None = None
+
+    def cases(self) -> list[Case]:
+        """Lists the rollouts of every student at every ratio, and those of the expert."""
+        (gait,), (scenario,) = self.gaits, self.scenarios.values()
+        students = {
+            name: own.student
+            for name, own in self.controllers[gait.name].items()
+            if own.student is not None
+        }
+        expert = self.policies[gait.name].expert
+        config = RolloutConfig(
+            self.n_robots, self.n_steps, self.seed, self.n_seeds, self.speed_range
+        )
+        return alternation_cases(gait, expert, students, config, scenario=scenario)
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls robots of one seed out, and scores them."""
+        return score(case)
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports return and falls by ratio, and of the students alone."""
+        return alternation_report(table, self.gaits[0].name)
+
+
+def alternation_report(scores: pd.DataFrame, title: str) -> Report:
+    """Reports the scores of every student at every ratio.
+
+    Args:
+        scores: Scores of `alternation_cases`.
+        title: What the figure is called.
+    """
+    ratios, alone = alternation_table(scores), standalone_table(scores)
+    return Report(
+        tables={"robots": scores, "ratios": ratios, "standalone": alone},
+        metrics=ratios.to_dict(orient="records"),
+        figures={"return": return_figure(scores, title)},
+        shown={f"{title}: students alone": alone},
+        lines=not_finite_lines(scores),
+    )
+
+
+def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
+    """Means of every policy at every ratio, and the share of the expert's return."""
+    expert = scores[scores["policy"] == "expert"]
+    return summarize_against(scores, ["policy", "ratio"], expert)
+
+
+def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
+    """The students alone beside the expert alone: the table that matters."""
+    means = alternation_table(scores)
+    alone = means[(means["policy"] == "expert") | (means["ratio"] == "0")]
+    return pd.DataFrame(
+        {
+            "policy": [policy_title(name) for name in alone["policy"]],
+            "return": with_interval(alone, "return", 0),
+            "share of expert": with_interval(alone, "share", 3),
+            "plain return": with_interval(alone, "plain_return", 1),
+            "falls": falls_of(alone),
+            "rhythm": alone["rhythm"].round(3),
+            SPEED_ERROR_TITLE: alone["going_speed_error"].round(3),
+            "yaw-rate error (rad/s)": alone["yaw_rate_error"].round(3),
+        }
+    )
+
+
+@styled
+def return_figure(scores: pd.DataFrame, title: str) -> Figure:
+    """Average return and falls against the alternation ratio (paper, Figure 2).
+
+    Between them stands the share of the expert's return from `LEAST_SHARE` on, whose intervals are
+    much shorter: it compares robots under the same commands and noise.
+    """
+    means = alternation_table(scores)
+    expert = means[means["policy"] == "expert"].iloc[0]
+    figure, (returns, share, falls) = subplots(
+        3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
+    )
+    known = set(means["ratio"])
+    ratios = [ratio_title(period) for period in PERIODS if ratio_title(period) in known]
+    students = [student for student in STUDENTS.values() if student.name in set(means["policy"])]
+    for i, student in enumerate(students):
+        mine = means[means["policy"] == student.name].set_index("ratio")
+        mine.loc["1"] = expert
+        mine = mine.loc[ratios]
+        at = np.arange(len(ratios)) + 0.08 * (i - (len(students) - 1) / 2)
+        style = {
+            "color": student.color,
+            "marker": student.marker,
+            "markersize": 3.5,
+            "linewidth": 1.0,
+        }
+        bars = {"label": student.title, "capsize": 1.5, **style}
+        returns.errorbar(at, mine["return"], mine["return_ci"], **bars)
+        in_sight = mine["share"] >= LEAST_SHARE
+        share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
+        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+    returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
+    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    returns.set(ylabel="return", ylim=(0, None))
+    # Some copies earn more than the expert.
+    most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
+    share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
+    share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
+    falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
+    falls.set_xticks(np.arange(len(ratios)), ratios)
+    handles, labels = returns.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
+    figure.align_ylabels()
+    return figure

@@ -1,1 +1,0 @@
-"""Where policies fall: the expert and every student alone, in every world."""

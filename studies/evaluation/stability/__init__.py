@@ -1,1 +1,0 @@
-"""How each gait answers small differences: the stride map's orbits, modes and predictions."""

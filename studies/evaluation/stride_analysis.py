@@ -1,0 +1,229 @@
+"""What the stride map says of one policy: orbits, modes, and whether pushes decay as predicted."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
+from glassgait.models.stride_map import (
+    Modes,
+    averaged_jacobians,
+    growth,
+    jackknife_error,
+    jacobians,
+    modes_of,
+)
+from glassgait.studies.evaluation.stride_orbits import Orbits, find_orbits
+from glassgait.studies.evaluation.strides import NAMES, SPEEDS, UNITS, StrideMap
+
+PUSHES = (0.002, 0.01, 0.05)
+"""Speeds of the pushes whose decay is compared with the slowest mode (m/s)."""
+
+N_DECAY = 10
+"""Strides over which a push's decay is fitted."""
+
+GONE = 1e-4
+"""Share of a push's first amplitude below which nothing is read off: fixed points are not exact."""
+
+GROWTH_STEP, N_GROWTH, N_GROWTH_LEFT_OUT = 1e-3, 50, 10
+"""Of the growth along an orbit: the difference's size (units), strides, and those left out."""
+
+AVERAGED_STEP, N_PAIRS = 0.2, 180
+"""Of the averaged Jacobian: the differences' standard deviation (units), 0.01 rad of a joint as the
+sensors' noise is, and how many there are."""
+
+TRUNK = {
+    "height": "height",
+    "roll": "roll",
+    "pitch": "pitch",
+    "roll rate": "roll",
+    "pitch rate": "pitch",
+    "yaw rate": "yaw",
+    "forward speed": "forward speed",
+    "lateral speed": "lateral speed",
+    "vertical speed": "height",
+}
+"""What the trunk's coordinates are called in a mode."""
+
+
+def analyse(
+    strides: StrideMap, *, n_strides: int, step_sizes: tuple[float, ...], seed: int
+) -> list[Any]:
+    """Analyses the gait of every command.
+
+    Args:
+        strides: The stride map.
+        n_strides: Strides that an orbit has to settle.
+        step_sizes: Sizes of the differences by which the map is differentiated (units).
+        seed: Seed of the averaged Jacobian's differences.
+
+    Returns:
+        A record a command: the command, where its orbit goes, how a tiny difference grows along it,
+        the averaged Jacobian's spectral radius and error, and for a fixed point its spectral
+        radius by step size, eigenvalues, parts of the slowest mode, and decays.
+    """
+    orbits = find_orbits(
+        strides,
+        strides.first_points(),
+        n_strides=n_strides,
+        differentiable=not strides.is_stepwise,
+    )
+    command = strides.command
+    records: list[Any] = [
+        {
+            "speed": float(command.velocity[i, 0]),
+            "yaw_rate": float(command.velocity[i, 1]),
+            "dwell": int(command.dwell[i]),
+            "period": int(orbits.periods[i]),
+            "sway": float(orbits.sway[i]),
+            "residual": float(orbits.residuals[i]),
+            "fixed": bool(np.isfinite(orbits.fixed[i]).all()),
+        }
+        for i in range(len(command.dwell))
+    ]
+    alive = np.flatnonzero(orbits.periods >= 0)
+    if len(alive):
+        _add_rates(records, strides, orbits, alive, np.random.default_rng(seed))
+    there = np.array([i for i in alive if records[i]["fixed"]], dtype=np.int64)
+    if len(there):
+        _add_modes(records, strides, orbits.fixed, there, step_sizes)
+    return records
+
+
+def _add_rates(
+    records: list[Any],
+    strides: StrideMap,
+    orbits: Orbits,
+    alive: NDArray[np.int64],
+    generator: np.random.Generator,
+) -> None:
+    """Measures the orbits of the commands `alive`, whether they are periodic or not."""
+
+    def step(points: Array, problems: NDArray[np.int64]) -> Array:
+        return strides(points, alive[problems])
+
+    rates = growth(
+        step,
+        orbits.last[alive],
+        size=GROWTH_STEP,
+        n_strides=N_GROWTH,
+        n_left_out=N_GROWTH_LEFT_OUT,
+    )
+    whole, parts = averaged_jacobians(
+        step, orbits.mean[alive], size=AVERAGED_STEP, n_pairs=N_PAIRS, generator=generator
+    )
+    radii = np.abs(np.linalg.eigvals(parts)).max(axis=-1)
+    for i, rate, own, error in zip(alive, rates, whole, jackknife_error(radii), strict=True):
+        modes = modes_of(own)
+        records[i] |= {
+            "growth": float(rate),
+            "averaged_radius": modes.radius,
+            "averaged_error": float(error),
+            "averaged_parts": parts_of(modes),
+        }
+
+
+def _add_modes(
+    records: list[Any],
+    strides: StrideMap,
+    fixed: Array,
+    there: NDArray[np.int64],
+    step_sizes: tuple[float, ...],
+) -> None:
+    """Differentiates the map at the fixed points of the commands `there`."""
+    usual = strides.stride(fixed[there], there).n_steps
+    counts: list[NDArray[np.int64]] = []
+
+    def noted(points: Array, problems: NDArray[np.int64]) -> Array:
+        done = strides.stride(points, there[problems])
+        counts.append(done.n_steps.reshape(len(there), -1))
+        return done.images
+
+    all_modes = [_modes(jacobians(noted, fixed[there], size)) for size in step_sizes]
+    rows = np.concatenate(counts, axis=1)
+    modes = [_nearest(own) for own in zip(*all_modes, strict=True)]
+    decays = _decays(strides, fixed, there, modes)
+    for k, i in enumerate(there):
+        records[i] |= {
+            "n_steps": int(usual[k]),
+            "rows": rows.shape[1],
+            "other_steps": int(np.sum((rows[k] != usual[k]) & (rows[k] > 0))),
+            "lost": int(np.sum(rows[k] == 0)),
+            "radii": [_radius(own[k]) for own in all_modes],
+        }
+        mode = modes[k]
+        if mode is not None:
+            records[i] |= {
+                "radius": mode.radius,
+                "eigenvalues": [[value.real, value.imag] for value in mode.eigenvalues[:12]],
+                "parts": parts_of(mode),
+                "decays": decays[k],
+            }
+
+
+def _modes(own: Array) -> list[Modes | None]:
+    return [modes_of(one) if np.isfinite(one).all() else None for one in own]
+
+
+def _radius(modes: Modes | None) -> float:
+    return modes.radius if modes else float("nan")
+
+
+def _nearest(own: tuple[Modes | None, ...]) -> Modes | None:
+    """Returns the modes of the step size whose radius is nearest to all others': the median."""
+    there = sorted((modes for modes in own if modes), key=lambda modes: modes.radius)
+    return there[(len(there) - 1) // 2] if there else None
+
+
+def parts_of(modes: Modes) -> dict[str, float]:
+    """Sums up what takes part in the slowest mode: motions of the trunk, and legs.
+
+    Returns:
+        Shares of 1, the greatest first. A leg's are those of its joints, their rates and its
+        previous actions.
+    """
+    parts: dict[str, float] = {}
+    for name, share in zip(NAMES, modes.participation, strict=True):
+        leg = next((leg for leg in quadruped.LEGS if leg in name), None)
+        called = f"leg {leg}" if leg else TRUNK[name]
+        parts[called] = parts.get(called, 0.0) + float(share)
+    return dict(sorted(parts.items(), key=lambda part: -part[1]))
+
+
+def _decays(
+    strides: StrideMap, fixed: Array, there: NDArray[np.int64], modes: list[Modes | None]
+) -> list[list[float]]:
+    """Pushes trunks forward, back, left and right, and measures how the slowest mode goes on.
+
+    Returns:
+        For each fixed point, for each of `PUSHES`, the median over directions of the factor per
+        stride; NaN where nothing could be read off.
+    """
+    moves = np.zeros((len(PUSHES), 4, len(NAMES)))
+    for i, speed in enumerate(PUSHES):
+        moves[i, :, SPEEDS] = speed * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    moves = moves.reshape(-1, len(NAMES)) / UNITS
+    points = (fixed[there][:, None] + moves).reshape(-1, len(NAMES))
+    problems = np.repeat(there, len(moves))
+    orbit = [points]
+    for _ in range(N_DECAY):
+        orbit.append(strides(orbit[-1], problems))
+    away = np.array(orbit).reshape(N_DECAY + 1, len(there), len(moves), -1) - fixed[there][:, None]
+    factors = []
+    for k, mode in enumerate(modes):
+        left = np.full(len(NAMES), np.nan) if mode is None else mode.left
+        amplitudes = np.abs(away[:, k] @ left)
+        each = np.array([_factor(amplitudes[:, j]) for j in range(len(moves))])
+        factors.append(np.median(each.reshape(len(PUSHES), -1), axis=1).tolist())
+    return factors
+
+
+def _factor(amplitudes: Array) -> float:
+    """Fits the factor per stride to a mode's amplitudes (n + 1,)."""
+    small = np.flatnonzero(~(amplitudes > GONE * amplitudes[0]))
+    stop = small[0] if len(small) else len(amplitudes)
+    if stop < 3:
+        return float("nan")
+    return float(np.exp(np.polyfit(np.arange(stop), np.log(amplitudes[:stop]), 1)[0]))

@@ -1,1 +1,0 @@
-"""Do policies treat left and right alike?"""

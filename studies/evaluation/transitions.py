@@ -1,0 +1,217 @@
+"""`glassgait evaluate transitions`: gaits that change while walking."""
+
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import pandas as pd
+from annotated_types import Ge, Le, MinLen
+
+from glassgait.diagrams.commands import FixedCommand
+from glassgait.models.errors import InputError
+from glassgait.models.policies.switched import GREATEST_CHANGE
+from glassgait.models.settings import DISTINCT, FEW, NotNegative, Positive, Share
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait_switch import PATIENCE, GaitSwitch
+from glassgait.studies.common.cases import Case
+from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
+from glassgait.studies.common.policies import EXPERT, find_policies
+from glassgait.studies.common.sweep import Gaits
+from glassgait.studies.common.tables import json_records
+from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.evaluation.transition_rollouts import Transition, roll_transition
+from glassgait.studies.evaluation.transitions_figures import transition_figure
+
+Speed = Annotated[float, Ge(-3.0), Le(3.0)]
+
+KEYS = ["policy", "scenario", "from", "to", "speed"]
+
+TITLES = {
+    "policy": "policy",
+    "world": "scenario",
+    "from": "from",
+    "to": "to",
+    "speed": "speed (m/s)",
+    "robots": "robots",
+    "falls": "falls",
+    "before": "of them before the request",
+    "wait": "wait (s)",
+    "longest_wait": "longest wait (s)",
+    "settling": "rhythm kept after (s)",
+    "longest_settling": "at the latest after (s)",
+    "unsettled": "never kept",
+    "share": "share of the return",
+}
+"""What people call the columns of `transition_table`."""
+
+
+@dataclass(frozen=True)
+class Transitions(Experiment):
+    """Change the gait of walking robots, each to each, and report falls and waits.
+
+    Attributes:
+        speeds: Commanded forward speeds (m/s).
+        patience: Multiple of the commanded steps in a state after which a gait is waited for no
+            more; with 0 gaits change at once, whatever the feet do.
+        greatest_change: Greatest squared change of the action in a control step.
+        slowdown: Factor on the commanded speed from the request until a second after the change.
+        via: A gait on the way between any two others; none by default.
+    """
+
+    title: ClassVar[str] = "evaluate transitions"
+    together: ClassVar[bool] = True
+    discrete: ClassVar[bool] = True
+    n_seeds: ClassVar[int] = 1
+
+    gait: Gaits = ("walk", "trot", "pace", "bound")
+    policy: PolicyNames = (EXPERT,)
+    speeds: Annotated[tuple[Speed, ...], MinLen(1), FEW, DISTINCT] = (0.3, 0.4, 0.5)
+    patience: NotNegative = PATIENCE
+    greatest_change: Positive = GREATEST_CHANGE
+    slowdown: Share = 1.0
+    via: str | None = None
+
+    def cases(self) -> list[Case]:
+        """Lists every ordered pair of gaits, and every gait that does not change, at every speed.
+
+        Raises:
+            InputError: if there are fewer than two gaits, or one is not made for a speed.
+        """
+        if len(self.gaits) < 2:
+            raise InputError(f"{self.title}: one gait changes to no other; name two with --gait")
+        via = None if self.via is None else load_gait(self.via)
+        there = [*self.gaits, *([] if via is None or via in self.gaits else [via])]
+        common = GaitSwitch(there).gait
+        for speed in self.speeds:
+            FixedCommand(speed=speed, dwell=common.dwell[0]).check(common)
+        controllers = dict(self.controllers)
+        if via is not None and via.name not in controllers:
+            controllers[via.name] = find_policies(via).controllers(self.policy)
+        return [
+            Case(
+                {
+                    "policy": policy,
+                    "scenario": name,
+                    "from": path[0].name,
+                    "to": path[-1].name,
+                    "speed": speed,
+                },
+                path[0],
+                controllers[path[0].name][policy],
+                scenario,
+                self.seed,
+                Transition(
+                    path,
+                    tuple(controllers[gait.name][policy] for gait in path),
+                    scenario,
+                    speed,
+                    self.n_robots,
+                    self.seed,
+                    self.patience,
+                    self.greatest_change,
+                    self.slowdown,
+                ),
+            )
+            for policy in self.controllers[self.gaits[0].name]
+            for name, scenario in self.scenarios.items()
+            for speed in self.speeds
+            for path in self._paths(via)
+        ]
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls out robots that change from one gait to another."""
+        return roll_transition(case.config)
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports falls and waits of each pair of gaits."""
+        titles, whole = self.scenario_titles, transition_table(table)
+        return Report(
+            tables={"robots": table, "transitions": readable_table(whole, titles)},
+            metrics=json_records(whole),
+            figures={"transitions": transition_figure(whole, titles)},
+            shown={"robots that change the gait without a fall": summary_table(whole, titles)},
+        )
+
+    def default_output(self, names: tuple[str, ...]) -> Path:
+        """Returns the folder of a run where none is named."""
+        return super().default_output(names).parent
+
+    def _paths(self, via: Gait | None) -> list[tuple[Gait, ...]]:
+        """Lists the gaits as they are requested; of one alone nothing changes."""
+        paths: list[tuple[Gait, ...]] = [(gait,) for gait in self.gaits]
+        for source, target in permutations(self.gaits, 2):
+            between = () if via is None or via in (source, target) else (via,)
+            paths.append((source, *between, target))
+        return paths
+
+
+def transition_table(robots: pd.DataFrame) -> pd.DataFrame:
+    """Sums up every pair of gaits at every speed, in the order in which they were rolled out.
+
+    Args:
+        robots: What `roll_transition` returned of every pair, and of every gait that does not
+            change.
+
+    Returns:
+        A row a policy, world, pair and speed: robots, their falls, how many of these came before
+        the request; means and greatest values of `wait` and `settling` (s); robots whose rhythm was
+        never kept; the share of the reward that robots earn which walked in the new gait all the
+        time.
+    """
+    groups = robots.groupby(KEYS, sort=False)
+    table = groups.agg(
+        robots=("robot", "size"),
+        falls=("fell", "sum"),
+        before=("before", "sum"),
+        wait=("wait", "mean"),
+        longest_wait=("wait", "max"),
+        settling=("settling", "mean"),
+        longest_settling=("settling", "max"),
+        unsettled=("settling", lambda own: int(own.isna().sum())),
+        reward=("reward", "mean"),
+    ).reset_index()
+    stayed = table["from"] == table["to"]
+    references = table[stayed].set_index(["policy", "scenario", "to", "speed"])["reward"]
+    own = pd.MultiIndex.from_frame(table[["policy", "scenario", "to", "speed"]])
+    table["share"] = table["reward"].to_numpy() / references.reindex(own).to_numpy()
+    return table
+
+
+def readable_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
+    """Names the policies, worlds and columns of `transition_table` as people do.
+
+    Args:
+        table: What `transition_table` returned.
+        titles: What people call each scenario.
+    """
+    named = table.assign(
+        policy=[policy_title(name) for name in table["policy"]],
+        world=[titles[name] for name in table["scenario"]],
+    )
+    return named[list(TITLES)].rename(columns=TITLES)
+
+
+def summary_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
+    """Counts for each policy and world how many pairs change without a fall, and which do not."""
+    pairs = table[table["from"] != table["to"]]
+    rows = []
+    for (policy, scenario), own in pairs.groupby(["policy", "scenario"], sort=False):
+        falls = own.groupby(["from", "to"], sort=False)["falls"].sum()
+        ends = zip(*(falls.index.get_level_values(name) for name in ("from", "to")), strict=True)
+        falling = [
+            f"{source} to {target} {count}"
+            for (source, target), count in zip(ends, falls, strict=True)
+            if count > 0
+        ]
+        rows.append(
+            {
+                "policy": policy_title(str(policy)),
+                "scenario": titles[str(scenario)],
+                "pairs without a fall": f"{(falls == 0).sum()} of {len(falls)}",
+                "falls": f"{falls.sum()} of {own['robots'].sum()}",
+                "falls from, to": ", ".join(falling) or "–",
+                "longest wait (s)": own["longest_wait"].max(),
+            }
+        )
+    return pd.DataFrame(rows)

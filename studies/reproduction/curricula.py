@@ -1,0 +1,232 @@
+"""`glassgait reproduce curricula`: what the curriculum of a distillation is worth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+import pandas as pd
+import tyro
+from matplotlib.figure import Figure
+
+from glassgait.diagrams.scenario import Scenario
+from glassgait.models.policies.controller import alone
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import Case
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.scores import summarize_against
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
+from glassgait.studies.distillation.students.library import load_students
+from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
+from glassgait.studies.distillation.students.registry import STUDENTS, student_title
+from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
+from glassgait.studies.distillation.students.symbolic_settings import (
+    StatewiseSymbolicSettings,
+    SymbolicSettings,
+)
+from glassgait.studies.distillation.study import distill
+
+TICKS = {
+    "expert_only": "expert\nonly",
+    "half": "half",
+    "student_only": "student\nonly",
+    "alternation": "alternation",
+    "alternation_then_alone": "alternation,\nthen alone",
+}
+
+
+@styled
+def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Draws share of the expert's return and falls of each student, by curriculum.
+
+    Args:
+        table: What `curricula_table` returned.
+        title: Title of the figure.
+    """
+    figure, (share, falls) = subplots(
+        2, 1, figsize=(COLUMN_WIDTH, 3.4), sharex=True, height_ratios=(3, 2)
+    )
+    students = list(dict.fromkeys(table["student"]))
+    for i, student in enumerate(students):
+        line = STUDENTS[student]
+        mine = table[table["student"] == student].set_index("curriculum").reindex(list(TICKS))
+        at = np.arange(len(TICKS)) + 0.12 * (i - (len(students) - 1) / 2)
+        style = {"color": line.color, "marker": line.marker, "markersize": 3.5, "linestyle": "none"}
+        share.errorbar(at, mine["share"], mine["share_ci"], label=line.title, capsize=1.5, **style)
+        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    share.set(ylabel="share of the\nexpert's return", ylim=(0, None), title=title)
+    share.legend(ncols=2, loc="lower right")
+    falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="what acts while samples are collected")
+    falls.set_xticks(np.arange(len(TICKS)), list(TICKS.values()))
+    figure.align_ylabels()
+    return figure
+
+
+CURRICULA = {
+    "expert_only": "Expert acts (behaviour cloning)",
+    "half": "Expert acts at half of the steps",
+    "student_only": "Student acts (DAgger)",
+    "alternation": "Alternation (the paper's)",
+    "alternation_then_alone": "Alternation, then student alone",
+}
+
+
+@dataclass(frozen=True)
+class Curricula(Settings):
+    """Distil by other curricula with as many samples, and let the students walk alone.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        distillation: Settings of the distillation with alternation and rounds alone; its curriculum
+            does not count. Formulas take one shape, without a choice.
+        rollouts: How students are rolled out.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/curricula/<gait> by default.
+    """
+
+    title: ClassVar[str] = "curricula"
+
+    gait: str = "trot"
+    distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: DistillationConfig(
+            students=(LINEAR.name, STATEWISE_LINEAR.name, HISTOGRAM_GBM.name, SYMBOLIC.name),
+            settings=StudentsSettings(
+                **{
+                    SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
+                    STATEWISE_SYMBOLIC.name: StatewiseSymbolicSettings(
+                        shapes=((90, 90),), start_weights=(1,)
+                    ),
+                }
+            ),
+        )
+    )
+    rollouts: RolloutConfig = field(default_factory=RolloutConfig)
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # Refused now, where a curriculum's own settings would be.
+        equal_budgets(self.distillation)
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.gait)
+        expert = find_expert(gait, self.expert)
+        folder = self.output or Path("runs/curricula") / gait.name
+        inputs = {"gait": gait.digest(), "expert": expert.digest()}
+        with open_run(
+            folder, study="reproduce curricula", settings=self, inputs=inputs, resume=self.resume
+        ):
+            fits: list[pd.DataFrame] = []
+            students: dict[str, dict[str, Policy]] = {}
+            for name, config in equal_budgets(replace(self.distillation, gait=self.gait)).items():
+                say(CURRICULA[name])
+                own = folder / name
+                r2 = distill(config, gait, expert, own, say, resume=self.resume)
+                fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
+                students[name] = load_students(own, expert)
+            jobs = standalone_jobs(gait, expert, students, self.rollouts)
+            scores = run_rollouts(jobs, folder / "rollouts")
+            table = curricula_table(pd.concat(fits, ignore_index=True), scores)
+            write_table(scores, folder / "robots")
+            write_table(table, folder / "curricula")
+            write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(curricula_figure(table, gait.name.capitalize()), folder / "curricula")
+        print_table(f"{gait.name}: students alone", titled(table))
+        console.print(f"written to {folder}")
+
+
+def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
+    """Returns the settings of each curriculum, all of as many episodes of equal length.
+
+    Without rounds of the student alone, alternation goes on to lower ratios instead.
+    """
+    size = config.episodes_per_round
+    config = replace(
+        config,
+        alone_episodes=size,
+        alone_steps=config.episode_steps,
+        settings=config.settings.with_alone_episodes(size),
+    )
+    rounds_alone = config.alone_rounds * size
+    whole = replace(config, episodes=config.episodes + rounds_alone, alone_rounds=0)
+    return {
+        "expert_only": replace(whole, curriculum="expert_only"),
+        "half": replace(whole, curriculum="half"),
+        "student_only": replace(whole, curriculum="student_only"),
+        "alternation": replace(whole, curriculum="alternation"),
+        "alternation_then_alone": replace(config, curriculum="alternation"),
+    }
+
+
+def standalone_jobs(
+    gait: Gait,
+    expert: NeuralPolicy,
+    students: Mapping[str, Mapping[str, Policy]],
+    config: RolloutConfig,
+) -> list[Case]:
+    """Lists the rollouts of the expert and of every curriculum's students, each alone.
+
+    Args:
+        gait: The gait.
+        expert: The expert; its curriculum is called `expert`.
+        students: The students by curriculum and kind.
+        config: How robots are rolled out.
+    """
+    policies = {("expert", "expert"): alone(expert)}
+    for curriculum, own in students.items():
+        policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}
+    config = config.at_distilled_speeds(gait)
+    jobs = []
+    for (curriculum, student), policy in policies.items():
+        labels = {"curriculum": curriculum, "student": student}
+        jobs += rollout_cases(labels, gait, policy, Scenario(), config)
+    return jobs
+
+
+def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
+    """Joins R² with what each student earns alone.
+
+    Args:
+        fits: Columns `curriculum`, `student` and `r2` on held-out episodes.
+        scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
+
+    Returns:
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `return`, `return_ci`,
+        and the return's `share` of the expert's with its interval `share_ci`.
+    """
+    by = ["curriculum", "student"]
+    means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
+    columns = ["robots", "falls", "fall_rate", "return", "return_ci", "share", "share_ci"]
+    return fits.merge(means[[*by, *columns]], on=by)
+
+
+def titled(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns the table for reading."""
+    falls = zip(table["falls"], table["robots"], strict=True)
+    shares = zip(table["share"], table["share_ci"], strict=True)
+    return pd.DataFrame(
+        {
+            "samples collected while": table["curriculum"].map(CURRICULA),
+            "student": table["student"].map(student_title),
+            "R² held out": table["r2"].round(3),
+            "share of expert": [f"{share:.3f} ± {half:.3f}" for share, half in shares],
+            "falls": [f"{fallen} of {robots}" for fallen, robots in falls],
+        }
+    )
