@@ -132,7 +132,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "drive dropout": (
             "deployment.drive.dropout_command:DriveDropout",
-            "Silence controllers for good at many moments of the stride, and count who overturns.",
+            "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },
     "reproduce": {
@@ -146,11 +146,11 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "paper.",
         ),
         "reproduce curricula": (
-            "reproduction.curricula.command:Curricula",
+            "reproduction.curricula:Curricula",
             "Distil by other curricula with as many samples, and let the students walk alone.",
         ),
         "reproduce convergence": (
-            "reproduction.convergence.command:Convergence",
+            "reproduction.convergence:Convergence",
             "Drop the robot and roll an expert out with every contact solver and time step.",
         ),
         "reproduce benchmark": (
@@ -279,7 +279,7 @@ def _check_working_folder() -> None:
 
 
 def _parse(name: str, arguments: list[str]) -> Any:
-    # Imported here: Ctrl-C is told plainly by now, and other commands' modules stay out.
+    # Imported here: Ctrl-C is handled by now, and other commands' modules stay out.
     import tyro  # noqa: PLC0415
 
     if name in TRAINS:

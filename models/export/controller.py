@@ -75,7 +75,7 @@ def write_controller(
     Args:
         gait: The gait, whose reward machine runs.
         policy: The policy that acts: a student, or the expert.
-        expert: Whose estimator observes what no sensor tells.
+        expert: Its estimator observes what no sensor measures.
         name: What the names of its files, functions and types begin with.
         policy_name: What its comments call the policy.
         version: Version of this project.

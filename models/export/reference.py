@@ -36,7 +36,7 @@ class PythonController:
         Args:
             gait: The gait, whose reward machine runs.
             policy: The controller.
-            expert: Whose estimator observes what no sensor tells.
+            expert: Its estimator observes what no sensor measures.
         """
         self._machine = RewardMachine(gait)
         self._policy = policy

@@ -31,9 +31,9 @@ class SwitchedPolicy(Policy):
     Where a gait begins, its policy may ask for an action far from the last one of the gait before.
     The action then goes there as far as one step may go, and on in the next.
 
-    It observes the state of a `GaitSwitch`, which tells the gait; each gait's policy is shown the
-    states of its own gait alone, as it was when it learned. It is put together from policies that
-    have files, and has none itself.
+    It observes the state of a `GaitSwitch`, by which the gait is known; each gait's policy observes
+    the states of its own gait alone, as it did when it learned. It is put together from policies
+    that have files, and has none itself.
 
     Attributes:
         switch: The gaits.
@@ -141,7 +141,7 @@ class SwitchedPolicy(Policy):
         raise InputError("switched policy: has no file; load the policy of each gait")
 
     def digest(self) -> str:
-        """Tells policies apart that would not act alike."""
+        """Returns a digest that differs between policies that would not act alike."""
         own = [self.kind, self.gait, self.greatest_change, *self._digests]
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 

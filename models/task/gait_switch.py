@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError, shown
+from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.task.formula import N_STANCES, STANCES, stance_code
 from glassgait.models.task.gait import Gait
@@ -84,19 +84,8 @@ class GaitSwitch:
         return self.gait.n_states
 
     def gait_of(self, state: IntArray) -> IntArray:
-        """Tells which gait states (...) belong to."""
+        """Returns which gait states (...) belong to."""
         return self._gait_of[state]
-
-    def number_of(self, name: str) -> int:
-        """Returns the number of a gait.
-
-        Raises:
-            InputError: if it is none of these.
-        """
-        names = [gait.name for gait in self.gaits]
-        if name not in names:
-            raise InputError(f"unknown gait {shown(name)}; the gaits are {', '.join(names)}")
-        return names.index(name)
 
     def step(
         self,
@@ -195,6 +184,6 @@ def _entry_distances(gait: Gait) -> IntArray:
 
 
 def _ending(gait: Gait) -> BoolArray:
-    """Tells the stances (16) that end one of a gait's states and lead to no fault."""
+    """Returns the stances (16) that end one of a gait's states and lead to no fault."""
     tables = [edge.when.table for edge in gait.transitions if edge.target not in gait.faults]
     return np.any(np.array(tables, dtype=bool).reshape(-1, N_STANCES), axis=0)

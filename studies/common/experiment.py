@@ -38,7 +38,7 @@ from glassgait.studies.common.exit_codes import take_signals, told_plainly
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
-from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS, refuse_to_report
+from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, refuse_to_report
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import (
     ALL_GAITS,
@@ -187,7 +187,7 @@ class Experiment(Settings):
 
         Args:
             folder: Folder of the run.
-            identity: What tells the run from others.
+            identity: What identifies the run.
         """
 
     def run(self) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from glassgait.studies.common.rollouts.scores import reward_shares, summarize
+from glassgait.studies.common.scores import return_shares, summarize
 
 PLACES = ("gait", "scenario")
 """Columns in which a policy and its reference agree."""
@@ -23,7 +23,7 @@ def summary(scores: pd.DataFrame, by: Sequence[str], against: str | None = None)
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
+        by: Columns that distinguish groups.
         against: The policy that others are compared with, robot by robot, where gait and scenario
             are the same; none by default.
 
@@ -44,7 +44,7 @@ def summary(scores: pd.DataFrame, by: Sequence[str], against: str | None = None)
     parts = []
     for _, group in groups:
         reference = group[group["policy"] == against]
-        own = reward_shares(group, keys, reference)
+        own = return_shares(group, keys, reference)
         parts.append(own.assign(expected=float(reference["fell"].mean())))
     table = table.merge(pd.concat(parts, ignore_index=True), on=keys)
     table["points_more"] = 100.0 * (table["fall_rate"] - table.pop("expected"))

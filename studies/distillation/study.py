@@ -133,7 +133,7 @@ class _Distillation:
             yield from rows.items()
 
     def _jobs(self) -> list[list[str]]:
-        """Groups the students by who collects their samples.
+        """Groups the students by the one that collects their samples.
 
         The last come first: in the registry they stand behind what is quick, and what takes long
         had better not be begun last.

@@ -15,13 +15,13 @@ from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.common.rollouts.scoring import not_finite_lines, score
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.evaluation.worlds_tables import falls_of, with_interval
 
 LEAST_SHARE = 0.9
-"""Share of the expert's reward from which students are told apart."""
+"""Share of the expert's return above which students differ visibly."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ def alternation_report(scores: pd.DataFrame, title: str) -> Report:
     return Report(
         tables={"robots": scores, "ratios": ratios, "standalone": alone},
         metrics=ratios.to_dict(orient="records"),
-        figures={"reward": reward_figure(scores, title)},
+        figures={"return": return_figure(scores, title)},
         shown={f"{title}: students alone": alone},
         lines=not_finite_lines(scores),
     )
 
 
 def alternation_table(scores: pd.DataFrame) -> pd.DataFrame:
-    """Means of every policy at every ratio, and the share of the expert's reward."""
+    """Means of every policy at every ratio, and the share of the expert's return."""
     expert = scores[scores["policy"] == "expert"]
     return summarize_against(scores, ["policy", "ratio"], expert)
 
@@ -93,9 +93,9 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "policy": [policy_title(name) for name in alone["policy"]],
-            "return": with_interval(alone, "reward", 0),
+            "return": with_interval(alone, "return", 0),
             "share of expert": with_interval(alone, "share", 3),
-            "plain return": with_interval(alone, "plain_reward", 1),
+            "plain return": with_interval(alone, "plain_return", 1),
             "falls": falls_of(alone),
             "rhythm": alone["rhythm"].round(3),
             SPEED_ERROR_TITLE: alone["going_speed_error"].round(3),
@@ -105,15 +105,15 @@ def standalone_table(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 @styled
-def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
-    """Average episodic reward and falls against the alternation ratio (paper, Figure 2).
+def return_figure(scores: pd.DataFrame, title: str) -> Figure:
+    """Average return and falls against the alternation ratio (paper, Figure 2).
 
-    Between them stands the share of the expert's reward from `LEAST_SHARE` on, whose intervals are
+    Between them stands the share of the expert's return from `LEAST_SHARE` on, whose intervals are
     much shorter: it compares robots under the same commands and noise.
     """
     means = alternation_table(scores)
     expert = means[means["policy"] == "expert"].iloc[0]
-    figure, (reward, share, falls) = subplots(
+    figure, (returns, share, falls) = subplots(
         3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
     )
     known = set(means["ratio"])
@@ -131,20 +131,20 @@ def reward_figure(scores: pd.DataFrame, title: str) -> Figure:
             "linewidth": 1.0,
         }
         bars = {"label": student.title, "capsize": 1.5, **style}
-        reward.errorbar(at, mine["reward"], mine["reward_ci"], **bars)
+        returns.errorbar(at, mine["return"], mine["return_ci"], **bars)
         in_sight = mine["share"] >= LEAST_SHARE
         share.errorbar(at, mine["share"], mine["share_ci"].where(in_sight), **bars)
         falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
-    reward.axhline(expert["reward"], color="black", linewidth=0.8, linestyle=":")
+    returns.axhline(expert["return"], color="black", linewidth=0.8, linestyle=":")
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
-    reward.set(ylabel="return", ylim=(0, None))
+    returns.set(ylabel="return", ylim=(0, None))
     # Some copies earn more than the expert.
     most = max(1.01, float((means["share"] + means["share_ci"]).max()) + 0.005)
     share.set(ylabel="share of the\nexpert's return", ylim=(LEAST_SHARE, most))
     share.set_yticks(np.linspace(LEAST_SHARE, 1.0, 3))
     falls.set(xlabel="alternation ratio", ylabel="falls (%)", ylim=(-5, 105))
     falls.set_xticks(np.arange(len(ratios)), ratios)
-    handles, labels = reward.get_legend_handles_labels()
+    handles, labels = returns.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, title=title)
     figure.align_ylabels()
     return figure

@@ -18,8 +18,8 @@ from glassgait.studies.common.experiment import Experiment, Report, ScenarioName
 from glassgait.studies.common.policies import ALL
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.play import Seconds
-from glassgait.studies.common.rollouts.scores import summarize
 from glassgait.studies.common.rollouts.scoring import not_finite_lines, refuse_commands, score
+from glassgait.studies.common.scores import summarize
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.evaluation.pair import Pair
 from glassgait.studies.evaluation.worlds_figures import fall_map, fall_overview
@@ -154,7 +154,7 @@ def _after_gait(gait: str, table: pd.DataFrame, n_gaits: int) -> pd.DataFrame:
 
 def _maps(falls: Mapping[str, pd.DataFrame]) -> dict[str, Figure]:
     """Draws a map of each gait, and of several all side by side."""
-    title = "who falls where, each policy alone, worst scenario first"
+    title = "falls of each policy alone, worst scenario first"
     maps = {gait: fall_map(own, f"{gait.capitalize()}: {title}") for gait, own in falls.items()}
     if len(maps) == 1:
         return {"worlds": next(iter(maps.values()))}

@@ -6,7 +6,7 @@ import pandas as pd
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts.scores import SPEED_ERROR_TITLE, summarize
+from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize
 from glassgait.studies.common.summary import summary
 from glassgait.studies.distillation.students.registry import policy_title
 
@@ -21,8 +21,8 @@ TITLES = {
     "points_more": "points more than the expert",
     "share": "share of the expert's return",
     "share_ci": "±",
-    "reward": "return",
-    "reward_ci": "return ±",
+    "return": "return",
+    "return_ci": "return ±",
     "going_speed_error": SPEED_ERROR_TITLE,
     "yaw_rate_error": "yaw-rate error (rad/s)",
     "rhythm": "rhythm",
@@ -44,8 +44,8 @@ def scorecard_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
             SPEED_ERROR_TITLE: with_interval(means, "going_speed_error", 3),
             "yaw-rate error (rad/s)": with_interval(means, "yaw_rate_error", 3),
             "rhythm": with_interval(means, "rhythm", 3),
-            "plain return": with_interval(means, "plain_reward", 1),
-            "return": with_interval(means, "reward", 0),
+            "plain return": with_interval(means, "plain_return", 1),
+            "return": with_interval(means, "return", 0),
             "cost of transport": with_interval(means, "cost_of_transport", 2),
         }
     )
@@ -117,7 +117,7 @@ def readable_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Tells where each policy falls most, beside the training world and all worlds together.
+    """Lists where each policy falls most, beside the training world and all worlds together.
 
     Its worst world is that with the greatest lower end of the interval of its share of falls: one
     fall of one robot says less than twenty of 26.

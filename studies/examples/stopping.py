@@ -18,7 +18,7 @@ from glassgait.studies.common.cases import Case
 from glassgait.studies.common.episode import episode, give
 from glassgait.studies.common.experiment import Experiment, Report, run_from_command_line
 from glassgait.studies.common.observers import Log
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 
 STANDS = 0.1
 """Speed below which a robot stands (m/s)."""

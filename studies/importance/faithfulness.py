@@ -21,8 +21,8 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import summarize_against
 from glassgait.studies.common.rollouts.scoring import rollout_cases
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.importance.observations import observation_groups
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
@@ -126,13 +126,13 @@ def ablation_cases(
 
 
 def losses(scores: pd.DataFrame) -> pd.DataFrame:
-    """Returns the share of its reward that each student loses without each group.
+    """Returns the share of its return that each student loses without each group.
 
     Args:
         scores: Scores of `ablation_cases`.
 
     Returns:
-        A row for each policy, group and mode: `lost` share of reward, its 95 % interval `lost_ci`,
+        A row for each policy, group and mode: `lost` share of return, its 95 % interval `lost_ci`,
         and `fall_rate`.
     """
     by = ["policy", "without", "mode"]

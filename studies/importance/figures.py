@@ -43,7 +43,7 @@ def importance_map(importances: Array, names: tuple[str, ...], title: str) -> Fi
 
 @styled
 def loss_figure(lost: pd.DataFrame, title: str) -> Figure:
-    """Draws the share of its reward that each student loses without each group, a panel each."""
+    """Draws the share of its return that each student loses without each group, a panel each."""
     students = list(dict.fromkeys(lost["policy"]))
     groups = list(dict.fromkeys(lost["without"]))
     size = (2 * COLUMN_WIDTH, 0.6 + 0.13 * len(groups) + 0.6)

@@ -18,7 +18,7 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import to_latex, write_table
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
@@ -143,7 +143,7 @@ def draw_student(
     folder: Path,
     seed: int = 0,
 ) -> tuple[Path, ...]:
-    """Draws what the shape of a student's model tells about a joint.
+    """Draws what the shape of a student's model says about a joint.
 
     Boosted trees: one tree, and the partial dependence on the three most important observations.
     Additive models: the terms' importances, functions of one observation with their bands, and of

@@ -1,4 +1,4 @@
-"""Draws the pictures of the README and of the experts' page.
+"""Draws the pictures of the README and of the pages.
 
 `python -m glassgait.studies.pictures.draw` does it. The loop is drawn by Graphviz's `dot` from the
 diagram's own description; robots need EGL.

@@ -14,6 +14,9 @@ from glassgait.models.task.gait import load_gait
 
 N_STEPS = 60
 
+REQUESTED = (0, 2, 1)
+"""Walk, bound and trot, by their numbers."""
+
 
 def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
     scenario = Scenario(sensor_noise=0.0)
@@ -49,8 +52,8 @@ def test_gaits_change_as_by_the_python_policy(switched_pages, compiled_pages):
         simulator = make_simulator(diagram)
         port = diagram.GetInputPort("requested_gait")
         parts = []
-        for gait in ("walk", "bound", "trot"):
-            port.FixValue(simulator.get_mutable_context(), [switch.number_of(gait)])
+        for number in REQUESTED:
+            port.FixValue(simulator.get_mutable_context(), [number])
             parts.append(record(simulator, N_STEPS)["state"])
         rolled.append(np.concatenate(parts))
     python, compiled = rolled
@@ -62,9 +65,9 @@ def test_it_ran_all_gaits_that_were_requested(switched_pages, compiled_pages):
     diagram = MakeCompiledLocomotion(switch, Scenario(sensor_noise=0.0), compiled_pages)
     simulator, ran = make_simulator(diagram), []
     acting = diagram.GetSubsystemByName("compiled_controller")
-    for gait in ("walk", "bound", "trot"):
+    for number in REQUESTED:
         context = simulator.get_mutable_context()
-        diagram.GetInputPort("requested_gait").FixValue(context, [switch.number_of(gait)])
+        diagram.GetInputPort("requested_gait").FixValue(context, [number])
         simulator.AdvanceTo(context.get_time() + 1.0)
         memory = acting.GetMyContextFromRoot(context).get_discrete_state(0).value()
         ran.append(switch.gaits[compiled_pages.gait_of(memory)].name)

@@ -14,7 +14,7 @@ from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Re
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.scores import SCORES
 from glassgait.studies.evaluation.assurance.calibration import Visits, guarded, visit
 from glassgait.studies.evaluation.assurance.fall_prediction import LEADS, rescues, warnings_of
 from glassgait.studies.evaluation.assurance.figures import draw_calls

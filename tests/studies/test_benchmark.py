@@ -21,15 +21,15 @@ from glassgait.studies.distillation.students.additive import EbmSettings
 from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.reproduction.benchmark import command, controllers, distillation, peers
-from glassgait.studies.reproduction.benchmark.distillation import (
+from glassgait.studies.reproduction.benchmark import command, controllers, python_times
+from glassgait.studies.reproduction.benchmark.python_times import (
     NaiveModel,
     compiled_against_library,
     expert_samples,
     naive_minutes,
+    single_row_microseconds,
     study_against_naive_loop,
 )
-from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
 from glassgait.studies.reproduction.benchmark.throughput import training_and_physics
 from glassgait.studies.reproduction.benchmark.timing import Times, call_times, fastest
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
@@ -74,9 +74,9 @@ def test_compiled_students_are_timed_beside_the_libraries_that_they_equal():
 def linear_models(monkeypatch: pytest.MonkeyPatch) -> dict[str, NaiveModel]:
     """Models of two parts, of which 800 samples take a second and 3200 three."""
     clock = itertools.cycle([0.0, 1.0, 10.0, 13.0])
-    monkeypatch.setattr(distillation.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(python_times.time, "perf_counter", lambda: next(clock))
     models = {kind: NaiveModel(LinearRegression, 2, (800, 3200)) for kind in ("gbm", "ebm")}
-    monkeypatch.setattr(distillation, "NAIVE_MODELS", models)
+    monkeypatch.setattr(python_times, "NAIVE_MODELS", models)
     return models
 
 
@@ -141,8 +141,8 @@ def test_calls_are_timed_row_by_row():
 
 def test_the_same_policies_are_timed_elsewhere(monkeypatch):
     monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
-    monkeypatch.setattr(peers, "N_STEPS", 3)
-    table = peers.peer_times("trot", count=40).set_index("policy")
+    monkeypatch.setattr(python_times, "N_STEPS", 3)
+    table = python_times.peer_times("trot", count=40).set_index("policy")
     assert table.index.tolist() == ["expert"]
     assert table["both, Python (µs)"]["expert"] > table["policy, Python (µs)"]["expert"] > 0
     if find_spec("onnxruntime"):
@@ -151,9 +151,9 @@ def test_the_same_policies_are_timed_elsewhere(monkeypatch):
 
 def test_without_the_runtime_python_is_timed_alone(monkeypatch, capsys):
     monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
-    monkeypatch.setattr(peers, "N_STEPS", 3)
+    monkeypatch.setattr(python_times, "N_STEPS", 3)
     monkeypatch.setitem(sys.modules, "glassgait.models.export.graphs.runtime", None)
-    table = peers.peer_times("trot", count=10)
+    table = python_times.peer_times("trot", count=10)
     assert not any("ONNX" in title for title in table.columns)
     assert "pip install 'glassgait[onnx]'" in capsys.readouterr().out
 

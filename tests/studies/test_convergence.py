@@ -6,12 +6,12 @@ import pytest
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.reproduction.convergence.drop import drop_robot
-from glassgait.studies.reproduction.convergence.figures import convergence_figure
-from glassgait.studies.reproduction.convergence.variants import (
+from glassgait.studies.reproduction.convergence import (
     CENIC,
     DRAKES_RELAXATION_TIME,
     VARIANTS,
+    convergence_figure,
+    drop_robot,
 )
 
 

@@ -6,12 +6,12 @@ import pytest
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
-from glassgait.studies.reproduction.curricula.command import (
+from glassgait.studies.reproduction.curricula import (
     CURRICULA,
+    TICKS,
     curricula_table,
     equal_budgets,
 )
-from glassgait.studies.reproduction.curricula.figures import TICKS
 
 SMALL = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"]
 ROLLOUTS = ["--rollouts.n-robots", "2", "--rollouts.n-steps", "20", "--rollouts.n-seeds", "1"]
@@ -48,12 +48,12 @@ def test_shares_are_of_the_expert_alone():
         {
             "curriculum": ["expert", "expert", "half", "half"],
             "student": ["expert", "expert", "linear", "linear"],
-            "reward": [10.0, 10.0, 9.0, 7.0],
+            "return": [10.0, 10.0, 9.0, 7.0],
             "fell": [False, False, False, True],
         }
     )
     for name in (
-        "plain_reward",
+        "plain_return",
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",

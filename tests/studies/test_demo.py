@@ -67,7 +67,7 @@ class Page(HTMLParser):
 def complete(tmp_path):
     """The contents of a complete page, its pictures in the folder."""
     replays = [Replay("shipped", "Shipped"), Replay("expert", "Expert"), Replay("own", "Own")]
-    for name in (*(replay.figure for replay in replays), "reward.png"):
+    for name in (*(replay.figure for replay in replays), "return.png"):
         save_figure(subplots()[0], (tmp_path / name).with_suffix(""), ("png",))
     formulas = load_student("trot", "statewise_symbolic")
     return Contents(
@@ -78,7 +78,7 @@ def complete(tmp_path):
         reductions=reductions(command.QUICK, RolloutConfig(n_seeds=1), command.RATIO_PERIODS),
         replays=replays,
         standalone=pd.DataFrame({"policy": ["Open loop"], "falls": ["3 of 26"]}),
-        reward_figure=tmp_path / "reward.png",
+        return_figure=tmp_path / "return.png",
         r2=pd.DataFrame({"student": ["Open loop", "Linear"], "R²": [0.9, 0.95]}),
         formulas=formula_rows(load_gait("trot"), formulas),
         minutes=2.0,
@@ -103,13 +103,13 @@ def test_page_says_what_is_missing(complete, tmp_path):
     parts = {
         "replays": ([], "further replays"),
         "standalone": (None, "how every student walks alone"),
-        "reward_figure": (None, "take turns"),
+        "return_figure": (None, "take turns"),
         "formulas": ([], "the formulas"),
     }
-    for name, (nothing, told) in parts.items():
+    for name, (nothing, message) in parts.items():
         page = written(tmp_path, replace(complete, **{name: nothing, "minutes": None}))
         assert page.count(MISSING) == 1
-        assert told in page[page.index(MISSING) :].split("</p>")[0]
+        assert message in page[page.index(MISSING) :].split("</p>")[0]
         assert "This page is not complete" in page
 
 
@@ -164,7 +164,7 @@ def road(tmp_path_factory):
 def test_replay_and_page_are_there_before_distillation_begins(road):
     _, _, pages, before = road
     assert {"shipped_replay.html", "expert_replay.html", "report.html"} <= set(before)
-    assert "reward.png" not in before
+    assert "return.png" not in before
     assert 'src="shipped_replay.html"' in pages[0]
     assert "not complete" in pages[0]
 
@@ -193,9 +193,9 @@ def test_demo_writes_a_page_with_tables_formulas_and_replays(road, refused, caps
         assert (folder / f"{name}_replay.html").exists()
     assert "continue it with --resume" in refused(command_line)
     main([*command_line, "--resume"])
-    told = capsys.readouterr().out
-    assert "report written to" in told
-    assert "shipped_replay.html" in told
+    message = capsys.readouterr().out
+    assert "report written to" in message
+    assert "shipped_replay.html" in message
 
 
 @pytest.mark.slow

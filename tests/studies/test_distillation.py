@@ -220,7 +220,7 @@ def test_the_simplest_good_one_is_taken_and_the_others_are_reported(finished):
     shapes = ["sum of 30, 30 in all", "sum of 30, 60 in all"]
     complexity = {title: shape for shape in shapes for title in (shape, f"{shape}, starts count 3")}
     assert set(ranked["candidate"]) == set(complexity)
-    assert ranked["reward"].is_monotonic_decreasing
+    assert ranked["return"].is_monotonic_decreasing
     policy = load_policy(folder / "symbolic.formulas")
     longest = max(formula.length for formula in policy.expressions)
     chosen = simplest_of_the_best(ranked, complexity)

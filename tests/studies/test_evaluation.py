@@ -31,15 +31,15 @@ from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import (
+from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
+from glassgait.studies.common.scores import (
     interval,
-    reward_shares,
+    return_shares,
     score_rollouts,
     summarize,
 )
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
 from glassgait.studies.distillation.students.linear import untrained_student
-from glassgait.studies.evaluation.alternation import reward_figure, standalone_table
+from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.tracking import (
     COMMANDED,
     MEASURED,
@@ -79,7 +79,7 @@ def test_a_robot_is_scored_up_to_its_first_failure():
     scores = score_rollouts(values, A1.mass)
     assert scores["fell"].tolist() == [False, True]
     assert scores["steps"].tolist() == [200, 50]
-    assert scores["reward"].tolist() == [200, 50]
+    assert scores["return"].tolist() == [200, 50]
     assert scores["failure"].tolist() == ["", "low_trunk"]
     np.testing.assert_allclose(scores["rhythm"], 0.9)
 
@@ -105,7 +105,7 @@ def test_standing_as_told_does_not_lower_the_speed_error():
     np.testing.assert_allclose(scores["going_speed_error"], [0.1, np.nan], atol=1e-12)
     np.testing.assert_allclose(scores["yaw_rate_error"], 0.3)
     table = scorecard_table(scores.assign(gait="trot", scenario="training"), {"training": "home"})
-    assert table.loc[0, "speed error, told to go (m/s)"] == "0.100"
+    assert table.loc[0, "speed error, commanded to go (m/s)"] == "0.100"
 
 
 def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
@@ -152,11 +152,11 @@ def test_tracking_refuses_continuous_and_several_scenarios(tmp_path):
 
 def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
     # The second is slower at the first command that is drawn.
-    told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
+    message = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
     measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
     walk, trot = (
         rows.assign(**dict.fromkeys(measures, value))
-        for rows, value in ((told[1:], 0.3), (told, 0.6))
+        for rows, value in ((message[1:], 0.3), (message, 0.6))
     )
     table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
     table = table[["gait", *COMMANDED, *measures]]
@@ -174,8 +174,8 @@ def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
 
 
 def test_speeds_are_of_robots_that_did_not_fall():
-    told = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
-    rows = pd.DataFrame({"gait": "trot", **told, "fell": [False, True, False]})
+    message = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
+    rows = pd.DataFrame({"gait": "trot", **message, "fell": [False, True, False]})
     rows["measured speed (m/s)"] = [0.3, np.nan, 0.5]
     rows["measured yaw rate (rad/s)"] = [0.0, np.nan, 0.0]
     (row,) = tracking_table(rows, "gait").to_dict(orient="records")
@@ -216,8 +216,8 @@ def test_the_expert_trots_and_a_student_that_stands_does_not(expert, tmp_path):
     table = standalone_table(scores)
     assert table["policy"].tolist() == ["Neural expert", "Linear"]
     assert table["share of expert"].tolist()[0] == "1.000 ± 0.000"
-    save_figure(reward_figure(scores, "trot"), tmp_path / "reward")
-    assert (tmp_path / "reward.pdf").stat().st_size > 5000
+    save_figure(return_figure(scores, "trot"), tmp_path / "return")
+    assert (tmp_path / "return.pdf").stat().st_size > 5000
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -252,23 +252,23 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
     assert scores["steps"].tolist() == [3] * 3
-    told = " ".join(capsys.readouterr().out.split())
-    assert "the action of FL_calf is not finite at control step 2, robot 0" in told
+    message = " ".join(capsys.readouterr().out.split())
+    assert "the action of FL_calf is not finite at control step 2, robot 0" in message
 
 
 def test_shares_compare_robot_with_robot(generator):
-    whole = pd.DataFrame({"reward": generator.uniform(1000.0, 5000.0, size=40)})
+    whole = pd.DataFrame({"return": generator.uniform(1000.0, 5000.0, size=40)})
     noise = generator.normal(scale=50.0, size=40)
-    scores = pd.DataFrame({"policy": "a", "reward": 0.9 * whole["reward"] + noise})
-    row = reward_shares(scores, ["policy"], whole).iloc[0]
-    assert row["share"] == scores["reward"].mean() / whole["reward"].mean()
+    scores = pd.DataFrame({"policy": "a", "return": 0.9 * whole["return"] + noise})
+    row = return_shares(scores, ["policy"], whole).iloc[0]
+    assert row["share"] == scores["return"].mean() / whole["return"].mean()
     # As a bootstrap over robots finds it.
     picks = generator.integers(40, size=(4000, 40))
-    resampled = scores["reward"].to_numpy()[picks].mean(axis=1) / (
-        whole["reward"].to_numpy()[picks].mean(axis=1)
+    resampled = scores["return"].to_numpy()[picks].mean(axis=1) / (
+        whole["return"].to_numpy()[picks].mean(axis=1)
     )
     assert row["share_ci"] == pytest.approx(1.96 * resampled.std(), rel=0.15)
-    unpaired = interval(scores["reward"]) / whole["reward"].mean()
+    unpaired = interval(scores["return"]) / whole["return"].mean()
     assert row["share_ci"] < 0.1 * unpaired
 
 
@@ -315,7 +315,7 @@ def test_damaged_scores_are_told(expert, tmp_path):
     jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, TRAINING, config)
     run_rollouts(jobs, tmp_path, processes=1)
     (path,) = tmp_path.glob("*.json")
-    path.write_text(path.read_text().replace("reward", "rewart", 1))
+    path.write_text(path.read_text().replace("return", "rewart", 1))
     with pytest.raises(InputError, match="is damaged; delete it, and --resume makes it anew"):
         run_rollouts(jobs, tmp_path, processes=1)
 

@@ -58,12 +58,12 @@ def test_losses_are_shares_of_the_whole_students_reward():
             "policy": "linear",
             "without": ["nothing"] * 2 + ["RM Iters"] * 2 + ["Foot Height"] * 2,
             "mode": "mean",
-            "reward": [10.0, 20.0, 5.0, 10.0, 9.0, 18.0],
+            "return": [10.0, 20.0, 5.0, 10.0, 9.0, 18.0],
             "fell": [False, False, True, False, False, False],
         }
     )
     for name in (
-        "plain_reward",
+        "plain_return",
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",

@@ -24,13 +24,13 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.distillation.pareto.figures import pareto_figure
-from glassgait.studies.evaluation.alternation import reward_figure
+from glassgait.studies.evaluation.alternation import return_figure
 from glassgait.studies.evaluation.symmetry_figures import symmetry_figure
 from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_figure
 from glassgait.studies.evaluation.worlds_figures import fall_map
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
-from glassgait.studies.reproduction.curricula.figures import curricula_figure
+from glassgait.studies.reproduction.curricula import curricula_figure
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle
 
@@ -74,7 +74,7 @@ HOSTILE = r"a$\frac$b"
 
 def titled_figures(curve):
     """Draws every figure that takes a title from tables with hostile names."""
-    measures = {"reward": 9.0, "plain_reward": 9.0, "rhythm": 1.0, "going_speed_error": 0.1}
+    measures = {"return": 9.0, "plain_return": 9.0, "rhythm": 1.0, "going_speed_error": 0.1}
     measures |= {"yaw_rate_error": 0.1, "cost_of_transport": 1.0, "fell": False}
     who = [("expert", "1"), ("linear", "1/2"), ("linear", "0")]
     scores = pd.DataFrame(who, columns=pd.Index(["policy", "ratio"])).assign(**measures)
@@ -94,7 +94,7 @@ def titled_figures(curve):
     told = told.assign(**{"measured speed ±": 0.1, "measured yaw rate ±": 0.1})
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
-        "reward": reward_figure(scores, HOSTILE),
+        "return": return_figure(scores, HOSTILE),
         "tracking": tracking_figure(told, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),

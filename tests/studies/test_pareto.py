@@ -61,10 +61,10 @@ def test_the_smallest_that_walk_are_named():
         }
     )
     scores = pd.DataFrame(
-        {"policy": ["expert", "a", "a", "b", "b", "c"], "reward": [10, 9, 9, 8, 4, 1]}
+        {"policy": ["expert", "a", "a", "b", "b", "c"], "return": [10, 9, 9, 8, 4, 1]}
     )
     for name in (
-        "plain_reward",
+        "plain_return",
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",

@@ -176,8 +176,8 @@ def test_the_best_of_the_candidates_is_the_result(tmp_path, monkeypatch):
     def rank(candidates, *_):
         asked.update(candidates)
         rewards = [3.0 if label == "update 2" else 1.0 for label in candidates]
-        table = pd.DataFrame({"candidate": list(candidates), "reward": rewards, "falls": 0})
-        return table.sort_values("reward", ascending=False, ignore_index=True)
+        table = pd.DataFrame({"candidate": list(candidates), "return": rewards, "falls": 0})
+        return table.sort_values("return", ascending=False, ignore_index=True)
 
     monkeypatch.setattr(study, "rank_alone", rank)
     run = refinement(tmp_path)

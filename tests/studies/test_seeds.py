@@ -14,9 +14,8 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS, command_class
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import selection
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.scoring import for_selection, rollout_cases
-from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS, SELECTION_SEEDS
 from glassgait.studies.distillation.pareto.command import smallest_that_walk
 from glassgait.studies.evaluation.assurance.command import Assurance
 
@@ -93,8 +92,8 @@ def test_what_selects_is_not_reported(expert, refused):
     jobs = rollout_cases({}, GAIT, policy, Scenario(), config)
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
     assert [[*job.config.seeds] for job in for_selection(jobs)] == [[SELECTION_SEEDS[0]]]
-    told = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "498"])
-    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in told
+    message = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "500"])
+    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message
 
 
 def test_a_reported_seed_calibrates_nothing():

@@ -21,12 +21,12 @@ from glassgait.studies.common.rollouts.selection import simplest_of_the_best
 )
 def test_falls_count_before_simplicity_and_reward(small, large, chosen):
     rows = [("small", *small), ("large", *large)]
-    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
-    ranked = ranked.sort_values("reward", ascending=False)
+    ranked = pd.DataFrame(rows, columns=["candidate", "return", "falls"])
+    ranked = ranked.sort_values("return", ascending=False)
     assert simplest_of_the_best(ranked, {"small": 1, "large": 2}) == chosen
 
 
 def test_of_equally_simple_students_the_one_that_earns_most_is_taken():
     rows = [("first", 1000.0, 0), ("second", 999.0, 0)]
-    ranked = pd.DataFrame(rows, columns=["candidate", "reward", "falls"])
+    ranked = pd.DataFrame(rows, columns=["candidate", "return", "falls"])
     assert simplest_of_the_best(ranked, {"first": 1, "second": 1}) == "first"

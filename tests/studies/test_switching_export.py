@@ -184,7 +184,7 @@ def test_the_pages_lines_change_the_gait(switched_pages, tmp_path):
     compile_c(program, tmp_path / "program", (*FLAGS, str(source)))
     done = subprocess.run([tmp_path / "program"], capture_output=True, text=True, check=False)
     assert done.returncode == BAD_INPUT
-    assert done.stdout == str(switched_pages.switch.number_of("trot"))
+    assert done.stdout == str([gait.name for gait in switched_pages.switch.gaits].index("trot"))
 
 
 def test_a_step_in_c_is_the_step_that_the_page_describes(switched_pages, compiled_pages):

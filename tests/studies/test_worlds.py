@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 import glassgait.studies.common.rollouts.scoring
 from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.scores import SCORES
+from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.evaluation.worlds import Worlds
@@ -34,7 +34,7 @@ def scores_of(falls, robots=10):
         for robot in range(count):
             row = dict.fromkeys(SCORES, 1.0) | {"policy": policy, "scenario": world}
             fell = robot < fallen
-            row |= {"robot": robot, "fell": fell, "reward": (5.0 if fell else 10.0) + robot}
+            row |= {"robot": robot, "fell": fell, "return": (5.0 if fell else 10.0) + robot}
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -112,8 +112,8 @@ def cells_of(figure):
 def numbers_of(figure, n_columns):
     """Returns the texts of a map's cells, row by row."""
     texts = sorted(figure.axes[0].texts, key=lambda text: text.get_position()[::-1])
-    told = [text.get_text() for text in texts]
-    return [told[i : i + n_columns] for i in range(0, len(told), n_columns)]
+    message = [text.get_text() for text in texts]
+    return [message[i : i + n_columns] for i in range(0, len(message), n_columns)]
 
 
 def test_the_map_has_a_cell_for_each_policy_and_world(table):

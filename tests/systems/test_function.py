@@ -85,11 +85,10 @@ def test_optional_ports_may_stay_unconnected_and_others_not(fix_inputs):
     [saxpy(), JointTargets(A1, quadruped.JOINTS), BodyStateSensor(A1), Proprioception(A1, LAYOUT)],
     ids=lambda system: type(system).__name__,
 )
-def test_the_twin_with_derivatives_has_the_same_ports_and_values(system, generator):
+def test_the_twin_with_derivatives_has_the_same_values(system, generator):
     system.set_name("mine")
     twin = system.ToAutoDiffXd()
     assert twin.get_name() == "mine"
-    assert twin.num_input_ports() == system.num_input_ports()
     context, twins = system.CreateDefaultContext(), twin.CreateDefaultContext()
     for index in range(system.num_input_ports()):
         port = system.get_input_port(index)

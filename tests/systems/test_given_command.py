@@ -51,13 +51,3 @@ def test_what_is_given_is_limited_to_what_the_gait_is_made_for(commanded):
 def test_numbers_that_are_not_finite_are_refused(commanded, given, message):
     with pytest.raises(InputError, match=message):
         commanded(**given)
-
-
-def test_neither_output_waits_for_the_others_inputs(system):
-    inputs = [system.GetInputPort(name) for name in ("command", "commanded_dwell")]
-    outputs = [system.GetOutputPort(name) for name in ("command", "commanded_dwell")]
-    feedthrough = [
-        [system.HasDirectFeedthrough(source.get_index(), target.get_index()) for source in inputs]
-        for target in outputs
-    ]
-    assert feedthrough == [[True, False], [False, True]]

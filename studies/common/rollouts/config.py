@@ -1,5 +1,6 @@
-"""The settings of an evaluation: its command line and its record."""
+"""The settings of rollouts: how many robots, at which speeds, and by which seeds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
@@ -11,8 +12,16 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import Count, Range, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.common.sweep import Seeds
+
+REPORTED_SEEDS = range(1000, 1005)
+"""Seeds of the rollouts that tables report, unless others are named."""
+
+SELECTION_SEEDS = range(500, 510)
+"""Seeds of the rollouts that choose among candidates.
+
+A choice among candidates by few robots takes luck for skill, so no table reports these seeds.
+"""
 
 DISTILLED_SPEEDS = (0.0, 0.75)
 """Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
@@ -80,3 +89,33 @@ class RolloutConfig(Settings):
     def seeds(self) -> range:
         """Every seed."""
         return range(self.seed, self.seed + self.n_seeds)
+
+
+def refuse_to_report(seeds: Iterable[int]) -> None:
+    """Refuses to report rollouts of seeds that choose.
+
+    Raises:
+        InputError: if one of the seeds is kept for selection.
+    """
+    _refuse(seeds, SELECTION_SEEDS, "rollouts: seed", "choose among candidates")
+
+
+def refuse_to_select(seeds: Iterable[int], setting: str) -> None:
+    """Refuses to choose by rollouts of seeds that are reported.
+
+    Args:
+        seeds: The seeds that are to choose.
+        setting: The setting that names them, as a sentence begins with it.
+
+    Raises:
+        InputError: if one of the seeds is reported.
+    """
+    _refuse(seeds, REPORTED_SEEDS, setting, "are reported")
+
+
+def _refuse(seeds: Iterable[int], kept: range, setting: str, what: str) -> None:
+    for seed in seeds:
+        if seed in kept:
+            raise InputError(
+                f"{setting} is or leads to {seed}, but {kept[0]} to {kept[-1]} {what}; name others"
+            )

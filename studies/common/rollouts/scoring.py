@@ -12,10 +12,13 @@ from glassgait.models.policies.controller import Controller
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case, run_cases, slow_first
 from glassgait.studies.common.console import say
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import (
+    SELECTION_SEEDS,
+    RolloutConfig,
+    refuse_to_report,
+)
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import SCORES, score_rollouts
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_report
+from glassgait.studies.common.scores import SCORES, score_rollouts
 
 
 def rollout_cases(

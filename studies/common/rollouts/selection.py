@@ -1,4 +1,4 @@
-"""Which of several students earns most alone: what R² does not tell."""
+"""Which of several students earns most alone, which R² does not predict."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,13 +15,12 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts, summarize
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS
+from glassgait.studies.common.scores import score_rollouts, summarize
 
 WORTH_A_FALL = 0.97
-"""Share of the best student's reward that one must earn to be preferred because it falls less."""
+"""Share of the best student's return that one must earn to be preferred because it falls less."""
 
 WORTH_A_TERM = 0.99
 """The same, to be preferred because it is simpler."""
@@ -45,7 +44,7 @@ def rank_alone(
     n_steps: int = EPISODE_STEPS,
     n_jobs: int = 1,
 ) -> pd.DataFrame:
-    """Rolls every candidate out alone and ranks them by reward.
+    """Rolls every candidate out alone and ranks them by return.
 
     Args:
         candidates: Students by label.
@@ -74,11 +73,11 @@ def rank_alone(
         for (label, _, world), log in zip(runs, run_parallel(work, n_jobs), strict=True)
     ]
     means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
-    return means.sort_values("reward", ascending=False, ignore_index=True, kind="stable")
+    return means.sort_values("return", ascending=False, ignore_index=True, kind="stable")
 
 
 def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) -> str:
-    """Chooses a student: falls count before simplicity, and simplicity before a little reward.
+    """Chooses a student: falls count before simplicity, and simplicity before a little return.
 
     Of equally complex ones it is the one that earns most.
 
@@ -92,5 +91,5 @@ def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) ->
 
 
 def _within(ranked: pd.DataFrame, share: float) -> pd.DataFrame:
-    best = ranked["reward"].max()
-    return ranked[ranked["reward"] >= best - (1.0 - share) * abs(best)]
+    best = ranked["return"].max()
+    return ranked[ranked["return"] >= best - (1.0 - share) * abs(best)]

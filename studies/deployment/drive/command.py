@@ -22,9 +22,8 @@ from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar, say
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, distilled_speeds
 from glassgait.studies.common.rollouts.play import Seconds, pusher
-from glassgait.studies.common.rollouts.seeds import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.drive.connection import open_lcm
@@ -57,7 +56,7 @@ class DriveController(Settings):
     source: Path | None = None
 
     def run(self) -> None:
-        """Answers, and tells what was counted."""
+        """Answers, and reports what was counted."""
         gait = load_gait(self.gait)
         policy = find_policies(gait, self.source).controller(self.policy)
         lcm = open_lcm(self.link)
@@ -102,7 +101,7 @@ class DriveSimulator(Settings):
     output: Path | None = None
 
     def run(self) -> None:
-        """Simulates, and tells what was counted."""
+        """Simulates, and reports what was counted."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
         if self.meshcat:
             scenario = replace(scenario, command=SliderCommand())

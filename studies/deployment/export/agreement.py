@@ -200,6 +200,6 @@ def moments(state: TaskState, requested: IntArray | None = None) -> Iterator[Mom
 
 
 def joint_readings(plant: Array, noise: Array) -> Array:
-    """Returns what the joints' sensors measure, positions, then velocities (n, 24; rad, rad/s)."""
+    """Returns what the joints' sensors measure: positions, then velocities (n, 24; rad, rad/s)."""
     parts = [plant[:, quadruped.JOINT_POSITION], plant[:, quadruped.JOINT_VELOCITY]]
     return np.concatenate(parts, axis=1) + noise

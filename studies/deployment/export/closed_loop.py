@@ -24,7 +24,7 @@ from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, World, episode
 from glassgait.studies.common.observers import Log
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.deployment.export.agreement import Moment, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
@@ -154,7 +154,7 @@ def compared(
     engine: str, title: str, python: pd.DataFrame, exported: pd.DataFrame
 ) -> dict[str, object]:
     """Compares the scores of robots that Python and an export moved: a row of `walk_both`."""
-    earned, other = python["reward"], exported["reward"]
+    earned, other = python["return"], exported["return"]
     return {
         "engine": engine,
         "robots": len(python),

@@ -21,7 +21,7 @@ class Acting:
     Attributes:
         gait: The gait, whose reward machine runs.
         policy: The policy that acts: a student, or the expert.
-        expert: Whose estimator observes what no sensor tells.
+        expert: Its estimator observes what no sensor measures.
         name: What the names of files begin with.
         policy_name: What the policy is called.
     """

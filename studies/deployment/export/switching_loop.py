@@ -15,7 +15,7 @@ from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.deployment.export.closed_loop import (
     WORLDS,
     Maker,

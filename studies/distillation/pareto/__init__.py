@@ -1,1 +1,1 @@
-"""How small can formulas be and still walk: closed-loop reward against size."""
+"""How small can formulas be and still walk: closed-loop return against size."""

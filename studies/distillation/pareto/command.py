@@ -1,4 +1,4 @@
-"""`glassgait distill --sweep terms`: closed-loop reward of formulas against their size."""
+"""`glassgait distill --sweep terms`: closed-loop return of formulas against their size."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,11 +19,10 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.rollouts.alternation import alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.scoring import for_selection, run_rollouts
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS
 from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.pareto.figures import pareto_figure
 from glassgait.studies.distillation.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of
@@ -41,7 +40,7 @@ from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
 SHARES = (0.0, 0.9, 0.97)
-"""Shares of the expert's reward for which the smallest formulas are named."""
+"""Shares of the expert's return for which the smallest formulas are named."""
 
 MIN_RHYTHM = 0.9
 """Share of the rhythm below which a robot does not walk."""
@@ -168,21 +167,20 @@ class Pareto(Settings):
 def pareto_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
     """Joins the fits with their scores alone: share of the expert's return, and falls."""
     means = summarize_against(scores, ["policy"], scores[scores["policy"] == "expert"])
-    columns = ["robots", "falls", "fall_rate", "share", "share_ci", "reward", "reward_ci", "rhythm"]
+    columns = ["robots", "falls", "fall_rate", "share", "share_ci", "return", "return_ci", "rhythm"]
     front = fits.merge(means[["policy", *columns]], on="policy")
-    called = {"reward": "return", "reward_ci": "return_ci"}
-    return front.rename(columns=called).sort_values("terms", ignore_index=True)
+    return front.sort_values("terms", ignore_index=True)
 
 
 def smallest_that_walk(choosing: pd.DataFrame, front: pd.DataFrame) -> pd.DataFrame:
-    """Names the smallest formulas with which every robot walks, for growing shares of the reward.
+    """Names the smallest formulas with which every robot walks, for growing shares of the return.
 
     A robot walks that does not fall and keeps the rhythm; the smallest formulas of all stand still.
     Where no size does, there is no row.
 
     Args:
         choosing: The front by which formulas are chosen.
-        front: That of other robots, whose scores of the chosen formulas are told.
+        front: That of other robots, whose scores of the chosen formulas are reported.
     """
     walks = choosing[(choosing["falls"] == 0) & (choosing["rhythm"] >= MIN_RHYTHM)]
     walks = walks.sort_values("terms")

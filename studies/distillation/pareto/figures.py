@@ -1,4 +1,4 @@
-"""The figure of the front: reward and falls against the number of terms."""
+"""The figure of the front: return and falls against the number of terms."""
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ _STYLES = {
 
 @styled
 def pareto_figure(front: pd.DataFrame, title: str) -> Figure:
-    """Draws share of the expert's reward, falls and R² against the terms of all formulas."""
+    """Draws share of the expert's return, falls and R² against the terms of all formulas."""
     figure, axes = subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
     for family, own in front.groupby("family"):
         mine = own.sort_values("terms")

@@ -14,7 +14,6 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.common.console import note
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
@@ -170,22 +169,6 @@ def inputs_of_walkers(walkers: Mapping[str, AlternatingController]) -> dict[str,
     return {"expert": " ".join(sorted(experts)), "policies": " ".join(acting)}
 
 
-def find_formulas(name: str, expert: NeuralPolicy, folder: Path | None = None) -> FormulaPolicy:
-    """Loads a student that is made of formulas, as `find_student` does.
-
-    Raises:
-        InputError: if there is no such student, it is of another kind, or does not fit the expert.
-    """
-    student = find_student(name, expert, folder)
-    if not isinstance(student, FormulaPolicy):
-        raise InputError(
-            f"--policy {name}: is not made of formulas, but of the kind {student.kind!r}; name a "
-            "student of the kind sparse_formula, symbolic or statewise_symbolic, or a .formulas "
-            "file"
-        )
-    return student
-
-
 def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
     """Returns the file of a student, which `find_student` loads.
 
@@ -205,13 +188,13 @@ def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
     if folder is None and name in shipped_students(gait):
         return policy_path(STUDENT_DIRECTORY / gait, name)
     raise InputError(
-        f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
+        f"no student {name!r} of the {gait}: {_kept(gait, folder)}; make it with "
         f"'glassgait distill --gait {gait} --students {name}'"
     )
 
 
-def _told(gait: str, folder: Path | None) -> str:
-    """Tells which students of a gait there are, and where."""
+def _kept(gait: str, folder: Path | None) -> str:
+    """Lists the students of a gait, and where they are."""
     here = folder or distillation_folder(gait)
-    told = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
-    return told if folder else f"{told} (shipped: {', '.join(shipped_students(gait)) or 'none'})"
+    kept = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
+    return kept if folder else f"{kept} (shipped: {', '.join(shipped_students(gait)) or 'none'})"

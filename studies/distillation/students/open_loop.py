@@ -7,7 +7,7 @@ from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, mach
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 
 ITERATIONS = 16
-"""Moments of a machine's state that are told apart; commands ask for 6 to 11."""
+"""Moments of a machine's state that are distinguished; commands ask for 6 to 11."""
 
 
 def _fit_open_loop(

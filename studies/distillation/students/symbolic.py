@@ -43,7 +43,7 @@ def fit_policy(
 
     Args:
         samples: What the formulas are fitted to.
-        gates: Returns what tells a formula where in the gait the robot is.
+        gates: Returns what encodes where in the gait the robot is.
         settings: Engine and budget; of several shapes the first counts.
         statewise: Whether each state of the machine has formulas of its own.
         seed: Seed of the search.

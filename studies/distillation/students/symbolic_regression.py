@@ -43,7 +43,7 @@ def fit_formulas(
         targets: What the expert does (m, k).
         seed: Seed of the search.
         settings: Engine and budget; of several shapes the first counts.
-        gates: What tells where in the gait the robot is; see `fit_gated_sums`.
+        gates: What encodes where in the gait the robot is; see `fit_gated_sums`.
         n_observed: How many variables are observed; sums, and what the engine finds, are of these.
         n_jobs: Formulas that are searched at once.
 
@@ -137,7 +137,7 @@ def pysr_arguments(seed: int, settings: SymbolicSettings) -> dict[str, Any]:
 
 
 def pysr_starts() -> bool:
-    """Tells whether PySR and its Julia start here, which are fetched first where they are missing.
+    """Returns whether PySR and its Julia start here; missing ones are fetched first.
 
     They start in a process of their own: PyTorch and Julia in one may end it.
     """
@@ -165,9 +165,9 @@ def _fit_pysr(
         found = str(model.get_best()["equation"])
     except Exception as error:
         # Julia's own errors have no common class.
-        told = brief(str(error)) or type(error).__name__
+        problem = brief(str(error)) or type(error).__name__
         raise InputError(
-            f"the engine 'pysr' ended with an error ({told}); mend its settings, or use the engine "
-            "'operon'"
+            f"the engine 'pysr' ended with an error ({problem}); mend its settings, or use the "
+            "engine 'operon'"
         ) from error
     return parse_expression(found, names)

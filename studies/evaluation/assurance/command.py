@@ -20,9 +20,12 @@ from glassgait.studies.common.experiment import ScenarioNames
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.config import (
+    SELECTION_SEEDS,
+    RolloutConfig,
+    refuse_to_select,
+)
 from glassgait.studies.common.rollouts.scoring import cases_in_worlds
-from glassgait.studies.common.rollouts.seeds import SELECTION_SEEDS, refuse_to_select
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
@@ -139,7 +142,7 @@ class Assurance(Settings):
             save_figure(draw_calls(table, titles), folder / "calls")
             shown = push_one(pair, calibration, folder / "pushed_robot.json", of=of)
             save_figure(draw_pushed(shown, calibration), folder / "pushed_robot")
-        print_table(f"{pair.gait.name}: who falls, and who acted", readable_table(table))
+        print_table(f"{pair.gait.name}: falls, and shares of the expert", readable_table(table))
         console.print(f"written to {folder}")
 
     def _pair(self, policies: Policies) -> Pair:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from glassgait.studies.common.rollouts.scores import summarize_against
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.summary import wilson_interval
 from glassgait.studies.distillation.students.registry import policy_title
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.models.arrays import Array
-from glassgait.studies.common.rollouts.scores import interval
+from glassgait.studies.common.scores import interval
 from glassgait.studies.explanation.interventions.derivation import Claim, spoken_of
 from glassgait.studies.explanation.interventions.walks import Walk
 
@@ -33,7 +33,7 @@ class Effect:
     robots: int
 
     def holds(self, sign: float) -> bool:
-        """Tells whether the effect has a sign, and its interval excludes 0."""
+        """Returns whether the effect has a sign, and its interval excludes 0."""
         return bool(np.sign(sign) * self.measured > self.margin)
 
 

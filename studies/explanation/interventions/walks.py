@@ -18,7 +18,7 @@ from glassgait.models.task.symmetry import reflect_observation
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scores import score_rollouts
+from glassgait.studies.common.scores import score_rollouts
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Walk:
     Attributes:
         quantities: Variables of the formulas (T, n, k).
         state: State of the machine (T, n).
-        angle: Joint angles that the step led to, as sensors tell them (T, n, 12; rad).
+        angle: Joint angles that the step led to, as sensors measure them (T, n, 12; rad).
         alive: Whether the robot was up to the step's end (T, n).
         image: Whether a step is one seen in the mirror (T,).
-        scores: How robots did, a row a robot, as `score_rollouts` tells.
+        scores: How robots did, a row a robot, as `score_rollouts` returns.
     """
 
     quantities: Array
@@ -83,7 +83,7 @@ def walk(
 def seen_by(
     policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_], scores: pd.DataFrame
 ) -> Walk:
-    """Tells what a policy's robots saw, and in the mirror if its file has an image there.
+    """Returns what a policy's robots observed, and in the mirror if its file has an image there.
 
     Args:
         policy: The policy.

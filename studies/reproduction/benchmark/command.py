@@ -22,13 +22,14 @@ from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.library import distillation_folder
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.reproduction.benchmark.controllers import controller_times, switching_times
-from glassgait.studies.reproduction.benchmark.distillation import (
+from glassgait.studies.reproduction.benchmark.python_times import (
     compiled_against_library,
     expert_samples,
+    observed,
+    peer_times,
+    single_row_microseconds,
     study_against_naive_loop,
 )
-from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
-from glassgait.studies.reproduction.benchmark.peers import observed, peer_times
 from glassgait.studies.reproduction.benchmark.throughput import (
     gymnasium_processes,
     training_and_physics,
@@ -56,7 +57,7 @@ class Benchmark(Settings):
         training: Folder of a training run to continue in memory, so that robots walk rather than
             fall; from the beginning by default.
         updates: Updates that are timed at once.
-        repeats: Number of timings; medians are told.
+        repeats: Number of timings; medians are reported.
         gym_steps: Steps of gymnasium's sixteen environments.
         distillation: Folder of a distillation; runs/distillation/<gait> by default.
         output: Folder of the results.
@@ -86,9 +87,9 @@ class Benchmark(Settings):
         }
         metrics: dict[str, Any] = {}
         for part in dict.fromkeys(self.parts):
-            for title, (told, table) in measures[part]().items():
+            for title, (heading, table) in measures[part]().items():
                 write_table(table, self.output / title)
-                print_table(told, table)
+                print_table(heading, table)
                 metrics[title] = json_records(table)
         # Linux counts in KiB.
         metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10

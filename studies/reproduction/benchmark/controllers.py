@@ -118,14 +118,14 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
         }
         program = compile_harness(folder, "controller_times.c", values)
         times, load = fastest(lambda: run_harness(program))
-        told = {
+        timed = {
             part: {f"{part} (µs)": own.median, f"{part}, 99.9 % (µs)": own.late}
             for part, own in zip(("step", "estimator", "policy"), times, strict=False)
         }
         return {
-            **told.get("policy", {}),
-            **told.get("estimator", {}),
-            **told["step"],
+            **timed.get("policy", {}),
+            **timed.get("estimator", {}),
+            **timed["step"],
             "C file (kB)": round(source.stat().st_size / 1000),
             "object file (kB)": round((folder / "controller.o").stat().st_size / 1000),
             "load": load,
@@ -145,6 +145,6 @@ def compile_harness(
 
 
 def run_harness(program: Path) -> list[Times]:
-    """Runs what times in C, and returns what its lines tell."""
+    """Runs what times in C, and returns the times that it prints."""
     done = subprocess.run([program], check=True, capture_output=True, text=True, cwd=program.parent)
     return [Times(*map(float, line.split())) for line in done.stdout.splitlines()]

@@ -27,7 +27,7 @@ class Times:
 
 
 def fastest(measure: Callable[[], Sequence[Times]]) -> tuple[Sequence[Times], float]:
-    """Measures several times, and tells the repetition whose first median is the least.
+    """Measures several times, and returns the repetition whose first median is the least.
 
     Returns:
         Its times, and the machine's load after it (average number of processes that would run, over

@@ -206,7 +206,7 @@ class _Road:
         say("rolling out every student with the expert between")
         scores = self._roll_out(students, RATIO_PERIODS)
         alternation_report(scores, self.gait.name.capitalize()).write(self.folder)
-        self.contents.reward_figure = self.folder / "reward.png"
+        self.contents.return_figure = self.folder / "return.png"
 
     def _roll_out(self, students: dict[str, Policy], periods: tuple[int, ...]) -> pd.DataFrame:
         jobs = alternation_cases(self.gait, self.expert, students, self.rollouts, periods)

@@ -52,7 +52,7 @@ class Contents:
         reductions: What is smaller than in the full studies, and what that costs.
         replays: The replays so far.
         standalone: The scores alone.
-        reward_figure: Picture of reward against alternation ratio.
+        return_figure: Picture of return against alternation ratio.
         r2: The R² table of the students so far.
         formulas: The formulas of the student that is shown, as `formula_rows` lists them.
         minutes: What the demo took; the page is complete with it.
@@ -65,7 +65,7 @@ class Contents:
     reductions: tuple[Reduction, ...]
     replays: list[Replay] = field(default_factory=list)
     standalone: pd.DataFrame | None = None
-    reward_figure: Path | None = None
+    return_figure: Path | None = None
     r2: pd.DataFrame | None = None
     formulas: list[tuple[str, int, str]] = field(default_factory=list)
     minutes: float | None = None
@@ -82,7 +82,7 @@ def write_report(folder: Path, contents: Contents) -> Path:
     page = page_template(TEMPLATES, REPORT_NAME).render(
         **vars(contents),
         figures={replay.name: inline_image(folder / replay.figure) for replay in contents.replays},
-        reward=contents.reward_figure and inline_image(contents.reward_figure),
+        reward=contents.return_figure and inline_image(contents.return_figure),
     )
     write_atomically(path, page)
     return path

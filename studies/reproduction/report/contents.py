@@ -66,7 +66,7 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         Item(
             "Figure 1",
             "The framework, as the Drake diagram that runs it",
-            "Expert and student sit behind one switch; the alternation chooses who acts.",
+            "Expert and student sit behind one switch; the alternation chooses which of them acts.",
             figures=[("Block diagram of the closed loop", FRAMEWORK)],
             wide=True,
         ),
@@ -92,7 +92,7 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
             "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
             "shares compare each robot with the expert's under the same commands and noise.",
             tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
-            figures=_each(results, "reward", "return against ratio"),
+            figures=_each(results, "return", "return against ratio"),
         ),
         *(
             _sequences(results, f"Figure {number}", kind)

@@ -17,15 +17,15 @@ WINDOW_STEPS = round(1.0 / CONTROL_PERIOD)
 """Tracking is judged by averages over 1 s, since a gait sways within its cycle."""
 
 SCORES = (
-    "reward",
-    "plain_reward",
+    "return",
+    "plain_return",
     "rhythm",
     "going_speed_error",
     "yaw_rate_error",
     "cost_of_transport",
 )
 
-SPEED_ERROR_TITLE = "speed error, told to go (m/s)"
+SPEED_ERROR_TITLE = "speed error, commanded to go (m/s)"
 """What tables call `going_speed_error`: commands to stand are left out."""
 
 GRAVITY = 9.81
@@ -37,12 +37,12 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
 
     Columns: `steps` survived; `fell`, whether it failed before the end, by any of the task's
     terminations; `failure`, their names; `not_finite`, the joint whose action was not finite, if
-    there was one; `reward` and `plain_reward`, sums; `rhythm`, the share of
+    there was one; `return` and `plain_return`, sums; `rhythm`, the share of
     the commanded rhythm kept; `going_speed_error` (m/s) and `yaw_rate_error` (rad/s), means over
     seconds of the absolute difference between a second's average and the command. The first second
-    after a new command is left out; of the speed, all seconds in which a robot is told to stand
+    after a new command is left out; of the speed, all seconds in which it is commanded to stand
     are, since standing is easy and drawn commands below `DEAD_BAND` ask for it: NaN for a robot
-    that is never told to go. `expert_share`, the share of steps at which the expert acted.
+    that is never commanded to go. `expert_share`, the share of steps at which the expert acted.
     `cost_of_transport`, the joints' absolute work per weight and distance,
     of the steps that are commanded to go forward or back.
 
@@ -68,8 +68,8 @@ def score_rollouts(log: RolloutLog, mass: float) -> pd.DataFrame:
                 "fell": fell,
                 "failure": " ".join(np.array(FAILURES)[shown]),
                 "not_finite": quadruped.JOINTS[not_finite[1]] if not_finite else "",
-                "reward": log.reward[alive, i].sum(),
-                "plain_reward": log.plain_reward[alive, i].sum(),
+                "return": log.reward[alive, i].sum(),
+                "plain_return": log.plain_reward[alive, i].sum(),
                 "rhythm": log.served_dwell[alive, i].sum() / steps,
                 "expert_share": log.expert_acts[alive, i].mean(),
                 "going_speed_error": errors[0],
@@ -130,21 +130,21 @@ def summarize(scores: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def summarize_against(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
-    """Averages scores over robots, with shares of a reference's reward.
+    """Averages scores over robots, with shares of a reference's return.
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
-        reference: Scores of the reference, as `reward_shares` takes them.
+        by: Columns whose values make a group.
+        reference: Scores of the reference, as `return_shares` takes them.
 
     Returns:
-        What `summarize` returns, with the columns of `reward_shares`.
+        What `summarize` returns, with the columns of `return_shares`.
     """
-    return summarize(scores, by).merge(reward_shares(scores, by, reference), on=by)
+    return summarize(scores, by).merge(return_shares(scores, by, reference), on=by)
 
 
-def reward_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
-    """Sets rewards in proportion to those of a reference that was rolled out from the same seeds.
+def return_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) -> pd.DataFrame:
+    """Sets returns in proportion to those of a reference that was rolled out from the same seeds.
 
     Robots of a seed start alike, are commanded alike and feel the same noise. They are compared one
     by one, which leaves out how much robots differ by their commands: the interval is that of a
@@ -152,16 +152,16 @@ def reward_shares(scores: pd.DataFrame, by: list[str], reference: pd.DataFrame) 
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
+        by: Columns whose values make a group.
         reference: Scores of the reference, its robots in the order of each group's.
 
     Returns:
-        A row a group: `share` of the reference's mean reward, and its 95 % interval `share_ci`.
+        A row a group: `share` of the reference's mean return, and its 95 % interval `share_ci`.
     """
-    whole = reference["reward"].to_numpy(dtype=float)
+    whole = reference["return"].to_numpy(dtype=float)
     rows = []
     for keys, group in scores.groupby(by, sort=False):
-        own = group["reward"].to_numpy(dtype=float)
+        own = group["return"].to_numpy(dtype=float)
         share = own.mean() / whole.mean()
         half = interval(pd.Series(own - share * whole)) / abs(whole.mean())
         rows.append({**dict(zip(by, keys, strict=True)), "share": share, "share_ci": half})

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import numpy as np
 import pandas as pd
 import tyro
+from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
@@ -17,17 +19,17 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
-from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scores import summarize_against
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
-from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_settings import (
@@ -35,7 +37,43 @@ from glassgait.studies.distillation.students.symbolic_settings import (
     SymbolicSettings,
 )
 from glassgait.studies.distillation.study import distill
-from glassgait.studies.reproduction.curricula.figures import curricula_figure
+
+TICKS = {
+    "expert_only": "expert\nonly",
+    "half": "half",
+    "student_only": "student\nonly",
+    "alternation": "alternation",
+    "alternation_then_alone": "alternation,\nthen alone",
+}
+
+
+@styled
+def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Draws share of the expert's return and falls of each student, by curriculum.
+
+    Args:
+        table: What `curricula_table` returned.
+        title: Title of the figure.
+    """
+    figure, (share, falls) = subplots(
+        2, 1, figsize=(COLUMN_WIDTH, 3.4), sharex=True, height_ratios=(3, 2)
+    )
+    students = list(dict.fromkeys(table["student"]))
+    for i, student in enumerate(students):
+        line = STUDENTS[student]
+        mine = table[table["student"] == student].set_index("curriculum").reindex(list(TICKS))
+        at = np.arange(len(TICKS)) + 0.12 * (i - (len(students) - 1) / 2)
+        style = {"color": line.color, "marker": line.marker, "markersize": 3.5, "linestyle": "none"}
+        share.errorbar(at, mine["share"], mine["share_ci"], label=line.title, capsize=1.5, **style)
+        falls.plot(at, 100 * mine["fall_rate"].astype(float), **style)
+    share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    share.set(ylabel="share of the\nexpert's return", ylim=(0, None), title=title)
+    share.legend(ncols=2, loc="lower right")
+    falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="what acts while samples are collected")
+    falls.set_xticks(np.arange(len(TICKS)), list(TICKS.values()))
+    figure.align_ylabels()
+    return figure
+
 
 CURRICULA = {
     "expert_only": "Expert acts (behaviour cloning)",
@@ -170,12 +208,12 @@ def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:
         scores: Scores of the robots, with `curriculum` (`expert` for the expert) and `student`.
 
     Returns:
-        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `reward`, `reward_ci`,
-        and the reward's `share` of the expert's with its interval `share_ci`.
+        A row a student and curriculum: `r2`, `robots`, `falls`, `fall_rate`, `return`, `return_ci`,
+        and the return's `share` of the expert's with its interval `share_ci`.
     """
     by = ["curriculum", "student"]
     means = summarize_against(scores, by, scores[scores["curriculum"] == "expert"])
-    columns = ["robots", "falls", "fall_rate", "reward", "reward_ci", "share", "share_ci"]
+    columns = ["robots", "falls", "fall_rate", "return", "return_ci", "share", "share_ci"]
     return fits.merge(means[[*by, *columns]], on=by)
 
 

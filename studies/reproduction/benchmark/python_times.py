@@ -1,4 +1,4 @@
-"""Compiled students against their libraries, and the study against the naive loop."""
+"""Time of one action in Python and by ONNX Runtime; compiled students against their libraries."""
 
 import time
 from collections.abc import Callable
@@ -12,11 +12,18 @@ from interpret.glassbox import ExplainableBoostingRegressor
 from sklearn.ensemble import GradientBoostingRegressor
 
 from glassgait.diagrams.scenario import Scenario
+from glassgait.models.arrays import Array
 from glassgait.models.files import read_record
 from glassgait.models.policies.controller import alone
+from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.studies.common.console import say
+from glassgait.studies.deployment.export.agreement import recorded_observations
+from glassgait.studies.deployment.export.exported import Acting
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.additive import EBM
@@ -25,7 +32,78 @@ from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Data
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.reproduction.benchmark.inference import single_row_microseconds
+from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
+from glassgait.studies.reproduction.benchmark.timing import call_times, fastest
+
+
+def single_row_microseconds(policy: Callable[[Array], Any], observation: Array) -> float:
+    """Returns the median time of one call (µs) on one observation (n,)."""
+    for _ in range(20):
+        policy(observation)
+    times = []
+    for _ in range(300):
+        start = time.perf_counter()
+        policy(observation)
+        times.append(time.perf_counter() - start)
+    return 1e6 * float(np.median(times))
+
+
+COUNT = 3000
+"""Calls that are timed."""
+
+N_ROBOTS, N_STEPS = 4, 250
+"""Robots that the expert moves, and control steps: what they observe is acted on."""
+
+
+def observed(gait: Gait, expert: NeuralPolicy) -> Array:
+    """Records observations (m, n) of robots that the expert moves."""
+    return recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
+
+
+def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
+    """Times the shipped policies of a gait, one observation at a time.
+
+    Args:
+        gait_name: Name of a gait that ships.
+        count: Calls that are timed, in each repetition.
+
+    Returns:
+        A row a policy: median and 99.9th percentile (µs) of the policy in Python; of estimator and
+        policy in Python, and, if it is installed, by ONNX Runtime; the machine's load.
+    """
+    gait, expert = load_gait(gait_name), load_expert(gait_name)
+    observations = observed(gait, expert)
+    own = observations[:, :-N_ESTIMATED]
+    rows = []
+    for kind, policy in shipped_policies(expert).items():
+        calls: dict[str, tuple[Callable[[Array], Any], Array]] = {
+            "policy, Python": (policy, observations),
+            "both, Python": (_both(policy, expert), own),
+        }
+        if graph := _graph(Acting(gait, policy, expert, "timed", kind)):
+            calls["both, ONNX"] = (graph, own)
+        row: dict[str, object] = {"policy": kind}
+        times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
+        for title, one in zip(calls, times, strict=True):
+            row |= {f"{title} (µs)": one.median, f"{title}, 99.9 % (µs)": one.late}
+        rows.append(row | {"load": load})
+    return pd.DataFrame(rows)
+
+
+def _both(policy: Policy, expert: NeuralPolicy) -> Callable[[Array], Array]:
+    return lambda own: policy(np.concatenate([own, expert.estimator(own)]))
+
+
+def _graph(acting: Acting) -> Callable[[Array], Any] | None:
+    try:
+        # Imported here: ONNX and its runtime are an extra.
+        from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: PLC0415
+        from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
+    except ImportError:
+        say("ONNX Runtime is not timed: run pip install 'glassgait[onnx]'")
+        return None
+    return LoadedGraph(OnnxFile(acting, "double").model)
+
 
 NAIVE_BAGS = 14
 """Outer bags of an additive model by interpret's default, fitted one after the other on 2 cores."""
@@ -126,7 +204,7 @@ def naive_minutes(
     Args:
         samples: Samples to fit to.
         model: The model.
-        config: Tells how many episodes there are, and how long they are.
+        config: How many episodes there are, and how long they are.
 
     Returns:
         Minutes if a fit's time is linear in the samples, and if none takes longer than the smallest

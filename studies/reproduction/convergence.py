@@ -1,0 +1,292 @@
+"""`glassgait reproduce convergence`: which contact solvers and time steps agree."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+
+from glassgait.diagrams.rollout import use_error_control
+from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import ContactSolver, MakeStation, StationConfig, actuated_joints
+from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import alone
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.cases import Case, digests_of
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experts import find_expert
+from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
+from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.tables import print_table, write_metrics, write_table
+
+DRAKES_RELAXATION_TIME = 0.2
+"""What two bodies without a relaxation time of their own add up to in SAP (s)."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way of simulating contact.
+
+    Attributes:
+        family: The solver, as figures call it.
+        resolution: Time step (s), or accuracy of the error-controlled integrator.
+        scenario: The world.
+    """
+
+    family: str
+    resolution: float
+    scenario: Scenario
+
+
+def _discrete(
+    family: str,
+    solver: ContactSolver,
+    *steps: float,
+    relaxation_time: float = StationConfig.relaxation_time,
+) -> list[Variant]:
+    return [
+        Variant(
+            family,
+            step,
+            Scenario(
+                f"{family} {1000 * step:g} ms",
+                StationConfig(step, solver, relaxation_time=relaxation_time),
+            ),
+        )
+        for step in steps
+    ]
+
+
+SAP = "SAP"
+SAP_DEFAULT = "SAP, Drake's relaxation"
+CENIC = "CENIC"
+
+VARIANTS = (
+    *_discrete(SAP, "sap", 0.02, 0.01, 0.005, 0.002, 0.001),
+    *_discrete(
+        SAP_DEFAULT,
+        "sap",
+        *(0.02, 0.01, 0.005, 0.002, 0.001),
+        relaxation_time=DRAKES_RELAXATION_TIME,
+    ),
+    *_discrete("similar", "similar", 0.02, 0.01, 0.005, 0.002, 0.001),
+    *_discrete("lagged", "lagged", 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005),
+    *(
+        Variant(
+            CENIC,
+            accuracy,
+            Scenario(f"CENIC {accuracy:g}", StationConfig(time_step=0.0), accuracy, max_robots=1),
+        )
+        for accuracy in (1e-2, 1e-3, 1e-4, 1e-5)
+    ),
+)
+
+
+DROP_HEIGHT = 0.03
+"""Height of the feet above the ground at the start (m)."""
+
+DURATION = 1.0
+"""Simulated time (s)."""
+
+SAMPLE_PERIOD = 0.01
+"""Time between two samples (s)."""
+
+
+@dataclass(frozen=True)
+class Drop:
+    """What the robot did.
+
+    Attributes:
+        stance: Distance between left and right feet in the end, mean of both pairs (m).
+        height: Height of the trunk in the end (m).
+        penetration: Greatest depth of a foot in the ground (m).
+    """
+
+    stance: float
+    height: float
+    penetration: float
+
+
+def drop_robot(scenario: Scenario) -> Drop:
+    """Drops the robot in its default stance, its joints held there."""
+    robot = scenario.robot_of()
+    station = MakeStation(robot, scenario.station)
+    plant = station.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    targets = [
+        robot.default_stance[quadruped.JOINTS.index(name)] for name in actuated_joints(plant)
+    ]
+    desired = np.concatenate([targets, np.zeros(quadruped.N_JOINTS)])
+    station.GetInputPort("desired_state").FixValue(context, desired)
+    # Drake names arrays by scalar, which NumPy's own types do not match.
+    state: Any = kinematics.standing_state(robot)
+    state[quadruped.POSITION][2] += DROP_HEIGHT
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
+    if scenario.accuracy is not None:
+        use_error_control(simulator, scenario.accuracy)
+    simulator.Initialize()
+    port = station.GetOutputPort("state")
+    states = []
+    for time in np.arange(1, round(DURATION / SAMPLE_PERIOD) + 1) * SAMPLE_PERIOD:
+        simulator.AdvanceTo(time)
+        states.append(np.array(port.Eval(context)))
+    return _drop_of(robot, np.array(states))
+
+
+def _drop_of(robot: Robot, states: Array) -> Drop:
+    feet = kinematics.foot_positions(robot, states[-1, quadruped.JOINT_POSITION])
+    return Drop(
+        stance=float(np.mean(feet[[0, 2], 1] - feet[[1, 3], 1])),
+        height=float(states[-1, quadruped.POSITION][2]),
+        penetration=float(max(0.0, -kinematics.foot_heights(robot, states).min())),
+    )
+
+
+_STYLES = {
+    SAP: {"color": "#0072B2", "marker": "o"},
+    SAP_DEFAULT: {"color": "#56B4E9", "marker": "s", "linestyle": "--"},
+    "similar": {"color": "#009E73", "marker": "^"},
+    "lagged": {"color": "#D55E00", "marker": "v"},
+    CENIC: {"color": "black", "marker": "x"},
+}
+
+_LINE = {"markersize": 4, "linewidth": 1.0}
+
+_LABELS = {
+    "stance": "stance after\na drop (m)",
+    "height": "trunk after\na drop (m)",
+    "survived": "survived of a\nrollout (s)",
+    "going_speed_error": "speed error,\ncommanded to go (m/s)",
+    "yaw_rate_error": "yaw-rate error\n(rad/s)",
+}
+
+
+@styled
+def convergence_figure(results: pd.DataFrame) -> Figure:
+    """Draws each measure against the time step, and against CENIC's accuracy beside it.
+
+    Args:
+        results: Columns `family`, `resolution` and the measures.
+    """
+    size = (2 * COLUMN_WIDTH, 1.2 * len(_LABELS) + 0.6)
+    figure, axes = subplots(
+        len(_LABELS), 2, figsize=size, width_ratios=(3, 1.2), sharex="col", sharey="row"
+    )
+    for (measure, label), (left, right) in zip(_LABELS.items(), axes, strict=True):
+        for family, style in _STYLES.items():
+            mine = results[results["family"] == family].sort_values("resolution")
+            if family == CENIC:
+                right.plot(mine["resolution"], mine[measure], label=family, **_LINE, **style)
+            else:
+                left.plot(1000 * mine["resolution"], mine[measure], label=family, **_LINE, **style)
+        left.set_ylabel(label)
+    _label_resolutions(*axes[-1])
+    figure.align_ylabels()
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
+
+
+def _label_resolutions(step: Axes, accuracy: Axes) -> None:
+    ticks = [0.5, 1, 2, 5, 10, 20]
+    step.set(xlabel="time step (ms)", xscale="log")
+    step.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    step.minorticks_off()
+    accuracy.set(xlabel="accuracy of CENIC", xscale="log")
+
+
+@dataclass(frozen=True)
+class Convergence(Settings):
+    """Drop the robot and roll an expert out with every contact solver and time step.
+
+    Attributes:
+        gait: Name of the expert's gait, or path of a gait file.
+        rollouts: How robots are rolled out.
+        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        resume: Continue the run that the folder holds.
+        output: Folder of the results; runs/convergence/<gait> by default.
+    """
+
+    title: ClassVar[str] = "convergence"
+
+    gait: str = "trot"
+    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: RolloutConfig(n_robots=2, n_steps=500)
+    )
+    expert: Path | None = None
+    resume: bool = False
+    output: Path | None = None
+
+    def run(self) -> None:
+        """Runs the study."""
+        gait = load_gait(self.gait)
+        folder = self.output or Path("runs/convergence") / gait.name
+        policy = alone(find_expert(gait, self.expert))
+        jobs = [
+            job
+            for variant in reversed(VARIANTS)
+            for job in rollout_cases(
+                {"variant": variant.scenario.title},
+                gait,
+                policy,
+                variant.scenario,
+                self.rollouts,
+            )
+        ]
+        with open_run(
+            folder,
+            study="reproduce convergence",
+            settings=self,
+            inputs=digests_of(jobs),
+            resume=self.resume,
+        ):
+            results = _measure(jobs, folder)
+            write_table(results, folder / "convergence")
+            write_metrics(results.to_dict(orient="records"), folder / "metrics.json")
+            save_figure(convergence_figure(results), folder / "convergence")
+        print_table(f"{gait.name}: contact solvers and time steps", results)
+        console.print(f"written to {folder}")
+
+
+def _measure(jobs: list[Case], folder: Path) -> pd.DataFrame:
+    say("dropping the robot")
+    drops = pd.DataFrame(
+        [
+            {
+                "variant": variant.scenario.title,
+                "family": variant.family,
+                "resolution": variant.resolution,
+                **asdict(drop_robot(variant.scenario)),
+            }
+            for variant in VARIANTS
+        ]
+    )
+    say("rolling out")
+    return drops.merge(_means(run_rollouts(jobs, folder / "rollouts")), on="variant")
+
+
+def _means(scores: pd.DataFrame) -> pd.DataFrame:
+    scores = scores.assign(survived=scores["steps"] * CONTROL_PERIOD)
+    means = scores.groupby("variant", sort=False).agg(
+        robots=("fell", "size"),
+        falls=("fell", "sum"),
+        survived=("survived", "mean"),
+        going_speed_error=("going_speed_error", "mean"),
+        yaw_rate_error=("yaw_rate_error", "mean"),
+        rhythm=("rhythm", "mean"),
+    )
+    return means.reset_index()

@@ -1,1 +1,0 @@
-"""Is the curriculum needed? Students of other ways to collect samples, alone."""

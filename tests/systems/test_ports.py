@@ -1,0 +1,302 @@
+"""Ports of every leaf system: their names and sizes, feedthrough, docstrings and clones."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+from pydrake.systems.framework import InputPortIndex, LeafSystem
+
+import glassgait.systems
+from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.counterfactuals.question import Intervention
+from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.assurance import Hysteresis, Region
+from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.observation import ObservationLayout
+from glassgait.systems.action_delay import ActionDelay
+from glassgait.systems.action_hold import ActionHold
+from glassgait.systems.alternation import AlternationSchedule
+from glassgait.systems.assurance_monitor import AssuranceMonitor
+from glassgait.systems.body_state_sensor import BodyStateSensor
+from glassgait.systems.command import RandomCommand
+from glassgait.systems.command_receiver import CommandReceiver
+from glassgait.systems.command_sender import CommandSender
+from glassgait.systems.compiled_controller import CompiledController
+from glassgait.systems.contact_memory import ContactMemory
+from glassgait.systems.contact_noise import ContactNoise
+from glassgait.systems.fall_monitor import FallMonitor
+from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.function import FunctionSystem
+from glassgait.systems.gait_display import GaitDisplay
+from glassgait.systems.gait_switch import GaitSwitchSystem
+from glassgait.systems.given_command import GivenCommand
+from glassgait.systems.joint_targets import JointTargets
+from glassgait.systems.link_watchdog import LinkWatchdog
+from glassgait.systems.meshcat_command import MeshcatCommand
+from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
+from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.policy import PolicySystem
+from glassgait.systems.proprioception import Proprioception
+from glassgait.systems.reward import RewardSystem
+from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.sensors_receiver import SensorsReceiver
+from glassgait.systems.sensors_sender import SensorsSender
+from glassgait.systems.state_estimator import StateEstimator
+from glassgait.systems.symbolic_policy import make_symbolic_policy
+from glassgait.systems.targets_sender import TargetsSender
+
+A1, TROT, WALK = load_robot(), load_gait("trot"), load_gait("walk")
+LAYOUT = ObservationLayout(TROT.n_states)
+REGION = Region(LAYOUT.names, np.full((2, 49), -1.0), np.full((2, 49), 1.0))
+POLICY = LinearPolicy("trot", LAYOUT.names, np.ones((12, 49)), np.zeros(12))
+EXPERT, STUDENT = InputPortIndex(1), InputPortIndex(2)
+
+ABSTRACT = 0
+"""Drake's size of a port that holds no vector."""
+
+COMMAND = {"command": 2, "commanded_dwell": 1}
+FEET = {"foot_contact": 4, "foot_height": 4}
+MACHINE = {"rm_state": 2, "rm_iterations": 1, "reward_multiplier": 1, "served_dwell": 1}
+
+
+class Ports(NamedTuple):
+    make: Callable[..., LeafSystem]
+    """Makes the system; its arguments are fixtures."""
+    inputs: Mapping[str, int]
+    outputs: Mapping[str, int]
+    feedthrough: set[tuple[str, str]] | None = None
+    """Pairs of input and output port; None where they are all."""
+
+
+PORTS: dict[Any, Ports] = {
+    ActionDelay: Ports(
+        lambda: ActionDelay(0.01, 0.01), {"held_action": 12}, {"delayed_action": 12}, set()
+    ),
+    ActionHold: Ports(
+        ActionHold, {"action": 12}, {"held_action": 12, "previous_action": 12}, set()
+    ),
+    AlternationSchedule: Ports(
+        lambda: AlternationSchedule(2, EXPERT, STUDENT), {}, {"port_selector": ABSTRACT}
+    ),
+    AssuranceMonitor: Ports(
+        lambda: AssuranceMonitor(REGION, Hysteresis(0.1, 0.05), EXPERT, STUDENT),
+        {"observation": 49},
+        {"port_selector": ABSTRACT, "expert_acts": 1, "overrun": 1},
+    ),
+    BodyStateSensor: Ports(lambda: BodyStateSensor(A1), {"state": 37}, {"body_state": 7}),
+    CommandReceiver: Ports(lambda: CommandReceiver(TROT), {"message": ABSTRACT}, COMMAND),
+    CommandSender: Ports(lambda: CommandSender(session=3), COMMAND, {"message": ABSTRACT}),
+    CompiledController: Ports(
+        lambda compiled_pages: CompiledController(A1, compiled_pages),
+        {"state": 37, **COMMAND, "requested_gait": 1},
+        {"action": 12, "targets": 12, "status": 1},
+    ),
+    ContactMemory: Ports(ContactMemory, {"touching": 4}, {"foot_contact": 4}),
+    ContactNoise: Ports(
+        lambda: ContactNoise(0.1), {"foot_contact": 4, "uniform_noise": 4}, {"sensed_contact": 4}
+    ),
+    FallMonitor: Ports(
+        lambda: FallMonitor(A1),
+        {"state": 37, "action": 12, "previous_action": 12},
+        {"failures": 6},
+    ),
+    FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, FEET),
+    GaitDisplay: Ports(
+        lambda meshcat: GaitDisplay(A1, TROT, meshcat),
+        {"state": 37, "rm_state": 2, "foot_contact": 4},
+        {},
+    ),
+    GaitSwitchSystem: Ports(
+        lambda: GaitSwitchSystem(GaitSwitch([TROT, WALK])),
+        {**FEET, "commanded_dwell": 1, "requested_gait": 1},
+        {**MACHINE, "rm_state": 6},
+    ),
+    GivenCommand: Ports(
+        lambda: GivenCommand(TROT),
+        {**COMMAND, "drawn_command": 2, "drawn_dwell": 1},
+        COMMAND,
+        # Apart: a planner may choose the speed by the machine's state, which depends on the dwell.
+        {
+            ("command", "command"),
+            ("drawn_command", "command"),
+            ("commanded_dwell", "commanded_dwell"),
+            ("drawn_dwell", "commanded_dwell"),
+        },
+    ),
+    JointTargets: Ports(
+        lambda: JointTargets(A1, quadruped.JOINTS), {"action": 12}, {"desired_state": 24}
+    ),
+    LinkWatchdog: Ports(
+        lambda: LinkWatchdog(A1, Watchdog(), session=9, time_step=0.01),
+        {"message": ABSTRACT, "state": 37},
+        {"targets": 12, "phase": 1, "followed": 1},
+        set(),
+    ),
+    MeshcatCommand: Ports(lambda meshcat: MeshcatCommand(TROT, meshcat), {}, COMMAND),
+    MeshcatGaitRequest: Ports(
+        lambda meshcat: MeshcatGaitRequest([TROT, WALK], meshcat), {}, {"requested_gait": 1}
+    ),
+    ObservationOffset: Ports(
+        lambda: ObservationOffset(Intervention(np.zeros(3), first=2, count=2)),
+        {"observation": 3},
+        {"given_observation": 3},
+    ),
+    PolicySystem: Ports(lambda: PolicySystem(POLICY), {"observation": 49}, {"action": 12}),
+    Proprioception: Ports(
+        lambda: Proprioception(A1, LAYOUT),
+        {
+            "state": 37,
+            **COMMAND,
+            "previous_action": 12,
+            "rm_state": 2,
+            "rm_iterations": 1,
+            "uniform_noise": 24,
+        },
+        {"proprioception": 42},
+    ),
+    RandomCommand: Ports(lambda: RandomCommand(TROT), {"seed": 1}, COMMAND),
+    RewardMachineSystem: Ports(
+        lambda: RewardMachineSystem(TROT), {**FEET, "commanded_dwell": 1}, MACHINE
+    ),
+    RewardSystem: Ports(
+        lambda: RewardSystem(A1),
+        {
+            "state": 37,
+            "command": 2,
+            "action": 12,
+            "previous_action": 12,
+            "foot_contact": 4,
+            "reward_multiplier": 1,
+        },
+        {"reward": 1, "plain_reward": 1, "reward_terms": 9},
+        {
+            (source, target)
+            for source in ("state", "command", "action", "previous_action", "foot_contact")
+            for target in ("reward", "plain_reward", "reward_terms")
+        }
+        | {("reward_multiplier", "reward")},
+    ),
+    SensorsReceiver: Ports(SensorsReceiver, {"message": ABSTRACT}, {"state": 37, "touching": 4}),
+    SensorsSender: Ports(
+        lambda: SensorsSender(A1, session=3),
+        {"state": 37, "followed": 1, "uniform_noise": 24},
+        {"message": ABSTRACT},
+    ),
+    StateEstimator: Ports(
+        lambda: StateEstimator(lambda own: own[:7], 42),
+        {"proprioception": 42},
+        {"body_state": 7, "previous_foot_height": 4},
+        {("proprioception", "body_state")},
+    ),
+    TargetsSender: Ports(
+        lambda: TargetsSender(A1), {"action": 12, "sensors": ABSTRACT}, {"message": ABSTRACT}
+    ),
+    make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
+}
+
+CONVERTING = {BodyStateSensor, JointTargets, Proprioception, make_symbolic_policy}
+
+
+@pytest.fixture(scope="module")
+def meshcat():
+    return open_meshcat()
+
+
+@pytest.fixture(scope="module", params=PORTS, ids=lambda documented: documented.__name__)
+def documented(request):
+    """The class, or the function that makes a system of Drake's."""
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def system(documented, request):
+    make = PORTS[documented].make
+    return make(*map(request.getfixturevalue, inspect.signature(make).parameters))
+
+
+def input_ports(system):
+    return [system.get_input_port(index) for index in range(system.num_input_ports())]
+
+
+def output_ports(system):
+    return [system.get_output_port(index) for index in range(system.num_output_ports())]
+
+
+def sizes(ports):
+    """Names and sizes in the ports' order."""
+    return [(port.get_name(), port.size()) for port in ports]
+
+
+def test_names_sizes_and_feedthrough(system, documented):
+    _, inputs, outputs, feedthrough = PORTS[documented]
+    assert sizes(input_ports(system)) == list(inputs.items())
+    assert sizes(output_ports(system)) == list(outputs.items())
+    if feedthrough is None:
+        feedthrough = {(source, target) for source in inputs for target in outputs}
+    assert feedthrough == {
+        (source.get_name(), target.get_name())
+        for source in input_ports(system)
+        for target in output_ports(system)
+        if system.HasDirectFeedthrough(source.get_index(), target.get_index())
+    }
+
+
+@pytest.mark.parametrize(
+    "documented",
+    [documented for documented, ports in PORTS.items() if any(ports.inputs.values())],
+    indirect=True,
+    ids=lambda documented: documented.__name__,
+)
+def test_vectors_that_are_too_short_or_too_long_are_refused(system):
+    context = system.CreateDefaultContext()
+    for port in input_ports(system):
+        for size in (port.size() - 1, port.size() + 1) if port.size() else ():
+            with pytest.raises(RuntimeError, match=f"port '{port.get_name()}'"):
+                port.FixValue(context, np.zeros(size))
+
+
+def test_docstrings_list_the_ports(system, documented):
+    block = re.search(r"\.\. pydrake_system::\n\n((?: {4}.*\n)+)", inspect.getdoc(documented) or "")
+    assert block
+    listed = yaml.safe_load(block[1])
+    assert listed.pop("name") == type(system).__name__.removesuffix("_[float]")
+    assert listed == {
+        key: [port.get_name() for port in ports]
+        for key, ports in (
+            ("input_ports", input_ports(system)),
+            ("output_ports", output_ports(system)),
+        )
+        if ports
+    }
+
+
+def test_the_same_ports_stand_where_a_system_converts(system, documented):
+    """Drake clones no leaf system of Python's but by converting its scalars."""
+    twin = system.ToAutoDiffXdMaybe()
+    assert (twin is not None) == (documented in CONVERTING)
+    if twin is not None:
+        assert sizes(input_ports(twin)) == sizes(input_ports(system))
+        assert sizes(output_ports(twin)) == sizes(output_ports(system))
+
+
+def test_every_system_is_in_the_table():
+    found = set()
+    for name in pkgutil.walk_packages(glassgait.systems.__path__, "glassgait.systems."):
+        for value in vars(importlib.import_module(name.name)).values():
+            defined_here = getattr(value, "__module__", None) == name.name
+            is_system = isinstance(value, type) and issubclass(value, LeafSystem)
+            makes_one = ".. pydrake_system::" in (inspect.getdoc(value) or "")
+            if defined_here and (is_system or makes_one):
+                found.add(value)
+    # Its ports are its subclasses'.
+    assert found - {FunctionSystem} == set(PORTS)
