@@ -103,8 +103,8 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     assert page.n_terms() <= 60
     capsys.readouterr()
     main(["explain", "terms", "trot", "--policy", "sparse_formula"])
-    told = capsys.readouterr().out
-    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in told
+    message = capsys.readouterr().out
+    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in message
 
 
 def test_fewer_terms_than_formulas_are_refused(generator):
