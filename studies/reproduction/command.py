@@ -17,8 +17,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Job, WorkersConfig, gaits_named, run_sweep
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
-from glassgait.studies.distillation.students.symbolic_settings import Engine
+from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
 from glassgait.studies.reproduction.config import (
     ReproduceConfig,
     differences,

@@ -12,7 +12,7 @@ from glassgait.models.files import read_yaml
 from glassgait.models.settings import DISTINCT, FEW
 from glassgait.studies.common.serialization import to_plain
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_settings import Engine, SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import Engine, SymbolicSettings
 from glassgait.studies.reproduction.report.config import PAPER_GAITS, ReportConfig
 from glassgait.studies.training.config import TrainingConfig
 

@@ -26,13 +26,13 @@ from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.baselines import LINEAR, STATEWISE_LINEAR
 from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )

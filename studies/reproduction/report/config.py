@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.boosting import (
 from glassgait.studies.distillation.students.registry import paper_students
 from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
 
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
 
