@@ -84,7 +84,7 @@ class SliderCommand(Settings):
     """Commands from sliders in Meshcat.
 
     Attributes:
-        sliders: Tells it from other commands in a file.
+        sliders: Distinguishes it from other commands in a file.
     """
 
     title: ClassVar[str] = "command"

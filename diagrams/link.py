@@ -95,7 +95,7 @@ class ControllerEnd:
         return sum(listener.n_foreign for listener in self._listeners)
 
     def answer(self) -> bool:
-        """Answers the latest sensors, if some came since the last answer; tells whether so."""
+        """Answers the latest sensors if some came since the last answer, and returns whether."""
         message = self._latest
         self._latest = None
         if message is None:
@@ -127,7 +127,7 @@ class ControllerEnd:
             self._latest = message
 
     def _is_wanted(self, message: sensors_t) -> bool:
-        """Tells whether sensors are to be answered rather than those that wait for an answer."""
+        """Returns whether sensors are to be answered rather than those that wait for an answer."""
         waiting, before = self._latest, self._answered
         steps = self._steps_since_answer(message)
         # What came twice or was overtaken is late; what is far behind is a start anew.

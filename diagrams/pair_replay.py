@@ -33,7 +33,7 @@ LANE = 1.0
 """Distance between where the two robots begin (m)."""
 
 TINT = 0.7
-"""Share of a robot's own colour in that of its parts, which can still be told apart."""
+"""Share of a robot's own colour in that of its parts, which can still be distinguished."""
 
 
 @dataclass(frozen=True)

@@ -122,24 +122,24 @@ class Scenario(Settings):
 
     def _check_integrator(self) -> None:
         step, pushed = self.station.time_step, self.pushes.speed
-        told = None
+        problem = None
         if step == 0 and self.accuracy is None:
-            told = (
+            problem = (
                 "station.time_step is 0, which makes the plant continuous; give the accuracy of "
                 "its integrator, such as 1.0e-5, or a time_step"
             )
         elif step > 0 and self.accuracy is not None:
-            told = (
+            problem = (
                 f"accuracy is {self.accuracy:g}, which is of continuous plants, but "
                 f"station.time_step is {step:g}; make it 0, or leave accuracy out"
             )
         elif step == 0 and pushed > 0:
-            told = (
+            problem = (
                 f"pushes.speed is {pushed:g}, but only discrete scenarios have pushes; give "
                 "station.time_step and leave accuracy out"
             )
-        if told:
-            raise InputError(f"{self.refused_as()}: {told}")
+        if problem:
+            raise InputError(f"{self.refused_as()}: {problem}")
 
     def robot_of(self, policy: Controller | Policy | None = None) -> Robot:
         """Returns the robot that a policy moves here; without one, that of the scenario.
@@ -220,7 +220,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
     """
     # As Drake's hardware_sim loads one: a dataclass of defaults, and a file that overrides some.
     # `pydrake.common.yaml.yaml_load_typed` would serve, were it not that it sets the fields of a
-    # frozen dataclass, and reads no `Annotated`, by which the ranges are told, and no `Literal`.
+    # frozen dataclass, and reads no `Annotated`, which hold the ranges, and no `Literal`.
     path = _path(scenario)
     loaded = _parse(read_yaml(path), path)
     shipped = SCENARIO_DIRECTORY / path.name
@@ -255,7 +255,7 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
         if titles.count(scenario.title) > 1:
             raise InputError(
                 f"scenario {shown(name)}: another one is called {shown(scenario.title)} as well, "
-                "and tables could not tell them apart; give it another title"
+                "and tables could not distinguish them; give it another title"
             )
     return found
 
@@ -269,7 +269,7 @@ def _parse(values: Any, path: Path) -> Scenario:
     values = {"title": path.stem} | values
     if "command" not in values:
         return Scenario.from_plain(values, str(path))
-    # Three kinds of settings stand under one key, and their own keys tell which.
+    # Three kinds of settings stand under one key, and their own keys decide which.
     given = values.pop("command")
     command = _command_kind(given).from_plain(given, f"{path}: key 'command'")
     return replace(Scenario.from_plain(values, str(path)), command=command)

@@ -1,4 +1,4 @@
-"""The error that a person's input raises, told in one sentence."""
+"""The error that bad input raises, in one sentence."""
 
 import reprlib
 from typing import Any

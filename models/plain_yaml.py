@@ -30,8 +30,8 @@ def parse_yaml(text: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"line {mark.line + 1}: " if mark else ""
-        told = where + brief(error.problem or error.context or "")
-        raise InputError(f"is not valid YAML ({told}); mend that line") from error
+        problem = where + brief(error.problem or error.context or "")
+        raise InputError(f"is not valid YAML ({problem}); mend that line") from error
     except yaml.YAMLError as error:
         raise InputError(f"is not valid YAML ({brief(str(error))}); mend it") from error
     except (ValueError, OverflowError) as error:

@@ -89,8 +89,8 @@ class Settings:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = str(first["loc"][0])
-            told = _told(values[name], first)
-            raise InputError(f"{self.refused_as()}: {name} {told}") from error
+            problem = _problem(values[name], first)
+            raise InputError(f"{self.refused_as()}: {name} {problem}") from error
         for name in values:
             object.__setattr__(self, name, getattr(checked, name))
 
@@ -116,7 +116,7 @@ class Settings:
             return _adapter(cls).validate_json(text, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            raise InputError(f"{where}: {_told_of_key(first, cls)}") from error
+            raise InputError(f"{where}: {_problem_of_key(first, cls)}") from error
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
         except (TypeError, ValueError, RecursionError) as error:
@@ -164,8 +164,8 @@ _WANTED = {
 """What a value must be, by pydantic's name of the error."""
 
 
-def _told(value: Any, error: Any) -> str:
-    """Tells what is wrong with a value."""
+def _problem(value: Any, error: Any) -> str:
+    """Returns what is wrong with a value."""
     if error["type"] == "too_short":
         return "is empty; name one or more"
     if error["type"] == "float_type" and isinstance(value, str) and _NUMBER.fullmatch(value):
@@ -178,8 +178,8 @@ def _told(value: Any, error: Any) -> str:
     return f"is {shown(value)}; it must be {wanted}"
 
 
-def _told_of_key(error: Any, kind: type[Settings]) -> str:
-    """Tells what is wrong with a key, or with the value that it has."""
+def _problem_of_key(error: Any, kind: type[Settings]) -> str:
+    """Returns what is wrong with a key, or with the value that it has."""
     path = [part for part in error["loc"] if isinstance(part, str)]
     key = ".".join(path)
     match error["type"]:
@@ -188,9 +188,9 @@ def _told_of_key(error: Any, kind: type[Settings]) -> str:
             remedy = f"write {near!r}, or remove it" if near else "remove it"
             return f"unknown key {shown(key)}; {remedy}"
         case _ if not key:
-            return _told(error["input"], error)
+            return _problem(error["input"], error)
         case _:
-            return f"key {shown(key)} {_told(error['input'], error)}"
+            return f"key {shown(key)} {_problem(error['input'], error)}"
 
 
 def _settings_at(kind: Any, path: list[str]) -> Any:

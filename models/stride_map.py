@@ -87,7 +87,7 @@ def jacobians(step: Map, points: Array, size: float) -> Array:
 def averaged_jacobians(
     step: Map, points: Array, *, size: float, n_pairs: int, generator: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Fits the linear map that tells best where differences of a finite size go.
+    """Fits the linear map that best predicts where differences of a finite size go.
 
     Where a map jumps, as that of a policy of trees does everywhere, it has no useful derivative;
     this is what differences of that size meet on average.

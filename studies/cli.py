@@ -132,7 +132,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "drive dropout": (
             "deployment.drive.dropout_command:DriveDropout",
-            "Silence controllers for good at many moments of the stride, and count who overturns.",
+            "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },
     "reproduce": {
@@ -282,7 +282,7 @@ def _check_working_folder() -> None:
 
 
 def _parse(name: str, arguments: list[str]) -> Any:
-    # Imported here: Ctrl-C is told plainly by now, and other commands' modules stay out.
+    # Imported here: Ctrl-C is handled by now, and other commands' modules stay out.
     import tyro  # noqa: PLC0415
 
     if name.split(maxsplit=1)[0] in TRAINS:

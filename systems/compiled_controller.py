@@ -42,7 +42,7 @@ class CompiledController(LeafSystem):
     is to run; may stay unconnected, and then the gait that runs goes on.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
     same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
-    sum of flags that the C file tells of, such as 1 where a sensor was not finite.
+    sum of flags that the C file lists, such as 1 where a sensor was not finite.
     State: the controller's memory after the previous control step (23 numbers), latched every 20 ms
     (unrestricted update). Feedthrough: all inputs to all outputs.
     """
@@ -59,7 +59,7 @@ class CompiledController(LeafSystem):
         self._requested_gait_port: InputPort | None = None
         if controller.n_gaits > 1:
             self._requested_gait_port = self.DeclareVectorInputPort("requested_gait", 1)
-        # Three outputs and the update tell of one step; the controller takes it once.
+        # Three outputs and the update are of one step; the controller takes it once.
         self._step = self.DeclareCacheEntry(
             description="controller step",
             value_producer=ValueProducer(
@@ -108,7 +108,7 @@ class CompiledController(LeafSystem):
         return self._targets_port
 
     def get_status_output_port(self) -> OutputPort:
-        """Tells what happened."""
+        """Returns the flags of what happened."""
         return self._status_port
 
     def _calc_step(self, context: Context, output: AbstractValue) -> None:

@@ -14,9 +14,9 @@ from glassgait.models.task import CONTROL_PERIOD
 
 
 class ContactMemory(LeafSystem):
-    """Tells which feet touch now or did at the control step before, as `FootSensor` does.
+    """Remembers which feet touch now or did at the control step before, as `FootSensor` does.
 
-    It reads sensors that tell the contacts of this instant alone.
+    It reads sensors that report the contacts of this instant alone.
 
     .. pydrake_system::
 
@@ -51,7 +51,7 @@ class ContactMemory(LeafSystem):
         return self._touching_port
 
     def get_foot_contact_output_port(self) -> OutputPort:
-        """Tells which feet touch, or did a step ago."""
+        """Returns which feet touch, or did a step ago."""
         return self._foot_contact_port
 
     def _calc_foot_contact(self, context: Context, output: BasicVector) -> None:

@@ -53,7 +53,7 @@ class ContactNoise(LeafSystem):
         return self._uniform_noise_port
 
     def get_sensed_contact_output_port(self) -> OutputPort:
-        """Tells which feet seem to touch."""
+        """Returns which feet seem to touch."""
         return self._sensed_contact_port
 
     def _calc_sensed_contact(self, context: Context, output: BasicVector) -> None:

@@ -25,7 +25,7 @@ class PolicySystem(LeafSystem):
     State: none; the policy is an immutable member that clones share. Feedthrough: yes.
     It knows numbers alone; `make_symbolic_policy` makes a system that converts to AutoDiffXd.
     Raises: InputError where the action of a finite observation is not finite; the plant would fail
-    on it with an error that does not tell the cause.
+    on it with an error that does not name the cause.
     """
 
     def __init__(self, policy: Policy) -> None:

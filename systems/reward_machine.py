@@ -51,7 +51,7 @@ class RewardMachineSystem(LeafSystem):
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         self._foot_height_port = self.DeclareVectorInputPort("foot_height", quadruped.N_LEGS)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
-        # Four outputs and the update tell of one step; the machine takes it once.
+        # Four outputs and the update are of one step; the machine takes it once.
         self._step = self.DeclareCacheEntry(
             description="machine step",
             value_producer=ValueProducer(

@@ -21,8 +21,8 @@ class SensorsReceiver(LeafSystem):
         - touching
 
     Inputs: message (sensors_t).
-    Outputs: state (37), the plant's as far as sensors tell: the joints' entries are measured, and
-    the trunk's NaN. touching (4, {0, 1}), FL FR RL RR, at the message's instant.
+    Outputs: state (37), the plant's as far as sensors measure it: the joints' entries, and NaN for
+    the trunk's. touching (4, {0, 1}), FL FR RL RR, at the message's instant.
     State: none. Feedthrough: yes.
     """
 
@@ -54,7 +54,7 @@ class SensorsReceiver(LeafSystem):
         return self._state_port
 
     def get_touching_output_port(self) -> OutputPort:
-        """Tells which feet touch."""
+        """Returns which feet touch."""
         return self._touching_port
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:

@@ -5,7 +5,7 @@ Importing this module registers `glassgait/Locomotion-v0`::
     import gymnasium
     import glassgait.diagrams.gym
 
-    gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing, but tells linters of the use
+    gymnasium.register_envs(glassgait.diagrams.gym)  # does nothing, but linters see a use
     env = gymnasium.make("glassgait/Locomotion-v0", gait="trot")
     envs = gymnasium.make_vec("glassgait/Locomotion-v0", num_envs=16, gait="trot")
 

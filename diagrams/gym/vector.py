@@ -179,7 +179,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         return self._ended
 
     def _finals(self, ended: BoolArray, outcome: BatchStep) -> dict[str, Any]:
-        """Tells of the last step of episodes, before the next ones begin."""
+        """Reports the last step of episodes, before the next ones begin."""
         final_obs = np.full(self.num_envs, None, dtype=object)
         for i, observation in enumerate(self._simulator.observe()):
             if ended[i]:

@@ -1,6 +1,6 @@
 """Certificates: all that was proved of a policy, as JSON that others can check by themselves.
 
-Numbers are in the robot's units. What each key means, the checker's own reading tells: it shares
+Numbers are in the robot's units. The checker's own reading defines what each key means: it shares
 nothing with what is written here.
 """
 
@@ -34,7 +34,7 @@ def certificate(prover: Prover, verdicts: Iterable[Verdict], policy_file: Path) 
     """Returns the certificate of a policy.
 
     Args:
-        prover: Who proved, with all its statements.
+        prover: The prover, with all its statements.
         verdicts: The claims that were decided.
         policy_file: The policy's file, whose every byte counts.
     """
@@ -103,7 +103,7 @@ def _statement(statement: Statement, prover: Prover) -> dict[str, Any]:
     question, place, found = statement.question, statement.place, statement.found
     symbols = prover.symbols
     region = prover.region(place, question.state)
-    told: dict[str, Any] = {
+    written: dict[str, Any] = {
         "of": question.of,
         "state": question.state,
         "joint": quadruped.JOINTS[question.joint],
@@ -113,21 +113,21 @@ def _statement(statement: Statement, prover: Prover) -> dict[str, Any]:
         "reached": found.reached,
     }
     if question.observation is not None:
-        told["observation"] = symbols[question.observation]
+        written["observation"] = symbols[question.observation]
     if place.stuck:
-        told["stuck"] = [symbols[index] for index in place.stuck]
+        written["stuck"] = [symbols[index] for index in place.stuck]
     positions = indices_of("joint position", prover.policy.observation_names)
     used = prover.targets.used(question.state, question.joint)
-    told["witness"] = {
+    written["witness"] = {
         symbols[index]: float(found.witness[index])
         for index in sorted(used | _asked(statement, positions))
         if region.lower[index] < region.upper[index]
     }
     if len(found.witness) > len(symbols):
-        told["other"] = float(found.witness[-1])
+        written["other"] = float(found.witness[-1])
     if found.splits:
-        told["splits"] = _splits(found.splits, [*symbols, "other"])
-    return told
+        written["splits"] = _splits(found.splits, [*symbols, "other"])
+    return written
 
 
 def _asked(statement: Statement, positions: Sequence[int]) -> frozenset[int]:

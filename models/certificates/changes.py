@@ -107,10 +107,10 @@ SAMPLES = 1000
 
 
 def mirrored_exactly(targets: Targets, images: Sequence[int], names: tuple[str, ...]) -> bool:
-    """Tells whether formulas, multiplied out, are mirror images of one another.
+    """Returns whether formulas, multiplied out, are mirror images of one another.
 
     Args:
-        targets: The policy's targets; of other kinds than formulas nothing is told.
+        targets: The policy's targets; of other kinds than formulas it is False.
         images: State that each state of the machine is in the mirror.
         names: Names of the observations.
     """

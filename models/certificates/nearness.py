@@ -62,7 +62,7 @@ def nearness(
     Args:
         verdict: The claim, with its witnesses.
         boxes: The boxes that it was decided over, by name.
-        targets: The policy's targets, which tell what they depend on.
+        targets: The policy's targets, which list what they depend on.
         observations: What the robot observed (n_steps, n), scaled.
     """
     robot, names = boxes["operating"].robot, boxes["operating"].names

@@ -225,7 +225,7 @@ def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> Observa
 
 
 def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
-    """Returns the box of what the robot can be and its sensors can tell.
+    """Returns the box of what the robot can be and its sensors can measure.
 
     Joint angles reach as far as a robot that is not failed, and the noise of encoders, let them;
     targets of the step before reach the joints' limits. Where the operating box goes further, as
@@ -255,9 +255,9 @@ def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[
             return -most, most
         case "joint position":
             low, high = _joint_range(entry, robot)
-            return round(low - reach, DECIMALS), round(high + reach, DECIMALS)
+            return _outward(low - reach, high + reach)
         case "previous action":
-            return _joint_range(entry, robot)
+            return _outward(*_joint_range(entry, robot))
         case "joint velocity":
             return -FASTEST_JOINT, FASTEST_JOINT
         case "machine state":
@@ -275,6 +275,12 @@ def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[
 def _joint_range(entry: ObservationEntry, robot: Robot) -> tuple[float, float]:
     joint = quadruped.joint_index(entry.symbol.partition(".")[2])
     return float(robot.lower_limits[joint]), float(robot.upper_limits[joint])
+
+
+def _outward(low: float, high: float) -> tuple[float, float]:
+    # What is off the last decimal by rounding alone is on it.
+    factor = 10.0**DECIMALS
+    return math.floor(round(low * factor, 6)) / factor, math.ceil(round(high * factor, 6)) / factor
 
 
 def rounded_outward(box: ObservationBox) -> ObservationBox:

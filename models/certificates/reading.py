@@ -61,7 +61,7 @@ class Certificate:
         return {outcome: outcomes.count(outcome) for outcome in OUTCOMES}
 
     def is_of(self, gait: Gait, policy_digest: str) -> bool:
-        """Tells whether it is of a policy, by the digest of its file, in a gait."""
+        """Returns whether it is of a policy, by the digest of its file, in a gait."""
         own = self.gait, self.states, self.policy_digest
         return own == (gait.name, gait.states, policy_digest)
 
@@ -102,26 +102,26 @@ def read_certificate(path: Path, robot: Robot | None = None) -> Certificate:
                 name: ObservationBox.of_quantities(robot, layout.names, content["boxes"][name])
                 for name in ("operating", "physical")
             },
-            tuple(_verdict(told, symbols) for told in content["claims"]),
+            tuple(_verdict(claim, symbols) for claim in content["claims"]),
         )
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, InputError) as error:
         raise InputError(f"{path}: is no certificate of this version ({error})") from error
 
 
-def _verdict(told: dict[str, Any], symbols: Sequence[str]) -> Verdict:
-    said = {key: value for key, value in told.items() if key in _CLAIM_KEYS}
+def _verdict(written: dict[str, Any], symbols: Sequence[str]) -> Verdict:
+    said = {key: value for key, value in written.items() if key in _CLAIM_KEYS}
     claim = Claim.from_plain(said, "a claim")
-    if told["outcome"] not in OUTCOMES:
-        raise ValueError(f"the outcome {shown(told['outcome'])} is unknown")
-    witnesses = tuple(_observed(one, symbols) for one in told["witnesses"])
-    worst, claimed = _finite(told["worst"]), _finite(told["claimed"])
-    return Verdict(claim, told["outcome"], worst, claimed, str(told["where"]), witnesses)
+    if written["outcome"] not in OUTCOMES:
+        raise ValueError(f"the outcome {shown(written['outcome'])} is unknown")
+    witnesses = tuple(_observed(one, symbols) for one in written["witnesses"])
+    worst, claimed = _finite(written["worst"]), _finite(written["claimed"])
+    return Verdict(claim, written["outcome"], worst, claimed, str(written["where"]), witnesses)
 
 
-def _observed(told: dict[str, Any], symbols: Sequence[str]) -> Observed:
-    if set(told) != set(symbols):
-        raise ValueError("a witness tells other observations than the gait has")
-    return {symbol: _finite(told[symbol]) for symbol in symbols}
+def _observed(values: dict[str, Any], symbols: Sequence[str]) -> Observed:
+    if set(values) != set(symbols):
+        raise ValueError("a witness has other observations than the gait has")
+    return {symbol: _finite(values[symbol]) for symbol in symbols}
 
 
 def _finite(value: Any) -> float:
@@ -154,13 +154,13 @@ def claimed_joint(verdict: Verdict) -> int | None:
 
 
 def box_in_words(claim: Claim) -> str:
-    """Tells which observations a claim is about."""
+    """Returns which observations a claim is about."""
     stuck = f", {', '.join(claim.stuck)} anywhere in the physical box" if claim.stuck else ""
     return f"over the {claim.box} box{stuck}"
 
 
 def finding_in_words(verdict: Verdict, *, steps: bool = False) -> str:
-    """Tells what was found of a claim: what breaks it, or how far it is from being broken.
+    """Describes what was found of a claim: what breaks it, or how far it is from being broken.
 
     What is proved is rounded outward, and what a witness reaches inward.
 

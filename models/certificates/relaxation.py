@@ -151,7 +151,7 @@ class Relaxation:
         return [own for own in self._elements if index in self._ring.variables(own[0])]
 
     def _is_loose(self, number: int) -> bool:
-        """Tells whether a function's bounds may be wider than its values."""
+        """Returns whether a function's bounds may be wider than its values."""
         argument = self._ring.factors[number].argument
         inner = [factor for monomial, _ in argument for factor, _ in monomial]
         return (

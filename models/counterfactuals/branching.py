@@ -208,7 +208,7 @@ class SmoothSearch:
         return replace(boxes, low=low, high=high)
 
     def _weights(self) -> Array:
-        """Tells how much the slopes vary along each curved observation (c), a spread of it."""
+        """Returns how much the slopes vary along each curved observation (c), a spread of it."""
         curved = self._target.curved
         n = len(curved)
         low, high = np.diag(self._down[curved]), np.diag(self._up[curved])

@@ -141,7 +141,7 @@ def nearest_leaves(leaves: Leaves, need: float, farthest: float) -> tuple[Array 
     """Chooses a leaf in every tree so that they add up to enough and agree with one another.
 
     A cut that an observation goes past is a variable of 0 or 1. A leaf needs the cuts that it lies
-    beyond to be passed, and those that it lies before not to be. Leaves need not be told to be
+    beyond to be passed, and those that it lies before not to be. Leaves need no constraint to be
     whole, for where the cuts are, they are.
 
     Args:

@@ -188,8 +188,8 @@ class AdditiveSearch:
     def _solved(self, farthest: float) -> tuple[list[int] | None, float]:
         """Solves the mixed-integer program over the cells that are no farther.
 
-        Each cell, and each pair of bins, is a variable of 0 or 1; pairs of bins need not be told to
-        be whole, for where the cells are, they are.
+        Each cell, and each pair of bins, is a variable of 0 or 1; pairs of bins need no constraint
+        to be whole, for where the cells are, they are.
 
         Returns:
             A choice, if one was found, and a bound of its squared distance.

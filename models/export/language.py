@@ -20,7 +20,7 @@ LINE_LENGTH = 100
 """Characters of a line."""
 
 SMALLEST = 1e-37
-"""What single precision hardly tells from 0."""
+"""What is close to 0 in single precision."""
 
 KEYWORDS = frozenset(
     re.findall(
@@ -37,7 +37,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def is_identifier(name: str) -> bool:
-    """Tells whether C can call something so."""
+    """Returns whether a name is valid in C."""
     return bool(_IDENTIFIER.fullmatch(name)) and name not in KEYWORDS
 
 

@@ -155,11 +155,11 @@ def _legend(formulas: Iterable[Expression], names: tuple[str, ...]) -> Iterator[
     """Explains the quantities that formulas and definitions hold, with their units."""
     used = frozenset().union(*(formula.variables for formula in formulas))
     entries = entries_of(names)
-    told = dict.fromkeys(
+    legend = dict.fromkeys(
         _LEGEND[entries[index].group] for index in sorted(used) if index < len(entries)
     )
     yield "# Each formula is the target of a joint, in rad."
-    yield from (f"# {line}" for line in told)
+    yield from (f"# {line}" for line in legend)
 
 
 _MIRROR = "states 0, 1, ... in a mirror; a formula left out is another's mirror image"

@@ -96,7 +96,7 @@ class Interval:
         return Interval(low, high)
 
     def _may_hold(self, halves: float) -> NDArray[np.bool_]:
-        """Tells where a number (halves + 2 k)·π may be in it; where it is not sure, it may."""
+        """Returns where a number (halves + 2 k)·π may be in it; where it is not sure, it may."""
         slack = 1e-9
         first = (self.lower / np.pi - halves) / 2.0 - slack
         last = (self.upper / np.pi - halves) / 2.0 + slack

@@ -223,7 +223,7 @@ def _is_title(line: str) -> bool:
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:
-    """Reads the right side of a statement, and tells what is wrong by its place in the file."""
+    """Reads the right side of a statement, and locates its errors in the file."""
     try:
         return parse_formula(assigned[2], symbols)
     except TextError as error:

@@ -79,7 +79,7 @@ def pack_targets(answered: Stamped, targets: Array) -> targets_t:
 
 
 def unpack_state(message: sensors_t) -> Array:
-    """Returns the plant's state x (37) as far as sensors tell it.
+    """Returns the plant's state x (37) as far as sensors measure it.
 
     The trunk's entries are NaN: what would read them does not go by sensors alone.
     """

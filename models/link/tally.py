@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 REMEMBERED = 1000
-"""Missing numbers of which it is still told whether they were overtaken."""
+"""Missing numbers that may still come late."""
 
 
 @dataclass

@@ -235,7 +235,7 @@ class AdditivePolicy(Policy):
         return singles, self.pair_tables[self._pair, first, second]
 
     def disagreement(self, observations: Array) -> Array:
-        """Tells how far the bagged models disagree about what to do.
+        """Measures how far the bagged models' actions differ.
 
         Of each joint's functions the standard deviations between the models count as if they were
         independent: the root of the sum of their squares.

@@ -126,14 +126,14 @@ def take_arrays(
 
 
 def _fit_shape(shape: tuple[int, ...], spec: ArraySpec, sizes: dict[str, int]) -> None:
-    """Refuses another shape, and notes the sizes that this one tells."""
+    """Refuses another shape, and notes the sizes that this one has."""
     dims = [_parsed(dim) for dim in spec.dims.split()]
     if len(shape) == len(dims):
         for size, (name, extra, least) in zip(shape, dims, strict=True):
             if name and size - extra >= least:
                 sizes.setdefault(name, size - extra)
     if shape != tuple(sizes.get(name, -1) + extra if name else extra for name, extra, _ in dims):
-        wanted = ", ".join(_told(name, extra, sizes) for name, extra, _ in dims)
+        wanted = ", ".join(_size_text(name, extra, sizes) for name, extra, _ in dims)
         raise InputError(f"is of shape {shown(shape)}; it must be ({wanted})")
     if np.prod(shape, dtype=float) > MAX_ENTRIES:
         raise InputError(f"is of shape {shown(shape)}; it must have at most {MAX_ENTRIES} entries")
@@ -147,7 +147,7 @@ def _parsed(dim: str) -> tuple[str, int, int]:
     return name, int(extra or 0), 0 if dim.endswith("?") else 1
 
 
-def _told(name: str, extra: int, sizes: Mapping[str, int]) -> str:
+def _size_text(name: str, extra: int, sizes: Mapping[str, int]) -> str:
     if not name or name in sizes:
         return str(sizes.get(name, 0) + extra)
     return f"{name} + {extra}" if extra else name

@@ -21,7 +21,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot
 
 _LOWER = "thresholds_lower_neighbours"
-"""The array that a file holds instead of thresholds which tell no more."""
+"""The array that a file holds instead of thresholds that hold no more."""
 
 
 class BoostedTreesPolicy(Policy):

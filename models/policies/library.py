@@ -119,21 +119,21 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
         InputError: if the file cannot be written, cannot be loaded, or does not act as the policy.
     """
     policy.save(path)
-    told = None
+    reason = None
     try:
         loaded = load_policy(path, policy.robot)(observations)
     except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
-        told = f"it cannot be loaded again ({error})"
+        reason = f"it cannot be loaded again ({error})"
     else:
         acted = policy(observations)
         # Sums over an array that lies otherwise in memory differ in their last bits.
         if not np.allclose(loaded, acted, rtol=SAVED_TOLERANCE, atol=SAVED_TOLERANCE):
             difference = np.abs(loaded - acted).max()
-            told = f"loaded again, its actions differ by up to {difference:.3g}"
-    if told is not None:
+            reason = f"loaded again, its actions differ by up to {difference:.3g}"
+    if reason is not None:
         path.unlink(missing_ok=True)
         raise InputError(
-            f"{path}: does not hold the {type(policy).__name__}: {told}; let its to_arrays and "
+            f"{path}: does not hold the {type(policy).__name__}: {reason}; let its to_arrays and "
             "from_arrays hold all that it acts by, and register it in POLICY_CLASSES of "
             "glassgait.models.policies.library"
         )

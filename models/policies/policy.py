@@ -346,9 +346,9 @@ def first_not_finite(values: Array) -> tuple[int, ...] | None:
 def _refuse_other_than_names(what: str, names: Sequence[str]) -> None:
     for name in names:
         if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME_LENGTH:
-            told = shown(name) if isinstance(name, str) else f"of type {type(name).__name__}"
+            given = shown(name) if isinstance(name, str) else f"of type {type(name).__name__}"
             raise InputError(
-                f"{what} is {told}; it must be text of 1 to {MAX_NAME_LENGTH} characters, so make "
+                f"{what} is {given}; it must be text of 1 to {MAX_NAME_LENGTH} characters, so make "
                 "the policy anew"
             )
         if not name.isprintable():

@@ -141,7 +141,7 @@ class SwitchedPolicy(Policy):
         raise InputError("switched policy: has no file; load the policy of each gait")
 
     def digest(self) -> str:
-        """Tells policies apart that would not act alike."""
+        """Returns a digest that differs between policies that would not act alike."""
         own = [self.kind, self.gait, self.greatest_change, *self._digests]
         return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 

@@ -9,7 +9,7 @@ from glassgait.models.errors import InputError
 
 
 def expert_acts(step: int | NDArray[np.int64], period: int) -> np.bool_ | NDArray[np.bool_]:
-    """Tells whether the expert acts at a control step (...), counted from the episode's start.
+    """Returns whether the expert acts at a control step (...), counted from the episode's start.
 
     Args:
         step: Control steps since the episode's start (...).

@@ -77,7 +77,7 @@ class Gait:
         return len(self.states)
 
     def digest(self) -> str:
-        """Tells gaits apart that differ in anything, their name included."""
+        """Returns a digest of everything in the gait, its name included."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:16]
 
 

@@ -60,7 +60,7 @@ def checked_values(text: str) -> dict[str, Any]:
 
 
 def is_plain(name: str, longest: int) -> bool:
-    """Tells whether a name is printable, of 1 to `longest` characters, no space at its ends."""
+    """Returns whether a name is printable, of 1 to `longest` characters, no space at its ends."""
     return 0 < len(name) <= longest and name.isprintable() and name == name.strip()
 
 

@@ -84,7 +84,7 @@ class GaitSwitch:
         return self.gait.n_states
 
     def gait_of(self, state: IntArray) -> IntArray:
-        """Tells which gait states (...) belong to."""
+        """Returns which gait states (...) belong to."""
         return self._gait_of[state]
 
     def step(
@@ -184,6 +184,6 @@ def _entry_distances(gait: Gait) -> IntArray:
 
 
 def _ending(gait: Gait) -> BoolArray:
-    """Tells the stances (16) that end one of a gait's states and lead to no fault."""
+    """Returns the stances (16) that end one of a gait's states and lead to no fault."""
     tables = [edge.when.table for edge in gait.transitions if edge.target not in gait.faults]
     return np.any(np.array(tables, dtype=bool).reshape(-1, N_STANCES), axis=0)

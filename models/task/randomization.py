@@ -106,4 +106,4 @@ NOMINAL = Randomization(
     friction=(1.0, 1.0),
     push_speed=0.0,
 )
-"""What evaluations use unless told otherwise: near the stance, noise on, no pushes."""
+"""What evaluations use by default: near the stance, noise on, no pushes."""

@@ -37,7 +37,7 @@ class RewardWeights(Settings):
         joint_limits: Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
         air_time: Weight of the time in the air of the feet that land, above its target (1/s).
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
-            one tells apart small errors.
+            one distinguishes small errors.
         tracking_time: Time over which speeds are averaged, older ones counting less, before they
             are compared with the command (s); 0 compares those of the instant.
     """

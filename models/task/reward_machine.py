@@ -1,6 +1,6 @@
 """The reward machine of a gait, compiled to tables and stepped for any number of robots at once.
 
-A Mealy machine over the feet's contacts: it tells which half of the gait a robot is in, and pays
+A Mealy machine over the feet's contacts: it tracks which half of the gait a robot is in, and pays
 when the robot takes the stance that ends it (paper, Section II-A; DeFazio et al., 2024).
 """
 
@@ -132,7 +132,7 @@ class RewardMachine:
         )
 
     def in_sink(self, state: IntArray) -> BoolArray:
-        """Tells which states (...) are faults that no transition leaves: nothing is earned there
+        """Returns which states (...) are faults that no transition leaves: nothing is earned there
         any more."""
         return self._is_sink[state]
 

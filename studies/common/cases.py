@@ -25,7 +25,7 @@ class Case:
     """What is measured at once: a controller in a scenario, with a seed.
 
     Attributes:
-        labels: Columns that tell the case's rows from the others'.
+        labels: Columns that distinguish the case's rows from the others'.
         gait: The gait.
         controller: What acts.
         scenario: Where.
@@ -54,7 +54,7 @@ class Case:
         return self.controller
 
     def digest(self) -> str:
-        """Tells cases apart that would not give the same table."""
+        """Returns a digest that differs between cases that would not give the same table."""
         own = self.controller
         config = self.config.digest() if hasattr(self.config, "digest") else to_plain(self.config)
         settings = [self.gait.digest(), self.scenario.digest(), self.seed, config]
@@ -88,7 +88,7 @@ def run_cases(
         cases: The cases, the slowest best first.
         measure: Measures one of them, in whichever process.
         folder: Where each case's table is kept as soon as it is done.
-        of: What else tells the tables of a run from those of another.
+        of: What else distinguishes the tables of a run from those of another.
         processes: Cases at once; by default as many as there are cores, or the cluster has.
 
     Returns:

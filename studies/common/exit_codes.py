@@ -29,7 +29,7 @@ PATIENCE = 15.0
 
 _SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _taken: list[signal.Signals] = []
-"""Signals that unwind this process. Ray raises a KeyboardInterrupt of its own, which tells none."""
+"""Signals that unwind this process. Ray raises a KeyboardInterrupt of its own, which names none."""
 
 _NO_MEMORY = "there is not enough memory; ask for fewer robots, samples or bins"
 
@@ -51,8 +51,8 @@ def told_plainly() -> Iterator[None]:
         sys.stdout.flush()
     except KeyboardInterrupt as interrupt:
         _replace_handlers(_end_at_once, _end_quietly)
-        # What is unwound late, such as joblib's loops and threads, would tell of the work that it
-        # drops.
+        # What is unwound late, such as joblib's loops and threads, would report the work that
+        # it drops.
         warnings.simplefilter("ignore")
         threading.excepthook = lambda _: None
         terminated = signal.SIGTERM in (*interrupt.args, *_taken)
@@ -70,7 +70,7 @@ def told_plainly() -> Iterator[None]:
 
 
 def sentence_of(error: Exception) -> str | None:
-    """Tells bad input, and what the system refuses, in a sentence; None is an error of ours."""
+    """Describes bad input, and what the system refuses, in a sentence; None is an error of ours."""
     match error:
         case InputError():
             return str(error)
@@ -174,7 +174,7 @@ def _end(sentence: str, code: int) -> NoReturn:
     try:
         sys.stdout.flush()
     except OSError:
-        # A full disk, which the sentence tells, refuses what is left as well.
+        # A full disk, which the sentence reports, refuses what is left as well.
         _drop_output()
     print(f"glassgait: {_on_one_line(sentence)}", file=sys.stderr)
     sys.exit(code)
@@ -195,4 +195,4 @@ def _refusal(error: OSError) -> str:
     what = error.strerror or " ".join(str(error).split()) or type(error).__name__
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"{where}{what}; make room there, or name another folder with --output"
-    return f"{where}{what}; check the path and who may use it"
+    return f"{where}{what}; check the path and its permissions"

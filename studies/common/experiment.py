@@ -187,7 +187,7 @@ class Experiment(Settings):
 
         Args:
             folder: Folder of the run.
-            identity: What tells the run from others.
+            identity: What identifies the run.
         """
 
     def run(self) -> None:

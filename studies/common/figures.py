@@ -89,6 +89,6 @@ def _take_names_as_text(figure: Figure) -> None:
 
 
 def _is_named(axis: Axis) -> bool:
-    """Tells whether somebody gave the labels of the ticks, rather than matplotlib."""
+    """Returns whether somebody gave the labels of the ticks, rather than matplotlib."""
     given = (FixedFormatter, FuncFormatter, StrCategoryFormatter)
     return isinstance(axis.get_major_formatter(), given)

@@ -32,8 +32,8 @@ PACKAGES = (
 )
 """The software that results depend on."""
 
-N_TOLD = 3
-"""Differences between a run and its continuation that are told."""
+N_NAMED = 3
+"""Differences between a run and its continuation that are named."""
 
 PLACES = ("output", "resume", "sweep", "workers")
 """Settings that say where and how a run is made and kept, not what it is."""
@@ -64,7 +64,7 @@ def open_run(
         free: Settings that a continued run may change.
 
     Yields:
-        What tells the run from others: its files may be marked as of it.
+        What identifies the run: its files may be marked as of it.
 
     Raises:
         InputError: if the folder holds a run and `resume` is not given, the run is of another
@@ -139,7 +139,7 @@ def read_settings(folder: Path, study: str) -> dict[str, Any]:
 
 
 def digest_of_files(paths: Collection[Path]) -> str:
-    """Tells collections of files apart by their contents and names, not by where they are.
+    """Returns a digest of files' contents and names, not of where they are.
 
     Raises:
         InputError: if a file cannot be read.
@@ -179,10 +179,10 @@ def _check(folder: Path, whole: dict[str, Any], resume: bool, free: Collection[s
         return
     differences = _differences(made_with, whole, free)
     if differences:
-        told = "; with ".join(brief(difference) for difference in differences[:N_TOLD])
-        more = f"; and {len(differences) - N_TOLD} more" if len(differences) > N_TOLD else ""
+        named = "; with ".join(brief(difference) for difference in differences[:N_NAMED])
+        more = f"; and {len(differences) - N_NAMED} more" if len(differences) > N_NAMED else ""
         raise InputError(
-            f"{path}: was made with {told}{more}; continue it with the same, or name another "
+            f"{path}: was made with {named}{more}; continue it with the same, or name another "
             "folder with --output"
         )
 

@@ -23,7 +23,7 @@ def summary(scores: pd.DataFrame, by: Sequence[str], against: str | None = None)
 
     Args:
         scores: Scores, a row a robot.
-        by: Columns that tell groups apart.
+        by: Columns that distinguish groups.
         against: The policy that others are compared with, robot by robot, where gait and scenario
             are the same; none by default.
 

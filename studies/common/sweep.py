@@ -171,7 +171,7 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
     refused: list[str] = []
     with _folders(jobs):
         home = Path.cwd()
-        work = (delayed(_run_job)(place, job, run, home) for place, job in _told(jobs))
+        work = (delayed(_run_job)(place, job, run, home) for place, job in _reported(jobs))
         n_jobs = min(config.n_workers, len(jobs))
         ended = run_parallel(work, n_jobs, in_order=False, backend=config.backend, ahead=1)
         # Closed at once on a signal, so that workers end before this process says that it does.
@@ -184,7 +184,7 @@ def run_sweep(jobs: Sequence[Job], run: Callable[[Job], Any], config: WorkersCon
                 else:
                     refused.append(f"{jobs[place].title}: {sentence}")
                     say(f"{jobs[place].title}: refused {done}")
-    tell_refused(sorted(refused), len(jobs))
+    raise_refused(sorted(refused), len(jobs))
     console.print(f"{len(jobs)} jobs are done")
     return [results[place] for place in range(len(jobs))]
 
@@ -206,11 +206,11 @@ def run_each(names: Sequence[str], run: Callable[[str], Any]) -> None:
         except InputError as error:
             say(f"{name}: refused")
             refused.append(f"{name}: {error}")
-    tell_refused(refused, len(names))
+    raise_refused(refused, len(names))
 
 
-def tell_refused(sentences: Sequence[str], n_jobs: int) -> None:
-    """Tells which of several jobs were refused, once the others are done.
+def raise_refused(sentences: Sequence[str], n_jobs: int) -> None:
+    """Raises an error that names the refused jobs, once the others are done.
 
     Raises:
         InputError: if there are any.
@@ -222,8 +222,8 @@ def tell_refused(sentences: Sequence[str], n_jobs: int) -> None:
         )
 
 
-def _told(jobs: Sequence[Job]) -> Iterator[tuple[int, Job]]:
-    """Tells of each job when it is sent."""
+def _reported(jobs: Sequence[Job]) -> Iterator[tuple[int, Job]]:
+    """Reports each job when it is sent."""
     for place, job in enumerate(jobs):
         say(f"{job.title}: sent to a worker")
         yield place, job
@@ -278,7 +278,7 @@ def _enter(home: Path, folder: Path) -> None:
 
 def _await_lock(folder: Path) -> None:
     for path in folder.rglob(LOCK_NAME):
-        # Where it is still held then, the run tells so itself.
+        # Where it is still held then, the run reports it itself.
         with suppress(Timeout), FileLock(path, timeout=LOCK_PATIENCE):
             pass
 

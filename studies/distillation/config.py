@@ -44,7 +44,7 @@ class DistillationConfig(Settings):
             two states. Formulas have their own.
         alone_steps: Control steps of such an episode, but for formulas.
         episode_steps: Control steps of the other episodes.
-        curriculum: Who acts while samples are collected: `alternation`, the paper's, where round
+        curriculum: What acts while samples are collected: `alternation`, the paper's, where round
             k has the expert act at every k-th step; or, after a first round of the expert's, the
             `student_only` (plain DAgger), the `expert_only` (behaviour cloning), or each at `half`
             of the steps.

@@ -1,4 +1,4 @@
-"""The rounds of a distillation: who acts, in which episodes, for how long (Algorithm 1)."""
+"""The rounds of a distillation: what acts, in which episodes, for how long (Algorithm 1)."""
 
 import math
 from dataclasses import dataclass

@@ -32,10 +32,10 @@ from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 
 PAIR_COLORS = (COLORS[0], COLORS[-1])
-"""Blue and vermilion, which colour-blind readers tell apart too."""
+"""Blue and vermilion, which colour-blind readers distinguish too."""
 
 DIFFERENCES = "RdBu_r"
-"""Colours of two hues that colour-blind readers tell apart, white where both ask for the same."""
+"""Colours of two hues that colour-blind readers distinguish, white where both ask for the same."""
 
 ALL_JOINTS = "all"
 """Name of the row of `joint_table` that is of all joints together."""
@@ -65,7 +65,7 @@ class Pair:
 
     @property
     def titles(self) -> tuple[str, str]:
-        """What people call them; the letter tells apart two files of one name."""
+        """What people call them; the letter distinguishes two files of one name."""
         a, b = (policy_title(name) for name in self.controllers)
         return f"A: {a}", f"B: {b}"
 

@@ -72,7 +72,7 @@ class Basin:
 
 @styled
 def push_figure(basins: Mapping[str, Basin], title: str) -> Figure:
-    """Draws a disc of each policy: direction as angle, speed as radius, colour for who survives.
+    """Draws a disc of each policy: direction as angle, speed as radius, colour for survival.
 
     The line is where half survive. The robot stands in the middle and faces upward.
 

@@ -43,7 +43,7 @@ class Stability(Experiment):
         dwells: Further dwells at the middle speed and yaw rate; every one of the gait by default.
         n_strides: Strides that a gait has to settle, from standing.
         step_sizes: Sizes of the differences that the map is differentiated by, in units of what a
-            gait sways (0.01 m, 0.05 rad, 0.1 m/s, …); their spread tells the error.
+            gait sways (0.01 m, 0.05 rad, 0.1 m/s, …); their spread shows the error.
     """
 
     title: ClassVar[str] = "evaluate stability"

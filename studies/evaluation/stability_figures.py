@@ -27,7 +27,7 @@ LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000
 """By Okabe and Ito: safe for colour-blind readers."""
 
 MARKERS = "osD^vPX"
-"""Policies are told apart without colours too."""
+"""Policies are distinguished without colours too."""
 
 Records = Sequence[Mapping[str, Any]]
 

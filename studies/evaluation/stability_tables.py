@@ -10,10 +10,10 @@ from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.evaluation.stride_analysis import PUSHES
 
 SHARE_NAMED = 0.1
-"""Parts that a slowest mode is told by take part in it with this share at least."""
+"""Parts that are named of a slowest mode have this share of it at least."""
 
 N_NAMED = 3
-"""How many of them are told at most."""
+"""How many of them are named at most."""
 
 AGREED = 0.02
 """How far radii of the step sizes may lie apart (share) for a derivative to be believed."""
@@ -26,13 +26,13 @@ def radius_error(record: Mapping[str, Any]) -> float:
 
 
 def believed(record: Mapping[str, Any]) -> bool:
-    """Tells whether a fixed point was found and its spectral radius agrees over step sizes."""
+    """Returns whether a fixed point was found and its spectral radius agrees over step sizes."""
     radius = record.get("radius", float("nan"))
     return bool(2.0 * radius_error(record) <= AGREED * radius)
 
 
 def told_orbit(record: Mapping[str, Any]) -> str:
-    """Tells in words where a gait goes."""
+    """Describes where a gait goes."""
     period = record["period"]
     match period:
         case -1:
@@ -46,7 +46,7 @@ def told_orbit(record: Mapping[str, Any]) -> str:
 
 
 def told_mode(parts: Mapping[str, float]) -> str:
-    """Tells in words who takes part most in a mode."""
+    """Names what takes part most in a mode."""
     most = [(name, share) for name, share in parts.items() if share >= SHARE_NAMED]
     return ", ".join(f"{name} {100 * share:.0f} %" for name, share in most[:N_NAMED]) or "–"
 

@@ -62,7 +62,7 @@ def analyse(
     Returns:
         A record a command: the command, where its orbit goes, how a tiny difference grows along it,
         the averaged Jacobian's spectral radius and error, and for a fixed point its spectral
-        radius by step size, eigenvalues, who takes part in the slowest mode, and decays.
+        radius by step size, eigenvalues, parts of the slowest mode, and decays.
     """
     orbits = find_orbits(
         strides,
@@ -178,7 +178,7 @@ def _nearest(own: tuple[Modes | None, ...]) -> Modes | None:
 
 
 def parts_of(modes: Modes) -> dict[str, float]:
-    """Sums up who takes part in the slowest mode: motions of the trunk, and legs.
+    """Sums up what takes part in the slowest mode: motions of the trunk, and legs.
 
     Returns:
         Shares of 1, the greatest first. A leg's are those of its joints, their rates and its

@@ -9,7 +9,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.stride_map import Map, newton
 
 LONGEST_PERIOD = 4
-"""Strides of the longest orbit that is told from one that wanders."""
+"""Strides of the longest orbit that is distinguished from one that wanders."""
 
 CLOSED = 1e-3
 """How near an orbit comes back to itself to be called periodic (units of the coordinates)."""

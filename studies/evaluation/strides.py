@@ -30,7 +30,7 @@ from glassgait.studies.common.observers import entered
 NAMES = (*COORDINATES, *(f"previous action {joint}" for joint in quadruped.JOINTS))
 """What the closed loop remembers from one control step to the next, but for the machine's state.
 
-Contacts follow from the pose, and what the estimator tells from all of these: neither remembers
+Contacts follow from the pose, and what the estimator returns from all of these: neither remembers
 more. Place and heading are left out, for nothing depends on them.
 """
 
@@ -57,7 +57,7 @@ FIRST_STEPS = 150
 """Control steps from standing until a stride may begin."""
 
 LONG_AGO = 1000
-"""Control steps since the episode's start, as the machine is told: all that it excuses is over."""
+"""Control steps since the episode's start, for the machine: all that it excuses is over."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Stride:
 class StrideMap:
     """Strides of one policy under several commands, in a world without noise.
 
-    A robot is told by 45 coordinates in the instant in which it enters the machine's first state,
-    counted in `UNITS`. The learned estimator stays in the loop.
+    45 coordinates, counted in `UNITS`, describe a robot in the instant in which it enters the
+    machine's first state. The learned estimator stays in the loop.
     """
 
     def __init__(self, gait: Gait, controller: AlternatingController, command: Command) -> None:

@@ -67,7 +67,7 @@ def drawn_importances(
 ) -> Array:
     """Measures permutation importances for the policy's own actions, on robots drawn anew.
 
-    How much they differ tells what chance does: which robots and instants were met, and how values
+    How much they differ shows what chance does: which robots and instants were met, and how values
     were shuffled.
 
     Args:

@@ -148,14 +148,14 @@ def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
     """Draws measured against commanded speed and yaw rate, a line a policy or gait.
 
     Speeds are those of robots that do not turn, yaw rates those of robots that go at one speed. A
-    robot that does as it is told is on the dotted line.
+    robot that follows its command is on the dotted line.
 
     Args:
         table: What `tracking_table` returned.
         title: The legend's title.
     """
     figure, panels = subplots(1, 2, figsize=(2 * COLUMN_WIDTH, 3.2))
-    who = str(table.columns[0])
+    policy_column = str(table.columns[0])
     straight = table[COMMANDED[1]] == 0.0
     turning = table[COMMANDED[0]] == table.loc[~straight, COMMANDED[0]].max()
     for axes, commanded, measured, rows in zip(
@@ -165,8 +165,8 @@ def tracking_figure(table: pd.DataFrame, title: str) -> Figure:
         if len(shown):
             ends = [shown[commanded].min(), shown[commanded].max()]
             axes.plot(ends, ends, color="black", linewidth=0.8, linestyle=":")
-        for i, name in enumerate(table[who].unique()):
-            mine = shown[shown[who] == name]
+        for i, name in enumerate(table[policy_column].unique()):
+            mine = shown[shown[policy_column] == name]
             axes.errorbar(
                 mine[commanded],
                 mine[measured],

@@ -67,7 +67,7 @@ class Transition:
     slowdown: float
 
     def digest(self) -> list[Any]:
-        """Tells transitions apart whose robots would not walk alike."""
+        """Returns a digest that differs where robots would not walk alike."""
         policies = [own.policy.digest() for own in self.controllers]
         experts = [own.expert.digest() for own in self.controllers]
         gaits = [gait.digest() for gait in self.path]

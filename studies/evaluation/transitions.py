@@ -193,13 +193,13 @@ def readable_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
 
 
 def summary_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
-    """Tells of each policy and world how many pairs change without a fall, and which do not."""
+    """Counts for each policy and world how many pairs change without a fall, and which do not."""
     pairs = table[table["from"] != table["to"]]
     rows = []
     for (policy, scenario), own in pairs.groupby(["policy", "scenario"], sort=False):
         falls = own.groupby(["from", "to"], sort=False)["falls"].sum()
         ends = zip(*(falls.index.get_level_values(name) for name in ("from", "to")), strict=True)
-        told = [
+        falling = [
             f"{source} to {target} {count}"
             for (source, target), count in zip(ends, falls, strict=True)
             if count > 0
@@ -210,7 +210,7 @@ def summary_table(table: pd.DataFrame, titles: dict[str, str]) -> pd.DataFrame:
                 "scenario": titles[str(scenario)],
                 "pairs without a fall": f"{(falls == 0).sum()} of {len(falls)}",
                 "falls": f"{falls.sum()} of {own['robots'].sum()}",
-                "who falls": ", ".join(told) or "–",
+                "falls from, to": ", ".join(falling) or "–",
                 "longest wait (s)": own["longest_wait"].max(),
             }
         )

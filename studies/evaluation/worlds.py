@@ -154,7 +154,7 @@ def _after_gait(gait: str, table: pd.DataFrame, n_gaits: int) -> pd.DataFrame:
 
 def _maps(falls: Mapping[str, pd.DataFrame]) -> dict[str, Figure]:
     """Draws a map of each gait, and of several all side by side."""
-    title = "who falls where, each policy alone, worst scenario first"
+    title = "falls of each policy alone, worst scenario first"
     maps = {gait: fall_map(own, f"{gait.capitalize()}: {title}") for gait, own in falls.items()}
     if len(maps) == 1:
         return {"worlds": next(iter(maps.values()))}

@@ -1,4 +1,4 @@
-"""The map of falls: who falls in which world."""
+"""The map of falls: by policy and world."""
 
 import textwrap
 from collections.abc import Mapping
@@ -165,7 +165,7 @@ def _name_rows(axes: Axes, worlds: list[str], names: list[str]) -> None:
 
 
 def _fewer(robots: int, most: int) -> str:
-    """Tells how many robots there were, where there were fewer than elsewhere."""
+    """Returns how many robots there were, where there were fewer than elsewhere."""
     return "" if robots == most else f" ({robots} robot{'s' if robots > 1 else ''})"
 
 

@@ -117,7 +117,7 @@ def readable_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Tells where each policy falls most, beside the training world and all worlds together.
+    """Lists where each policy falls most, beside the training world and all worlds together.
 
     Its worst world is that with the greatest lower end of the interval of its share of falls: one
     fall of one robot says less than twenty of 26.

@@ -1,4 +1,4 @@
-"""Builds the closed loop, logs its state by Drake's own log sink and tells how the robot fares.
+"""Builds the closed loop, logs its state by Drake's own log sink and prints how the robot fares.
 
     python -m glassgait.studies.examples.build_and_log [--figure speed.png]
 

@@ -1,7 +1,7 @@
 """A linear policy learns to trot in gymnasium's vector environment, within a minute.
 
-It imitates the shipped expert by DAgger: the student acts, the expert tells what it would have
-done, and least squares fit all that was told. To learn from the reward alone takes millions of
+It imitates the shipped expert by DAgger: the student acts, the expert says what it would have
+done, and least squares fit all of it. To learn from the reward alone takes millions of
 control steps, hours on two cores: see `glassgait train`.
 
 Run `python -m glassgait.studies.examples.train_in_gym --seconds 45`.

@@ -1,1 +1,1 @@
-"""One page a gait that tells, at every moment of a rollout, why each joint does what it does."""
+"""One page a gait that shows, at every moment of a rollout, why each joint does what it does."""

@@ -26,12 +26,12 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.explanation.variables import variables_of
 
 MARKS: dict[Outcome, str] = {"proved": "✓", "refuted": "✗", "undecided": "○"}
-"""Signs of what became of a claim, which tell it without colour."""
+"""Signs of what became of a claim, readable without colour."""
 
 
 @dataclass(frozen=True)
 class ClaimRow:
-    """A claim, as the page tells it.
+    """A claim, as the page shows it.
 
     Attributes:
         name: What it says.
@@ -115,7 +115,7 @@ def certificate_panel(
 
 
 def outside_in_words(box: str, beyond: Array, titles: tuple[str, ...]) -> str:
-    """Tells at how many moments a robot was outside of a box.
+    """Counts at how many moments a robot was outside of a box.
 
     Args:
         box: Name of the box.
@@ -147,8 +147,8 @@ def _row(verdict: Verdict, steps: bool) -> ClaimRow:
 def _furthest(beyond: Array) -> list[list[float]]:
     order = np.argsort(-beyond, kind="stable")[: np.count_nonzero(beyond)]
     # JSON knows no infinity, which is the overrun of a range without width.
-    told = np.minimum(beyond[order], np.finfo(np.float32).max)
-    return [[int(index), round(float(own), 3)] for index, own in zip(order, told, strict=True)]
+    finite = np.minimum(beyond[order], np.finfo(np.float32).max)
+    return [[int(index), round(float(own), 3)] for index, own in zip(order, finite, strict=True)]
 
 
 def _witness(
@@ -161,7 +161,7 @@ def _witness(
     """Returns a claim's witnesses in the page's own quantities, and how near each moment comes."""
     found = nearness(verdict, boxes, targets, observed)
     values, inputs = variables_of(policy, found.witnesses).values, found.inputs
-    # Of formulas the page tells quantities, of other policies what they observe.
+    # Of formulas the page shows quantities, of other policies what they observe.
     scale = RobotUnits.of(policy.robot, policy.observation_names).scale
     widths = found.widths / scale if isinstance(policy, FormulaPolicy) else found.widths
     return {

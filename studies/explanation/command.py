@@ -34,7 +34,7 @@ from glassgait.studies.importance.study import draw_student
 EXPLANATION_FOLDER = Path("runs/explanation")
 
 CONFIG = "config.yaml"
-"""File beside the page that tells whose it is."""
+"""File beside the page that records its run."""
 
 DIGEST = "policy_sha256"
 """Key of that file: the digest of the policy's file."""

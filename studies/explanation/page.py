@@ -54,7 +54,7 @@ class ExplainedJoint:
     states: np.ndarray
 
     def active(self) -> np.ndarray:
-        """Tells which terms are in the formula of the step's state (n_steps, k)."""
+        """Returns which terms are in the formula of the step's state (n_steps, k)."""
         # A term that serves all states has none of its own.
         own = np.array([-1 if term.state is None else term.state for term in self.terms])
         return (own == -1) | (own == self.states[:, None])

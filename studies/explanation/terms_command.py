@@ -58,9 +58,9 @@ class ExplainTerms(Settings):
         certificate = find_certificate(found.file(name), found.gait)
         if certificate:
             counts = certificate.counts().items()
-            told = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
+            found = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
             console.print(
-                f"# Claims about it: {told}; 'glassgait explain page' tells them", style="dim"
+                f"# Claims about it: {found}; 'glassgait explain page' shows them", style="dim"
             )
 
 

@@ -143,7 +143,7 @@ def draw_student(
     folder: Path,
     seed: int = 0,
 ) -> tuple[Path, ...]:
-    """Draws what the shape of a student's model tells about a joint.
+    """Draws what the shape of a student's model says about a joint.
 
     Boosted trees: one tree, and the partial dependence on the three most important observations.
     Additive models: the terms' importances, functions of one observation with their bands, and of

@@ -91,7 +91,7 @@ def contents(results: Sequence[GaitResults]) -> list[Item]:
         Item(
             "Figure 1",
             "The framework, as the Drake diagram that runs it",
-            "Expert and student sit behind one switch; the alternation chooses who acts.",
+            "Expert and student sit behind one switch; the alternation chooses which of them acts.",
             figures=[("Block diagram of the closed loop", FRAMEWORK)],
             wide=True,
         ),

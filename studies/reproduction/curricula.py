@@ -61,7 +61,7 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
     share.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     share.set(ylabel="share of the\nexpert's return", ylim=(0, None), title=title)
     share.legend(ncols=2, loc="lower right")
-    falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="who acts while samples are collected")
+    falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="what acts while samples are collected")
     falls.set_xticks(np.arange(len(TICKS)), list(TICKS.values()))
     figure.align_ylabels()
     return figure

@@ -23,8 +23,7 @@ from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named,
 from glassgait.studies.common.tables import print_table, to_markdown, write_table
 from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
-from glassgait.studies.distillation.students.symbolic_settings import Engine
+from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
 from glassgait.studies.reproduction.certificates import (
     CertifiedPolicy,
     certified_policies,

@@ -26,7 +26,7 @@ def save_checkpoint(
         environment: The robots.
         learner: What they learn.
         progress: How far the run has come.
-        of: What tells the run from others.
+        of: What identifies the run.
     """
     environment_arrays, environment_values = environment.to_arrays()
     learner_arrays, learner_values = learner.to_arrays()
@@ -52,7 +52,7 @@ def load_checkpoint(
         path: The file.
         environment: The robots, to be changed.
         learner: What they learn, to be changed.
-        of: What tells the run from others.
+        of: What identifies the run.
 
     Returns:
         How far the run had come.

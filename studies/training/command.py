@@ -88,7 +88,7 @@ def train_job(config: TrainingConfig, job: Job, *, resume: bool = True) -> None:
 
 
 def show_learning(run: LearningRun) -> None:
-    """Lets a run learn to its end, and tells how it goes.
+    """Lets a run learn to its end, and reports how it goes.
 
     Raises:
         InputError: if the run has more updates already than its settings name.

@@ -116,7 +116,7 @@ class EstimatorConfig(Settings):
 
 
 EXACT = RewardWeights(forward_tracking=1.5, yaw_tracking=1.0)
-"""The task's weights, but for more of what makes robots go and turn as they are told."""
+"""The task's weights, but for more of what makes robots go and turn as commanded."""
 
 
 @dataclass(frozen=True)

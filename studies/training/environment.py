@@ -63,7 +63,7 @@ class TrainingEnvironment:
         Args:
             config: Settings.
             gait: The gait.
-            estimator: Maps proprioception (n, k) to what it tells of the trunk and feet (n, 7).
+            estimator: Maps proprioception (n, k) to its estimate of trunk and feet (n, 7).
             generator: Source of randomness.
             speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
         """

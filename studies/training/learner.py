@@ -54,7 +54,7 @@ class Learner:
         Args:
             config: Settings.
             observations: Observation groups of all robots, for their sizes.
-            actor: Who acts.
+            actor: The policy that acts.
             estimator: The estimator that the environment observes with, if it learns too.
         """
         ppo = config.ppo

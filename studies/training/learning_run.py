@@ -125,7 +125,7 @@ class LearningRun(ABC):
 
     @property
     def identity(self) -> str:
-        """Tells runs apart that do not learn the same, however far they have come."""
+        """Returns a digest of what a run learns from, not of how far it has come."""
         settings = {key: value for key, value in to_plain(self.config).items() if key != "updates"}
         made_of = json.dumps([settings, self.gait.digest(), *self._inputs()])
         return hashlib.sha256(made_of.encode()).hexdigest()[:16]

@@ -21,6 +21,7 @@ class Check(Settings):
         certificates: Files of certificates, or folders that hold one; those that ship by default.
         policy: The policy's file, of a certificate of one that does not ship.
         gait: The gait's file, of a certificate of one that does not ship.
+        robot: The robot's file, of a certificate of one that does not ship.
     """
 
     title: ClassVar[str] = "check"
@@ -28,6 +29,7 @@ class Check(Settings):
     certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
     policy: Path | None = None
     gait: Path | None = None
+    robot: Path | None = None
 
     def run(self) -> None:
         """Checks each, and reports what holds."""
@@ -39,7 +41,8 @@ class Check(Settings):
             )
         except ImportError as error:
             raise InputError(str(error)) from error
-        for option, file in (("--policy", self.policy), ("--gait", self.gait)):
+        given = {"--policy": self.policy, "--gait": self.gait, "--robot": self.robot}
+        for option, file in given.items():
             if file and len(self.certificates) != 1:
                 raise InputError(f"{option}: is of one certificate; name one")
         for named in self.certificates or shipped_certificates():
@@ -47,6 +50,7 @@ class Check(Settings):
             if not path.exists():
                 raise InputError(f"{path}: no such file; 'glassgait verify prove' writes one")
             try:
-                console.print(f"{path}: {check(path, self.policy, self.gait)}")
+                found = check(path, self.policy, self.gait, self.robot)
+                console.print(f"{path}: {found}")
             except RefusedError as error:
                 raise InputError(f"{path}: {error}") from error

@@ -161,5 +161,5 @@ def _write(
     written = certificate(prover, verdicts, path)
     write_atomically(folder / CERTIFICATE_NAME, certificate_text(written))
     print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
-    told = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    console.print(f"{told}; bounds of targets within {worst:.2g} % of the joint's range")
+    found = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+    console.print(f"{found}; bounds of targets within {worst:.2g} % of the joint's range")

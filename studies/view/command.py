@@ -156,7 +156,7 @@ class View(Settings):
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:
             rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
-            told = f"stopped after {rollout.time[-1]:.2f} s"
+            ending = f"stopped after {rollout.time[-1]:.2f} s"
         else:
             seconds = SECONDS if self.seconds is None else self.seconds
             rollout = play(
@@ -164,7 +164,7 @@ class View(Settings):
             )
             end = "fell" if rollout.failed else "stayed up"
             reward = rollout["reward"][1:].sum()
-            told = f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
+            ending = f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
         record = yaml.safe_dump(
             {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
         )
@@ -181,7 +181,7 @@ class View(Settings):
         save_figure(figure, stem)
         if self.stills:
             save_figure(gait_strip(policy.robot, rollout, shown), stem.with_name(f"{name}_stills"))
-        console.print(told)
+        console.print(ending)
         console.print(_summary(rollout, scenario))
         stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
         console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")

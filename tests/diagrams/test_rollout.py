@@ -71,12 +71,15 @@ def test_goes_on_where_the_simulator_is(trotting):
     np.testing.assert_array_equal(second["observations"], whole["observations"][5:])
 
 
-@pytest.mark.parametrize("time", [0.03, 0.02 + 1e-15])
-def test_starts_at_control_instants_alone(trotting, time):
+@pytest.mark.parametrize(
+    ("time", "n_steps", "key"),
+    [(0.03, 1, r"0\.02 s"), (0.02 + 1e-15, 1, r"0\.02 s"), (0.0, -1, "n_steps is -1")],
+)
+def test_starts_at_control_instants_alone_and_takes_no_negative_steps(trotting, time, n_steps, key):
     simulator = make_simulator(trotting)
     simulator.AdvanceTo(time)
-    with pytest.raises(InputError, match=r"0\.02 s"):
-        record(simulator, 1)
+    with pytest.raises(InputError, match=key):
+        record(simulator, n_steps)
 
 
 def test_times_that_a_sum_makes_a_little_short_are_control_instants(trotting):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from glassgait.models.certificates import checker
 from glassgait.models.certificates.certificate import (
@@ -20,7 +21,7 @@ from glassgait.models.files import digest
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.library import STUDENT_DIRECTORY
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.robot import load_robot, robot_names
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
@@ -190,19 +191,98 @@ def test_never_runs_what_a_policy_file_holds(tmp_path):
         check(written(content, tmp_path), path)
 
 
-def test_restates_the_robot_as_it_is():
-    assert tuple(restated.JOINTS) == quadruped.JOINTS
-    assert A1.default_stance.tolist() == restated.STANCE
-    assert A1.action_scale == restated.ACTION_SCALE
-    assert A1.position_limits == restated.LIMITS
-    assert (A1.stiffness, A1.effort[0]) == (restated.STIFFNESS, restated.EFFORT)
+@pytest.mark.parametrize("name", robot_names())
+def test_reads_the_robot_as_it_is(name):
+    robot, path = load_robot(name), Path(load_robot(name).path)
+    read = restated.Robot.read(yaml.safe_load(path.read_text()), path)
+    assert tuple(restated.JOINTS) == quadruped.JOINTS == tuple(read.limits)
+    assert [*read.stance.values()] == robot.default_stance.tolist()
+    assert list(map(list, zip(*read.limits.values(), strict=True))) == [
+        robot.lower_limits.tolist(),
+        robot.upper_limits.tolist(),
+    ]
+    assert [*read.effort.values()] == robot.effort.tolist()
+    assert (read.stiffness, read.action_scale) == (robot.stiffness, robot.action_scale)
     assert TerminationLimits().action_change == restated.ABRUPT
     names, symbols = ObservationLayout(4).names, restated.symbols(4)
     assert symbols == [entry.symbol for entry in ObservationLayout(4).entries]
-    units = RobotUnits.of(A1, names)
-    assert [restated.units(name) for name in symbols] == list(
+    units = RobotUnits.of(robot, names)
+    assert [read.units(name) for name in symbols] == list(
         zip(units.scale.tolist(), units.offset.tolist(), strict=True)
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("go2", "another robot"),
+        ("spot", "no robot 'spot' ships"),
+        ("../a1", "no name of a robot"),
+        ("a1/../a1", "no name of a robot"),
+        (None, "no name of a robot"),
+        (["a1"], "no name of a robot"),
+        ({}, "no name of a robot"),
+    ],
+)
+def test_refuses_the_name_of_another_robot(tmp_path, name, message):
+    with pytest.raises(RefusedError, match=message):
+        check(written({**CONTENT, "robot": name}, tmp_path), POLICY)
+
+
+ROBOT = yaml.safe_load(Path(A1.path).read_text())
+RANGES = ROBOT["position_limits"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stiffness": 40.0}, "is not the a1 that ships"),
+        ({"name": "b1"}, "is not the a1 that ships"),
+    ],
+)
+def test_refuses_a_file_of_the_robot_that_is_not_the_one_that_ships(tmp_path, changes, message):
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml.safe_dump(ROBOT | changes))
+    with pytest.raises(RefusedError, match=message):
+        check(PATH, robot=path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gravity": 9.81}, "other keys"),
+        ({"name": "../a1"}, "'name'"),
+        ({"name": "other"}, "another robot"),
+        ({"stiffness": "20"}, "'stiffness'"),
+        ({"action_scale": 0.0}, "'action_scale'"),
+        ({"stance": {"FL": [0.1, 0.8, -1.5]}}, "'stance'"),
+        ({"stance": ROBOT["stance"] | {"FL": [0.1, True, -1.5]}}, "'stance'"),
+        (
+            {"position_limits": RANGES | {"knee": [-1.0, 1.0]}},
+            "'position_limits'",
+        ),
+        (
+            {"position_limits": RANGES | {"calf": [1.0, -1.0]}},
+            "'position_limits'",
+        ),
+        ({"effort_limits": {"hip": 20.0, "thigh": 20.0}}, "'effort_limits' lacks"),
+        ({"effort_limits": ROBOT["effort_limits"] | {"calf": float("inf")}}, "'effort_limits'"),
+    ],
+)
+def test_refuses_what_is_no_robots_file(tmp_path, changes, message):
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml.safe_dump(ROBOT | {"name": "mine"} | changes))
+    with pytest.raises(RefusedError, match=message):
+        check(written({**CONTENT, "robot": "mine"}, tmp_path), POLICY, robot=path)
+
+
+def test_refuses_a_robots_file_that_says_a_key_twice_or_unfolds(tmp_path):
+    path, text = tmp_path / "robot.yaml", yaml.safe_dump(ROBOT | {"name": "mine"})
+    content = written({**CONTENT, "robot": "mine"}, tmp_path)
+    for more, message in (("stiffness: 1.0\n", "twice"), ("x: &x 1\ny: *x\n", "aliases")):
+        path.write_text(text + more)
+        with pytest.raises(RefusedError, match=message):
+            check(content, POLICY, robot=path)
 
 
 def test_imports_nothing_of_the_project_but_itself():

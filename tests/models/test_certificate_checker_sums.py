@@ -1,9 +1,11 @@
 """The checker of tables and trees: what was proved holds, and what is false does not."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from glassgait.models.certificates.certificate import (
     certificate,
@@ -11,7 +13,7 @@ from glassgait.models.certificates.certificate import (
     content_digest,
 )
 from glassgait.models.certificates.checker import RefusedError, check
-from glassgait.models.certificates.checker.robot import JOINTS, Question
+from glassgait.models.certificates.checker.robot import JOINTS, BoundQuery, Robot
 from glassgait.models.certificates.checker.tables import Tables, Trees, greatest_sum, read_arrays
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.observation_box import operating_box
@@ -27,6 +29,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
 
 A1 = load_robot()
+RESTATED = Robot.read(yaml.safe_load(Path(A1.path).read_text()), A1.path)
 
 
 GAIT = load_gait("trot")
@@ -180,7 +183,7 @@ def test_a_policy_with_another_number_is_refused(certified, tmp_path):
 def test_no_observation_reaches_more_than_the_checker_says(certified):
     policy, path, content = certified
     _, arrays = read_arrays(path.read_bytes())
-    own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(arrays, 2)
+    own = (Tables if isinstance(policy, AdditivePolicy) else Trees)(RESTATED, arrays, 2)
     box = operating_box(GAIT, A1).in_state(1)
     reported = {name: tuple(ends) for name, ends in content["boxes"]["operating"].items()}
     reported |= {"s0": (0.0, 0.0), "s1": (1.0, 1.0)}
@@ -191,7 +194,7 @@ def test_no_observation_reaches_more_than_the_checker_says(certified):
         offsets = reached[:, joint] - quantities[:, own.names.index(f"q.{name}")]
         for of, values in (("target", reached[:, joint]), ("offset", offsets)):
             for sign in (1, -1):
-                most = own.bound(Question(of, 1, name, sign), reported)
+                most = own.bound(BoundQuery(of, 1, name, sign), reported)
                 assert (sign * values).max() <= most
 
 
@@ -205,9 +208,9 @@ def test_the_slope_of_a_table_is_its_greatest_step(tmp_path):
     arrays["pair_cuts"] = np.full_like(policy.pair_cuts, np.inf)
     path = tmp_path / "policy.safetensors"
     AdditivePolicy("trot", NAMES, **arrays).save(path)
-    own = Tables(read_arrays(path.read_bytes())[1], 2)
+    own = Tables(RESTATED, read_arrays(path.read_bytes())[1], 2)
     wide = dict.fromkeys(own.names, (-20.0, 20.0))
-    found = [own.bound(Question("slope", 0, "FL_hip", sign, "v.x"), wide) for sign in (1, -1)]
+    found = [own.bound(BoundQuery("slope", 0, "FL_hip", sign, "v.x"), wide) for sign in (1, -1)]
     assert found == pytest.approx([-0.25, 0.25], abs=1e-9)
 
 
@@ -270,7 +273,7 @@ def test_a_pair_of_one_observation_is_none():
     arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
     arrays["pairs"][0] = 7
     with pytest.raises(RefusedError, match="pair"):
-        Tables(arrays, 2)
+        Tables(RESTATED, arrays, 2)
     with pytest.raises(InputError, match="pair"):
         Prover(AdditivePolicy("trot", NAMES, **arrays), GAIT)
 
@@ -280,11 +283,11 @@ def test_trees_without_questions_and_thresholds_between_numbers_are_refused():
     arrays = {name: getattr(policy, name).copy() for name in policy.array_specs}
     bare = arrays | {"features": arrays["features"][..., :0], "leaves": arrays["leaves"][..., :2]}
     with pytest.raises(RefusedError, match="not complete"):
-        Trees(bare, 2)
+        Trees(RESTATED, bare, 2)
     del arrays["thresholds"]
     between = np.full_like(policy.thresholds, 1.0 + 2.0**-40)
     with pytest.raises(RefusedError, match="single precision"):
-        Trees(arrays | {"thresholds_lower_neighbours": between}, 2)
+        Trees(RESTATED, arrays | {"thresholds_lower_neighbours": between}, 2)
 
 
 def test_any_step_of_a_table_breaks_the_claim_that_it_never_rises(certified):

@@ -12,9 +12,9 @@ from glassgait.models.errors import InputError
 from glassgait.models.settings import (
     DISTINCT,
     Count,
-    Interval,
     NotNegative,
     Positive,
+    Range,
     Seed,
     Settings,
     Share,
@@ -36,7 +36,7 @@ class Outer(Settings):
     count: Count = 1
     seed: Seed = 0
     counts: Annotated[tuple[Count, ...], MinLen(1), DISTINCT] = (1,)
-    bounds: Interval | None = None
+    bounds: Range | None = None
     scale: Positive = 1.0
     weight: NotNegative = 0.0
     on: bool = False

@@ -29,7 +29,7 @@ from glassgait.studies.explanation.interventions.figures import claims_figure
 from glassgait.studies.explanation.interventions.study import FOLDER, Examiner
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import seen_by
-from glassgait.studies.explanation.interventions.words import told_of_following, told_of_joint
+from glassgait.studies.explanation.interventions.words import following_words, joint_words
 
 A1 = load_robot()
 
@@ -113,7 +113,7 @@ def test_a_formula_of_all_states_has_no_state_but_those_in_its_terms(generator):
     claim = claim_of(term, policy.to_file(), walk)
     assert claim is not None
     np.testing.assert_array_equal(spoken_of(claim, walk), walk.state == 1)
-    assert told_of_joint(claim, policy.vocabulary).endswith("hip outward, in state 1")
+    assert joint_words(claim, policy.vocabulary).endswith("hip outward, in state 1")
 
 
 def test_a_claim_has_the_size_that_its_term_has_where_robots_go(generator):
@@ -278,10 +278,10 @@ def test_claims_are_told_in_words(joint, text, words, generator):
     walk = walk_of(policy, observations(generator))
     claim = claim_of(term_of(policy, joint, text), policy.to_file(), walk)
     assert claim is not None
-    told = told_of_joint(claim, policy.vocabulary)
+    told = joint_words(claim, policy.vocabulary)
     assert words in told
     assert f"{claim.step:g}" in told
-    assert "by more" in told_of_following(claim, "going_speed_error")
+    assert "by more" in following_words(claim, "going_speed_error")
 
 
 def test_claims_that_fail_stay_in_the_table(tmp_path, generator):

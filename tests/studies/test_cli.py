@@ -160,8 +160,10 @@ def test_gait_command_writes_no_drawing_under_a_false_name(refused, tmp_path):
 def test_evaluate_writes_its_tables(tmp_path, capsys):
     small = ["--n-robots", "2", "--n-steps", "60", "--policy", "expert", "--scenario", "training"]
     main(["evaluate", "worlds", *small, "--output", str(tmp_path)])
-    told = " ".join(capsys.readouterr().out.split())
-    assert "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in told
+    message = " ".join(capsys.readouterr().out.split())
+    assert (
+        "drawn speeds below 0.2 m/s are commands to stand, which the speed error leaves" in message
+    )
     tables = {
         f"{name}.{kind}" for name in ("robots", "scorecard", "falls") for kind in ("csv", "md")
     }

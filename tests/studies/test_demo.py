@@ -15,7 +15,7 @@ from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import StatewiseSymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 from glassgait.studies.reproduction.demo import command, report
 from glassgait.studies.reproduction.demo.reductions import reductions
 from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report
@@ -106,10 +106,10 @@ def test_page_says_what_is_missing(complete, tmp_path):
         "return_figure": (None, "take turns"),
         "formulas": ([], "the formulas"),
     }
-    for name, (nothing, told) in parts.items():
+    for name, (nothing, message) in parts.items():
         page = written(tmp_path, replace(complete, **{name: nothing, "minutes": None}))
         assert page.count(MISSING) == 1
-        assert told in page[page.index(MISSING) :].split("</p>")[0]
+        assert message in page[page.index(MISSING) :].split("</p>")[0]
         assert "This page is not complete" in page
 
 
@@ -193,9 +193,9 @@ def test_demo_writes_a_page_with_tables_formulas_and_replays(road, refused, caps
         assert (folder / f"{name}_replay.html").exists()
     assert "continue it with --resume" in refused(command_line)
     main([*command_line, "--resume"])
-    told = capsys.readouterr().out
-    assert "report written to" in told
-    assert "shipped_replay.html" in told
+    message = capsys.readouterr().out
+    assert "report written to" in message
+    assert "shipped_replay.html" in message
 
 
 @pytest.mark.slow

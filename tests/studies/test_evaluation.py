@@ -38,7 +38,7 @@ from glassgait.studies.common.scores import (
     score_rollouts,
     summarize,
 )
-from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.alternation import return_figure, standalone_table
 from glassgait.studies.evaluation.tracking import (
     COMMANDED,
@@ -152,11 +152,11 @@ def test_tracking_refuses_continuous_and_several_scenarios(tmp_path):
 
 def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
     # The second is slower at the first command that is drawn.
-    told = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
+    message = pd.DataFrame([(-0.5, 0.0), (0.5, 0.0), (0.5, 0.8)], columns=COMMANDED)
     measures = [*MEASURED, "measured speed ±", "measured yaw rate ±"]
     walk, trot = (
         rows.assign(**dict.fromkeys(measures, value))
-        for rows, value in ((told[1:], 0.3), (told, 0.6))
+        for rows, value in ((message[1:], 0.3), (message, 0.6))
     )
     table = pd.concat([walk.assign(gait="walk"), trot.assign(gait="trot")], ignore_index=True)
     table = table[["gait", *COMMANDED, *measures]]
@@ -174,8 +174,8 @@ def test_a_line_of_the_tracking_figure_is_one_policy_in_both_panels():
 
 
 def test_speeds_are_of_robots_that_did_not_fall():
-    told = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
-    rows = pd.DataFrame({"gait": "trot", **told, "fell": [False, True, False]})
+    message = {"commanded speed (m/s)": 0.5, "commanded yaw rate (rad/s)": 0.0}
+    rows = pd.DataFrame({"gait": "trot", **message, "fell": [False, True, False]})
     rows["measured speed (m/s)"] = [0.3, np.nan, 0.5]
     rows["measured yaw rate (rad/s)"] = [0.0, np.nan, 0.0]
     (row,) = tracking_table(rows, "gait").to_dict(orient="records")
@@ -252,8 +252,8 @@ def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, 
     assert scores["failure"].tolist() == ["not_finite"] * 3
     assert scores["not_finite"].tolist() == ["FL_calf"] * 3
     assert scores["steps"].tolist() == [3] * 3
-    told = " ".join(capsys.readouterr().out.split())
-    assert "the action of FL_calf is not finite at control step 2, robot 0" in told
+    message = " ".join(capsys.readouterr().out.split())
+    assert "the action of FL_calf is not finite at control step 2, robot 0" in message
 
 
 def test_shares_compare_robot_with_robot(generator):

@@ -97,11 +97,11 @@ def test_importing_a_module_changes_nothing_of_the_process(of_others):
 )
 def test_threads_of_torch_sleep_between_operations_where_it_trains(command):
     code = f"from glassgait.studies.cli import main; main([*{command!r}.split(), '--help'])"
-    told = subprocess.run(
+    message = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"OMP_DISPLAY_ENV": "VERBOSE"},
         capture_output=True,
         text=True,
         check=True,
     ).stderr
-    assert "GOMP_SPINCOUNT = '0'" in told
+    assert "GOMP_SPINCOUNT = '0'" in message

@@ -77,11 +77,11 @@ def check(arguments: list[str], capsys, accepted: list[Any] | None = None) -> No
     except SystemExit as ended:
         assert ended.code == BAD_INPUT
         lines = capsys.readouterr().err.strip().splitlines()
-        told = "\n".join(line for line in lines if not line.startswith("· "))
+        message = "\n".join(line for line in lines if not line.startswith("· "))
         # tyro tells in a frame of its own what it cannot parse.
-        framed = told.startswith("╭") or "\n ---" in told
-        assert framed or (told.startswith("glassgait: ") and "\n" not in told)
-        assert "Traceback" not in told
+        framed = message.startswith("╭") or "\n ---" in message
+        assert framed or (message.startswith("glassgait: ") and "\n" not in message)
+        assert "Traceback" not in message
     else:
         capsys.readouterr()
         if accepted is not None:

@@ -75,15 +75,6 @@ COMMANDS = {
     ],
     "reproduce curricula": [*COLLECT, "--students", "linear", *FEW, "--rollouts.n-seeds", "1"],
     "importance": [*ROLL_OUT, *LOOK, "--source", "{distilled}"],
-    "evaluate symmetry": [
-        *ROLL_OUT,
-        "--n-samples",
-        "20",
-        "--repeats",
-        "2",
-        "--source",
-        "{distilled}",
-    ],
     "demo": ["--n-robots", "2"],
 }
 
@@ -92,7 +83,7 @@ def start(command, folder, distilled, *more):
     arguments = [text.format(distilled=distilled) for text in COMMANDS[command]]
     tail = [str(Path(__file__).parent)] if command == "demo" else []
     whole = [*command.split(), *arguments, "--output", str(folder), *more, *tail]
-    # In a group of its own, so that a kill leaves nobody else behind.
+    # In a group of its own, so that a kill leaves no process behind.
     return subprocess.Popen(
         [sys.executable, "-c", DRIVER, *whole],
         stdout=subprocess.DEVNULL,
@@ -102,8 +93,8 @@ def start(command, folder, distilled, *more):
 
 
 def finish(process):
-    _, told = process.communicate(timeout=300)
-    assert process.returncode == 0, told.decode()
+    _, message = process.communicate(timeout=300)
+    assert process.returncode == 0, message.decode()
 
 
 def results(folder):

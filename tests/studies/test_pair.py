@@ -90,8 +90,8 @@ def test_differences_are_of_targets_in_rad(expert, still):
     assert table.loc["RR_calf", ["rms", "largest"]].tolist() == pytest.approx([0.3, 0.3])
     assert table.loc["FR_hip", "rms"] == 0.0
     assert table.loc[ALL_JOINTS, "rms"] == pytest.approx(np.sqrt((0.1**2 + 0.3**2) / 12))
-    told = target_sentence(table.reset_index())
-    assert "most by 0.3 rad, of RR_calf at 0.00 s" in told
+    message = target_sentence(table.reset_index())
+    assert "most by 0.3 rad, of RR_calf at 0.00 s" in message
 
 
 def test_the_largest_difference_has_its_time():

@@ -121,10 +121,10 @@ def test_workers_leave_signals_to_their_parent(parent, number):
     time.sleep(0.5)
     assert all(worker.is_running() for worker in workers)
     os.killpg(parent.pid, signal.SIGINT)
-    _, told = parent.communicate(timeout=30)
+    _, message = parent.communicate(timeout=30)
     assert _gone(workers, 10)
-    assert told.count("Traceback") == 1
-    assert told.strip().endswith("KeyboardInterrupt")
+    assert message.count("Traceback") == 1
+    assert message.strip().endswith("KeyboardInterrupt")
 
 
 def test_a_ray_cluster_that_is_not_there_is_refused_at_once(monkeypatch):

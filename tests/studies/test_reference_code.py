@@ -22,27 +22,27 @@ PAGE = Path(__file__).parents[2] / "studies" / "training" / "README.md"
 
 
 @pytest.fixture(scope="module")
-def told():
+def message():
     """What the page says of this project, by what it is about."""
     rows = [line.split(" | ") for line in PAGE.read_text().splitlines() if line.count(" | ") == 2]
     return {row[0].removeprefix("| "): row[1] for row in rows}
 
 
-def row(told, start):
-    [found] = [here for what, here in told.items() if what.startswith(start)]
+def row(message, start):
+    [found] = [here for what, here in message.items() if what.startswith(start)]
     return found
 
 
-def test_clearance_is_of_the_sole(told):
+def test_clearance_is_of_the_sole(message):
     standing = kinematics.standing_state(A1, A1.default_stance[None])
     assert np.abs(kinematics.foot_heights(A1, standing)).min() < 1e-12
     assert A1.foot_radius == 0.02
     assert {load_gait(name).clearance for name in gait_names()} == {0.03}
-    assert row(told, "a foot's clearance, 3 cm, and its greatest height, 25 cm") == "of the sole"
+    assert row(message, "a foot's clearance, 3 cm, and its greatest height, 25 cm") == "of the sole"
     assert TerminationLimits().foot_height == 0.25
 
 
-def test_a_state_ends_at_the_commanded_step(told, trot):
+def test_a_state_ends_at_the_commanded_step(message, trot):
     machine = RewardMachine(trot)
     state, fired = machine.initial((1,)), []
     contact = np.array([[True, False, False, True]])
@@ -56,22 +56,22 @@ def test_a_state_ends_at_the_commanded_step(told, trot):
         state = step.machine
         fired.append(bool(step.fired[0]))
     assert len(fired) == 6
-    assert "at the n-th step" in row(told, "commanded dwell")
+    assert "at the n-th step" in row(message, "commanded dwell")
 
 
-def test_commands_are_observed_as_they_are(told):
+def test_commands_are_observed_as_they_are(message):
     entries = observation.ObservationLayout(2).entries
     assert [(own.unit, own.scale(A1)) for own in entries[:2]] == [("m/s", 1.0), ("rad/s", 1.0)]
     assert observation.OVERDUE == 2
-    assert row(told, "observed commands") == "in m/s and rad/s"
-    assert "two steps beyond" in row(told, "observed time")
+    assert row(message, "observed commands") == "in m/s and rad/s"
+    assert "two steps beyond" in row(message, "observed time")
 
 
-def test_an_episode_ends_where_the_page_says(told):
+def test_an_episode_ends_where_the_page_says(message):
     limits = TerminationLimits()
-    assert row(told, "a joint out of range").startswith(f"{limits.joint_overrun:g} rad beyond")
-    assert row(told, "a low trunk") == f"below {limits.trunk_height:.2f} m"
-    assert row(told, "a change of the action") == f"above {limits.action_change:g}, squared"
+    assert row(message, "a joint out of range").startswith(f"{limits.joint_overrun:g} rad beyond")
+    assert row(message, "a low trunk") == f"below {limits.trunk_height:.2f} m"
+    assert row(message, "a change of the action") == f"above {limits.action_change:g}, squared"
     assert limits.shank_share == 0.9
     state, still = kinematics.standing_state(A1, A1.default_stance[None]), np.zeros((1, 12))
     for beyond, fails in ((0.04, False), (0.06, True)):
@@ -80,25 +80,25 @@ def test_an_episode_ends_where_the_page_says(told):
         assert shown[0, 2] == fails
 
 
-def test_robots_start_on_their_lowest_foot(told):
+def test_robots_start_on_their_lowest_foot(message):
     states = Randomization().initial_states(A1, 50, np.random.default_rng(0))
     np.testing.assert_allclose(kinematics.foot_heights(A1, states).min(axis=1), 0.0, atol=1e-12)
-    assert row(told, "an episode's start") == "standing on the lowest foot"
+    assert row(message, "an episode's start") == "standing on the lowest foot"
 
 
-def test_robot_and_networks_are_those_that_the_page_names(told):
+def test_robot_and_networks_are_those_that_the_page_names(message):
     legs = [A1.inertias[part] for part in ("hip", "thigh", "calf", "foot")]
     whole = A1.inertias["trunk"].mass + 4 * sum(part.mass for part in legs)
     assert whole == pytest.approx(A1.mass)
     parts = zip(("hip", "thigh", "calf", "foot"), legs, strict=True)
     masses = ", ".join(f"{name} {part.mass:g}" for name, part in parts)
-    assert row(told, "masses") == f"{A1.mass} kg: trunk {A1.inertias['trunk'].mass}, {masses}"
-    assert row(told, "motors' limits") == f"{A1.effort[0]} N·m"
+    assert row(message, "masses") == f"{A1.mass} kg: trunk {A1.inertias['trunk'].mass}, {masses}"
+    assert row(message, "motors' limits") == f"{A1.effort[0]} N·m"
     ppo = PpoConfig()
     assert ppo.actor_layers == ppo.critic_layers == (256, 128, 64)
-    assert row(told, "actor and critic") == "hidden layers of 256, 128 and 64"
+    assert row(message, "actor and critic") == "hidden layers of 256, 128 and 64"
     station = StationConfig()
     assert (station.contact_solver, station.time_step, station.slope) == ("sap", 0.01, 0.0)
-    assert row(told, "ground") == "flat"
+    assert row(message, "ground") == "flat"
     walk = load_gait("walk")
-    assert row(told, "the walk's") == f"{walk.max_speed} m/s, {walk.max_yaw_rate:g} rad/s"
+    assert row(message, "the walk's") == f"{walk.max_speed} m/s, {walk.max_yaw_rate:g} rad/s"

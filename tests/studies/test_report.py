@@ -23,7 +23,7 @@ from glassgait.studies.distillation.students.additive import EbmSettings
 from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.students.registry import paper_students
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )

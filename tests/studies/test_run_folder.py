@@ -107,8 +107,8 @@ def test_other_inputs_are_named_wherever_they_lie(run):
 
 def test_other_software_is_named(run, monkeypatch):
     monkeypatch.setattr(run_folder, "version", lambda name: "9.9")
-    told = refusal(run)
-    assert "drake = '1." in told and "not '9.9'" in told
+    message = refusal(run)
+    assert "drake = '1." in message and "not '9.9'" in message
 
 
 def test_other_studies_and_other_files_are_left_alone(run, tmp_path):
@@ -135,8 +135,8 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
         assert process.stdout is not None
         assert process.stdout.readline() == "at work\n"
         held = {"study": "train", "settings": {}, "inputs": {}}
-        told = "another run is at work here"
-        with pytest.raises(InputError, match=told), open_run(folder, **held, resume=True):
+        message = "another run is at work here"
+        with pytest.raises(InputError, match=message), open_run(folder, **held, resume=True):
             pytest.fail("two runs share a folder")
     finally:
         process.kill()

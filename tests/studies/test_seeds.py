@@ -92,8 +92,8 @@ def test_what_selects_is_not_reported(expert, refused):
     jobs = rollout_cases({}, GAIT, policy, Scenario(), config)
     assert [job.config.seed for job in jobs] == [*REPORTED_SEEDS]
     assert [[*job.config.seeds] for job in for_selection(jobs)] == [[SELECTION_SEEDS[0]]]
-    told = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "500"])
-    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in told
+    message = refused(["evaluate", "worlds", "--scenario", "training", "--seed", "500"])
+    assert "rollouts: seed is or leads to 500, but 500 to 509 choose among candidates" in message
 
 
 def test_a_reported_seed_calibrates_nothing():

@@ -11,12 +11,13 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students.mirrored_samples import (
+from glassgait.studies.distillation.students.sparse_formula import (
+    allot,
+    condense,
     samples_by_state,
     written_places,
 )
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.term_pursuit import allot, condense
 
 NAMES = ObservationLayout(2).names
 MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
@@ -102,8 +103,8 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     assert page.n_terms() <= 60
     capsys.readouterr()
     main(["explain", "terms", "trot", "--policy", "sparse_formula"])
-    told = capsys.readouterr().out
-    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in told
+    message = capsys.readouterr().out
+    assert "format: 1\ngait: trot\nstates: 2\nmirror: 1 0    # " in message
 
 
 def test_fewer_terms_than_formulas_are_refused(generator):

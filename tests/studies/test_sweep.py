@@ -72,10 +72,10 @@ def test_a_job_that_is_refused_stops_no_other(capsys):
         run_sweep(jobs, run, HERE)
     assert [(job.folder / "result").exists() for job in jobs] == [True, True, False, True]
     assert not jobs[2].folder.exists()
-    told = capsys.readouterr().out
-    assert told.count("sent to a worker") == 4
-    assert told.count("done (") == 3
-    assert told.count("walk, seed 0: refused (3 of 4)") == 1
+    message = capsys.readouterr().out
+    assert message.count("sent to a worker") == 4
+    assert message.count("done (") == 3
+    assert message.count("walk, seed 0: refused (3 of 4)") == 1
 
 
 def test_results_come_in_the_order_of_the_jobs_and_jobs_are_silent(capsys):
@@ -152,12 +152,12 @@ def test_an_interrupted_sweep_goes_on_by_the_same_command(number):
     while "done (" not in (line := process.stdout.readline()):
         pass
     process.send_signal(number)
-    _, told = process.communicate(timeout=60)
+    _, message = process.communicate(timeout=60)
     if number == signal.SIGKILL:
         assert process.returncode == -number
     else:
         assert process.returncode == 128 + number
-        assert told.strip().endswith("what was finished is kept")
+        assert message.strip().endswith("what was finished is kept")
     done = Path(line.split()[-1]) / "checkpoint.safetensors"
     saved = done.stat().st_mtime_ns
     process = _command(*sweep, "--resume")

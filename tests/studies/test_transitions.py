@@ -132,7 +132,7 @@ def test_the_summary_names_the_pairs_that_fall(table):
     (row,) = summary_table(table, TITLES).to_dict("records")
     assert row["pairs without a fall"] == "1 of 2"
     assert row["falls"] == "3 of 40"
-    assert row["who falls"] == "trot to walk 3"
+    assert row["falls from, to"] == "trot to walk 3"
 
 
 def test_the_figure_has_a_matrix_of_every_speed(table):

@@ -13,7 +13,7 @@ from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
 from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.summary import wilson_interval
-from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.worlds import Worlds
 from glassgait.studies.evaluation.worlds_figures import COLORS, fall_map, readable_on
 from glassgait.studies.evaluation.worlds_tables import (
@@ -112,8 +112,8 @@ def cells_of(figure):
 def numbers_of(figure, n_columns):
     """Returns the texts of a map's cells, row by row."""
     texts = sorted(figure.axes[0].texts, key=lambda text: text.get_position()[::-1])
-    told = [text.get_text() for text in texts]
-    return [told[i : i + n_columns] for i in range(0, len(told), n_columns)]
+    message = [text.get_text() for text in texts]
+    return [message[i : i + n_columns] for i in range(0, len(message), n_columns)]
 
 
 def test_the_map_has_a_cell_for_each_policy_and_world(table):

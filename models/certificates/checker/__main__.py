@@ -13,9 +13,10 @@ def main() -> None:
     reader.add_argument("certificate", type=Path)
     reader.add_argument("--policy", type=Path, help="the policy's file; the shipped one by default")
     reader.add_argument("--gait", type=Path, help="the gait's file; the shipped one by default")
+    reader.add_argument("--robot", type=Path, help="the robot's file; the shipped one by default")
     options = reader.parse_args()
     try:
-        print(check(options.certificate, options.policy, options.gait))
+        print(check(options.certificate, options.policy, options.gait, options.robot))
     except RefusedError as refusal:
         sys.exit(f"{options.certificate}: {refusal}")
 

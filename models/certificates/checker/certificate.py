@@ -12,22 +12,22 @@ from typing import Any
 
 import yaml
 
-from .claims import BOXES, check_keys, is_number, is_point, observations
+from .claims import BOXES, check_keys, is_point, observations
 from .files import read_bytes, read_json, read_yaml
 from .formulas import Formulas
 from .gait import Gait
 from .robot import (
     ABRUPT,
-    ACTION_SCALE,
     COUNTED,
-    EFFORT,
+    DEFAULT_ROBOT,
     JOINTS,
-    LIMITS,
-    STIFFNESS,
     BoundQuery,
     Box,
     RefusedError,
+    Robot,
     image_of,
+    is_number,
+    is_robot_name,
     observed_names,
     refuse_unless,
     symbols,
@@ -50,44 +50,53 @@ STATEMENT = ("of", "state", "joint", "sign", "box", "bound", "reached", "witness
 Point = dict[str, float]
 
 
-def read_policy(data: bytes, kind: str, gait: str, n_states: int) -> tuple[Formulas | Tables, Any]:
+def read_policy(
+    robot: Robot, data: bytes, kind: str, gait: str, n_states: int
+) -> tuple[Formulas | Tables, Any]:
     """Reads what a policy's file says of the targets, and its mirror if it says one.
 
     Raises:
-        RefusedError: if the policy is of another gait or kind.
+        RefusedError: if the policy is of another robot, gait or kind.
     """
     if kind in ("symbolic", "statewise_symbolic"):
         text = FormulaText.read(data.decode("ascii"))
         refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
+        of = text.header.get("robot", DEFAULT_ROBOT)
+        refuse_unless(of == robot.name, "the policy is of another robot")
         refuse_unless(text.n_states == n_states, "the policy has other states")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
-        return Formulas.read(text), text.image
-    told, arrays = read_arrays(data)
-    refuse_unless(told["gait"] == gait, "the policy is of another gait")
-    refuse_unless(told["kind"] == kind, "the policy is of another kind")
-    refuse_unless("robot" not in told, "the policy is of another robot")
-    same = told["observation_names"] == observed_names(n_states)
+        return Formulas.read(robot, text), text.image
+    header, arrays = read_arrays(data)
+    refuse_unless(header["gait"] == gait, "the policy is of another gait")
+    refuse_unless(header["kind"] == kind, "the policy is of another kind")
+    of = header.get("robot", DEFAULT_ROBOT)
+    refuse_unless(of == robot.name, "the policy is of another robot")
+    same = header["observation_names"] == observed_names(n_states)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](arrays, n_states), None
+    return readers[kind](robot, arrays, n_states), None
 
 
 class Check:
-    """A certificate, the gait and the policy that it is of.
+    """A certificate, the robot, the gait and the policy that it is of.
 
     Attributes:
-        told: What the certificate says.
+        content: What the certificate says.
+        robot: What the robot's file says.
         gait: What the gait's file says.
         targets: What the policy's file says.
         proved: The least bound that holds of each question and place.
     """
 
-    def __init__(self, certificate: Path, policy: Path | None, gait: Path | None) -> None:
-        self.told = read_json(read_bytes(certificate))
+    def __init__(
+        self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
+    ) -> None:
+        self.content = read_json(read_bytes(certificate))
         self.check_contents()
-        name = self.told["gait"]
+        self.robot = self.read_robot(robot)
+        name = self.content["gait"]
         plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
         shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
         refuse_unless(
@@ -100,7 +109,7 @@ class Check:
         refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
         self.gait = Gait(path)
         states = self.gait.states
-        refuse_unless(self.told["states"] == states, f"the {name} has other states: {states}")
+        refuse_unless(self.content["states"] == states, f"the {name} has other states: {states}")
         self.n_states, self.names = len(states), symbols(len(states))
         self.check_policy(policy, plain)
         self.check_boxes()
@@ -108,31 +117,49 @@ class Check:
         self.rounding: dict[tuple, Any] = {}
 
     def check_contents(self) -> None:
-        # Those of the robot whose numbers are restated here do not name it.
-        other = self.told.get("robot") if isinstance(self.told, dict) else None
-        refuse_unless(other is None, f"the checker knows nothing of the robot {other!r}")
-        refuse_unless(
-            isinstance(self.told, dict) and {*self.told} == {*TOP}, "it is no certificate"
-        )
-        rest = {key: value for key, value in self.told.items() if key != "sha256"}
+        sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == {*TOP}
+        refuse_unless(sound, "it is no certificate")
+        rest = {key: value for key, value in self.content.items() if key != "sha256"}
         text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
         refuse_unless(
-            hashlib.sha256(text.encode()).hexdigest() == self.told["sha256"],
+            hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"],
             "the certificate was changed: its digest is of other contents",
         )
-        of = self.told["format"]
+        of = self.content["format"]
         refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
 
+    def read_robot(self, given: Path | None) -> Robot:
+        """Reads the file of the robot that the certificate names, and refuses that of another."""
+        name = self.content.get("robot", DEFAULT_ROBOT)
+        refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
+        shipped = MODELS / "robots" / name / "robot.yaml"
+        refuse_unless(
+            given or shipped.is_file(),
+            f"no robot {name!r} ships with the project; name its file by --robot",
+        )
+        path = given or shipped
+        said = read_yaml(path)
+        same = not (given and shipped.is_file()) or said == read_yaml(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your robot another name")
+        robot = Robot.read(said, path)
+        refuse_unless(robot.name == name, f"{path} is the file of another robot than the {name}")
+        return robot
+
+    def shipped_in(self, folder: str, rest: str) -> Path:
+        """Returns where a file of a robot and gait ships; the default robot's are not apart."""
+        own = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
+        return MODELS.joinpath(folder, *own, rest)
+
     def check_policy(self, policy: Path | None, plain: Any) -> None:
-        own, name = self.told["policy"], self.told["gait"]
+        own, name = self.content["policy"], self.content["gait"]
         path = policy or self.shipped_policy(str(own["file"]), plain)
         data = read_bytes(path)
         refuse_unless(
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
-        self.targets, mirror = read_policy(data, own["kind"], name, self.n_states)
-        image = self.told["mirror"]
+        self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
+        image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),
             "its mirror does not name each state's image",
@@ -145,10 +172,10 @@ class Check:
             plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
             f"no policy {file!r} ships with the project; name its file by --policy",
         )
-        return MODELS / "students" / self.told["gait"] / file
+        return self.shipped_in("students", f"{self.content['gait']}/{file}")
 
     def check_boxes(self) -> None:
-        boxes = self.told["boxes"]
+        boxes = self.content["boxes"]
         refuse_unless({*boxes} == {*BOXES}, "there must be an operating and a physical box")
         for name, box in boxes.items():
             sound = list(box) == self.names and all(
@@ -156,7 +183,7 @@ class Check:
                 for ends in box.values()
             )
             refuse_unless(sound, f"the {name} box is no box of this gait's observations")
-        expected = self.gait.physical(boxes["operating"])
+        expected = self.gait.physical(self.robot, boxes["operating"])
         near = all(
             abs(mine - theirs) <= SLACK
             for name, ends in expected.items()
@@ -169,14 +196,14 @@ class Check:
             for name, (low, high) in expected.items()
         }
         for name in COUNTED:
-            low, high = self.gait.limits(name)
+            low, high = self.gait.limits(self.robot, name)
             ends = boxes["operating"][name]
             whole = all(end == int(end) and low <= end <= high for end in ends)
             refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
 
     def run(self) -> str:
         """Checks statements, then claims, and reports how many hold."""
-        statements, claims = self.told["statements"], self.told["claims"]
+        statements, claims = self.content["statements"], self.content["claims"]
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
@@ -187,14 +214,14 @@ class Check:
         )
 
     def box_ships(self) -> bool:
-        path = MODELS / "certificates" / "boxes" / f"{self.told['gait']}.yaml"
-        return path.is_file() and read_yaml(path)["ranges"] == self.told["boxes"]["operating"]
+        path = self.shipped_in("certificates/boxes", f"{self.content['gait']}.yaml")
+        return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
 
     def box(self, where: str, stuck: list[str], state: int) -> Box:
         """Returns a box with the machine's state held."""
-        boxes = self.told["boxes"]
-        told = boxes[where] | {name: boxes["physical"][name] for name in stuck}
-        box: Box = {name: (float(low), float(high)) for name, (low, high) in told.items()}
+        boxes = self.content["boxes"]
+        ranges = boxes[where] | {name: boxes["physical"][name] for name in stuck}
+        box: Box = {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
         return box | {f"s{i}": (float(i == state), float(i == state)) for i in range(self.n_states)}
 
     def error(self, asked: BoundQuery, where: str, stuck: list[str]) -> Any:
@@ -226,27 +253,27 @@ class Check:
         )
         name, stuck = own.get("observation"), own.get("stuck", [])
         asked = BoundQuery(own["of"], own["state"], own["joint"], own["sign"], name)
-        told = f"{asked.of} of {asked.joint} in state {asked.state}"
-        refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{told}: is not known")
-        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{told}: has no sign")
+        what = f"{asked.of} of {asked.joint} in state {asked.state}"
+        refuse_unless(asked.of in ("target", "offset", "slope", "effect"), f"{what}: is not known")
+        refuse_unless(type(asked.sign) is int and asked.sign in (1, -1), f"{what}: has no sign")
         refuse_unless(
             type(asked.state) is int and asked.state in range(self.n_states),
-            f"{told}: there is no such state",
+            f"{what}: there is no such state",
         )
-        refuse_unless(asked.joint in JOINTS, f"{told}: there is no such joint")
+        refuse_unless(asked.joint in JOINTS, f"{what}: there is no such joint")
         sensed = self.names_sensed()
         moved = asked.of in ("slope", "effect")
-        refuse_unless(name in sensed if moved else name is None, f"{told}: of no observation")
+        refuse_unless(name in sensed if moved else name is None, f"{what}: of no observation")
         counted = asked.of == "slope" and name in COUNTED
-        refuse_unless(not counted, f"{told}: {name} counts steps, and has no slope")
-        refuse_unless(own["box"] in BOXES, f"{told}: there is no such box")
+        refuse_unless(not counted, f"{what}: {name} counts steps, and has no slope")
+        refuse_unless(own["box"] in BOXES, f"{what}: there is no such box")
         refuse_unless(
             isinstance(stuck, list) and {*stuck} <= {*sensed} and len({*stuck}) == len(stuck),
-            f"{told}: what is stuck is no observation",
+            f"{what}: what is stuck is no observation",
         )
         numbers = [own["bound"], own["reached"], *([own["other"]] if "other" in own else [])]
-        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{told}: NaN")
-        refuse_unless(moved or "other" not in own, f"{told}: has another value of nothing")
+        refuse_unless(all(map(is_number, numbers)) and is_point(own["witness"]), f"{what}: NaN")
+        refuse_unless(moved or "other" not in own, f"{what}: has another value of nothing")
         return asked
 
     def names_sensed(self) -> list[str]:
@@ -255,17 +282,17 @@ class Check:
 
     def check_statement(self, own: dict[str, Any]) -> None:
         asked, stuck = self.asked_in(own), own.get("stuck", [])
-        told = f"{asked.of} of {asked.joint} in state {asked.state}"
+        what = f"{asked.of} of {asked.joint} in state {asked.state}"
         box = self.box(own["box"], stuck, asked.state)
         error = self.error(asked, own["box"], stuck)
         bound = self.targets.bound(asked, box, own.get("splits", [])) + error
-        refuse_unless(bound <= own["bound"], f"{told}: the bound {own['bound']} is not proved")
+        refuse_unless(bound <= own["bound"], f"{what}: the bound {own['bound']} is not proved")
         points = [{name: low for name, (low, _) in box.items()} | own["witness"]]
         points += [points[0] | {str(asked.name): own["other"]}] if "other" in own else []
         inside = all(holds(box, point) for point in points)
-        refuse_unless(inside, f"{told}: the witness is not in the box")
+        refuse_unless(inside, f"{what}: the witness is not in the box")
         reached = self.least(asked, points) >= own["reached"] - SLACK
-        refuse_unless(reached, f"{told}: the witness is too low")
+        refuse_unless(reached, f"{what}: the witness is too low")
         key = *asked, own["box"], *sorted(stuck)
         self.proved[key] = min(own["bound"], self.proved.get(key, math.inf))
 
@@ -308,10 +335,10 @@ class Check:
         up, down = (BoundQuery("target", state, joint, sign) for sign in (1, -1))
         match claim["kind"]:
             case "limits":
-                low, high = LIMITS[joint[3:]]
+                low, high = self.robot.limits[joint]
                 return [(up, claim.get("most", high)), (down, -claim.get("least", low))]
             case "torque":
-                most = claim.get("most", EFFORT) / STIFFNESS
+                most = claim.get("most", self.robot.effort[joint]) / self.robot.stiffness
                 return [(own._replace(of="offset"), most) for own in (up, down)]
         asked = down if claim.get("never") == "falls" else up
         asked = asked._replace(of="slope" if claim["kind"] == "never" else "effect")
@@ -360,7 +387,7 @@ class Check:
         return False
 
     def lopsided(self, claim: dict[str, Any], scope: list, points: list[Point]) -> bool:
-        image = self.told["mirror"]
+        image = self.content["mirror"]
         refuse_unless(image is not None, f"{claim['name']}: the gait has no mirror image")
         for state, joint in scope:
             theirs, turn = image_of(joint, image)
@@ -405,7 +432,7 @@ class Check:
                 box, used = self.box(where, [], state), sorted(self.targets.used(state, joint))
                 along = [(name, by[name]) for name in used if by[name]]
                 moved = sum((self.targets.moved(state, joint, *own, box) for own in along), error)
-            squares[state] += (moved / ACTION_SCALE) ** 2
+            squares[state] += (moved / self.robot.action_scale) ** 2
         limit = claim.get("most", ABRUPT)
         return any(own > limit if points else not own <= limit for own in squares.values())
 
@@ -420,19 +447,25 @@ def holds(box: Box, point: Point) -> bool:
     )
 
 
-def check(certificate: Path, policy: Path | None = None, gait: Path | None = None) -> str:
+def check(
+    certificate: Path,
+    policy: Path | None = None,
+    gait: Path | None = None,
+    robot: Path | None = None,
+) -> str:
     """Checks a certificate, and reports in a line what holds.
 
     Args:
         certificate: The certificate.
         policy: The policy's file; by default the student that ships under the certificate's name.
         gait: The gait's file; by default the one that ships under the certificate's name.
+        robot: The robot's file, in the same way.
 
     Raises:
         RefusedError: if anything in it does not hold, or it cannot be read.
     """
     try:
-        return Check(certificate, policy, gait).run()
+        return Check(certificate, policy, gait, robot).run()
     except RefusedError:
         raise
     except (OSError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
@@ -440,4 +473,4 @@ def check(certificate: Path, policy: Path | None = None, gait: Path | None = Non
     except (SyntaxError, StopIteration, RecursionError, MemoryError, struct.error) as error:
         raise RefusedError(f"cannot be read ({type(error).__name__}: {error})") from error
     except yaml.YAMLError as error:
-        raise RefusedError(f"the gait's file cannot be read ({error})") from error
+        raise RefusedError(f"the file of gait or robot cannot be read ({error})") from error

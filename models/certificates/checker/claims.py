@@ -1,10 +1,9 @@
 """What a claim may say; each key is refused where it is of no use, misspelt or of another kind."""
 
-import math
 import re
 from typing import Any
 
-from .robot import COUNTED, JOINTS, refuse_unless
+from .robot import COUNTED, JOINTS, is_number, refuse_unless
 
 OUTCOMES = ("proved", "refuted", "undecided")
 BOXES = ("operating", "physical")
@@ -34,11 +33,6 @@ ALLOWED = {
 }
 
 
-def is_number(value: Any) -> bool:
-    """Returns whether a value is a finite number, and no truth value."""
-    return type(value) in (int, float) and abs(value) <= 1e300 and math.isfinite(value)
-
-
 def is_list_of(value: Any, known: list[str]) -> bool:
     """Returns whether a value lists known names, none of them twice."""
     return (
@@ -58,16 +52,16 @@ def check_keys(claim: Any, states: list[str], names: list[str]) -> None:
             each state is decided by itself.
     """
     refuse_unless(isinstance(claim, dict), "a claim is no mapping")
-    told, kind = repr(claim.get("name"))[:60], claim.get("kind")
-    refuse_unless(kind in NEEDED, f"{told}: a claim of kind {kind!r} is not known")
+    name, kind = repr(claim.get("name"))[:60], claim.get("kind")
+    refuse_unless(kind in NEEDED, f"{name}: a claim of kind {kind!r} is not known")
     needed = {*WRITTEN, *NEEDED[kind]}
     known = {*needed, *SCOPE, *ALLOWED[kind]}
-    refuse_unless(needed <= {*claim}, f"{told}: lacks the keys {sorted(needed - {*claim})}")
+    refuse_unless(needed <= {*claim}, f"{name}: lacks the keys {sorted(needed - {*claim})}")
     unsigned = kind in ("limits",) or claim.get("most", 0.0) >= 0.0
-    refuse_unless(unsigned, f"{told}: its 'most' is below 0")
+    refuse_unless(unsigned, f"{name}: its 'most' is below 0")
     counted = kind == "never" and {*claim["observations"]} & {*COUNTED}
-    refuse_unless(not counted, f"{told}: counts of steps have no slope; claim an effect")
-    refuse_unless({*claim} <= known, f"{told}: has keys of no use, {sorted({*claim} - known)}")
+    refuse_unless(not counted, f"{name}: counts of steps have no slope; claim an effect")
+    refuse_unless({*claim} <= known, f"{name}: has keys of no use, {sorted({*claim} - known)}")
     own = [*names, *(f"{kind}.own" for kind in ("q", "dq", "a"))]
     kinds = {name.partition(".")[0] for name in names} - {"cmd"}
     sound = {
@@ -94,7 +88,7 @@ def check_keys(claim: Any, states: list[str], names: list[str]) -> None:
         ),
     }
     for key, value in claim.items():
-        refuse_unless(sound[key](value), f"{told}: its {key!r} is not what it must be")
+        refuse_unless(sound[key](value), f"{name}: its {key!r} is not what it must be")
 
 
 def is_point(value: Any) -> bool:

@@ -39,7 +39,16 @@ def read_yaml(path: Path) -> Any:
     data = read_bytes(path, MOST_BYTES // 1000)
     named = any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(data))
     refuse_unless(not named, f"{path} holds aliases")
-    return yaml.safe_load(data)
+    return yaml.load(data, _Strict)
+
+
+class _Strict(yaml.SafeLoader):
+    """Plain values, each key once: of two the last would count, and a reader sees the first."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        refuse_unless(len(keys) == len({*keys}), "a key is given twice")
+        return super().construct_mapping(node, deep)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -8,17 +8,15 @@ from typing import Any
 from flint import arb, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from .robot import (
-    ACTION_SCALE,
     COUNTED,
     JOINTS,
-    STANCE,
     BoundQuery,
     Box,
     RefusedError,
+    Robot,
     image_of,
     refuse_unless,
     symbols,
-    units,
 )
 from .rounding import Rounding, hull, of_sum
 from .text import FormulaText, Node
@@ -42,14 +40,18 @@ class Formulas:
     """Targets as polynomials of quantities and of functions, each a variable of its own.
 
     Attributes:
+        robot: The robot.
         inner: What each function is of, by the name of its variable.
         targets: The polynomials by state and joint, of those that were asked for.
         written: The formulas, of a formula file.
         weights: Weights by quantity and the intercept, of a linear law.
     """
 
-    def __init__(self, n_states: int) -> None:
-        self.names = [*symbols(n_states), "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
+    def __init__(self, robot: Robot, n_states: int) -> None:
+        self.robot, self.names = (
+            robot,
+            [*symbols(n_states), "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))],
+        )
         self.ring = fmpq_mpoly_ctx.get(self.names)
         self.variables = dict(zip(self.names, self.ring.gens(), strict=True))
         self.inner: dict[str, tuple[str, fmpq_mpoly]] = {}
@@ -59,10 +61,10 @@ class Formulas:
         self.known: dict[Node, fmpq_mpoly] = {}
 
     @classmethod
-    def read(cls, told: FormulaText) -> "Formulas":
+    def read(cls, robot: Robot, text: FormulaText) -> "Formulas":
         """Takes what a formula file says."""
-        own = cls(told.n_states)
-        own.written |= told.targets
+        own = cls(robot, text.n_states)
+        own.written |= text.targets
         return own
 
     def target(self, state: int, joint: str) -> fmpq_mpoly:
@@ -73,17 +75,19 @@ class Formulas:
         return self.targets[place]
 
     @classmethod
-    def linear(cls, arrays: dict[str, Any], n_states: int) -> "Formulas":
+    def linear(cls, robot: Robot, arrays: dict[str, Any], n_states: int) -> "Formulas":
         """Takes weights of the observations and intercepts."""
-        own, names = cls(n_states), symbols(n_states)
+        own, names = cls(robot, n_states), symbols(n_states)
         for state, (number, joint) in ways(range(n_states), enumerate(JOINTS)):
             place = (state if arrays["weights"].ndim == 3 else ..., number)
             action = own.ring.constant(exact(arrays["intercepts"][place]))
             weights = dict(zip(names, arrays["weights"][place].tolist(), strict=True))
             for name, weight in weights.items():
-                scale, offset = units(name)
+                scale, offset = robot.units(name)
                 action += (own.variables[name] - exact(offset)) * (exact(weight) * exact(scale))
-            own.targets[state, joint] = action * exact(ACTION_SCALE) + exact(STANCE[number])
+            own.targets[state, joint] = action * exact(robot.action_scale) + exact(
+                robot.stance[joint]
+            )
             own.weights[state, joint] = {"": float(arrays["intercepts"][place]), **weights}
         return own
 
@@ -158,13 +162,13 @@ class Formulas:
             RefusedError: if that is too far, or the formula may have no value in the box.
         """
         if (state, joint) in self.written:
-            return Rounding(box).target(self.written[state, joint], joint)
+            return Rounding(self.robot, box).target(self.written[state, joint], joint)
         sizes = []
         for name, weight in self.weights[state, joint].items():
-            scale, offset = units(name)
+            scale, offset = self.robot.units(name)
             ends = [(end - offset) * scale for end in box[name]] if name else [1.0]
             sizes.append(abs(weight) * max(map(abs, ends)))
-        return of_sum(sizes, joint)
+        return of_sum(self.robot, sizes, joint)
 
     def slope(self, formula: fmpq_mpoly, name: str) -> fmpq_mpoly:
         """Differentiates by a quantity."""

@@ -1,5 +1,6 @@
-"""A gait's file, read anew: its states, its mirror image, and what a robot can be told and be."""
+"""A gait's file, read anew: its states, its mirror image, its commands and what a robot can be."""
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator
@@ -14,11 +15,11 @@ from .robot import (
     FASTEST_TRUNK,
     FOOT_HEIGHTS,
     LEGS,
-    LIMITS,
     MIRRORED,
     OVERDUE,
     Box,
     RefusedError,
+    Robot,
     refuse_unless,
     symbols,
 )
@@ -28,6 +29,9 @@ MOST_CHARACTERS = 1000
 
 STANCES = [dict(zip(LEGS, feet, strict=True)) for feet in ways((False, True), repeat=len(LEGS))]
 """All ways to touch the ground."""
+
+PLACES = 1e4
+"""Numbers of boxes have four decimals, and angles are rounded outward to them."""
 
 
 class Gait:
@@ -97,19 +101,19 @@ class Gait:
             holds.append(Condition(edge["when"], feet).read())
         return tuple(holds), float(edge.get("dwell", 1.0)), int(edge.get("grace", 0))
 
-    def physical(self, operating: Box) -> Box:
+    def physical(self, robot: Robot, operating: Box) -> Box:
         """Returns the box of what a robot can be and its sensors can say, and of `operating`."""
         box = {}
         for name in symbols(len(self.states)):
-            low, high = self.limits(name)
+            low, high = self.limits(robot, name)
             low, high = min(low, operating[name][0]), max(high, operating[name][1])
             box[name] = (low, high)
         return box
 
-    def limits(self, name: str) -> tuple[float, float]:
+    def limits(self, robot: Robot, name: str) -> tuple[float, float]:
         shortest, longest = map(float, self.said["dwell"])
         kind, _, rest = name.partition(".")
-        low, high = LIMITS.get(rest[3:], (0.0, 0.0))
+        low, high = robot.limits.get(rest, (0.0, 0.0))
         match kind, rest:
             case "cmd", "t":
                 return shortest, longest
@@ -117,11 +121,11 @@ class Gait:
                 most = float(self.said["max_speed" if rest == "v" else "max_yaw_rate"])
                 return -most, most
             case "q", _:
-                return low - ANGLE_OVERRUN, high + ANGLE_OVERRUN
+                return outward(low - ANGLE_OVERRUN, high + ANGLE_OVERRUN)
             case "dq", _:
                 return -FASTEST_JOINT, FASTEST_JOINT
             case "a", _:
-                return low, high
+                return outward(low, high)
             case "t", _:
                 return 0.0, longest + OVERDUE
             case "v", _:
@@ -129,6 +133,14 @@ class Gait:
             case "h", _:
                 return FOOT_HEIGHTS
         return 0.0, 1.0
+
+
+def outward(low: float, high: float) -> tuple[float, float]:
+    # What is off a fourth decimal by rounding alone is on it.
+    return (
+        math.floor(round(low * PLACES, 6)) / PLACES,
+        math.ceil(round(high * PLACES, 6)) / PLACES,
+    )
 
 
 class Condition:

@@ -1,17 +1,31 @@
-"""The robot, restated: a check that asked the prover for these numbers would check less."""
+"""The robot, read anew: a check that asked the prover for these numbers would check less.
 
+All robots have the same legs and joints; what differs stands in `robot.yaml`, each robot's own.
+"""
+
+import math
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 LEGS, PARTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 JOINTS = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
-STANCE = [0.1, 0.8, -1.5, -0.1, 0.8, -1.5, 0.1, 1.0, -1.5, -0.1, 1.0, -1.5]
-LIMITS = {"hip": (-0.8029, 0.8029), "thigh": (-1.0472, 4.1888), "calf": (-2.6965, -0.9163)}
-ACTION_SCALE, STIFFNESS, EFFORT, ABRUPT = 0.25, 20.0, 33.5, 60.0
-ANGLE_OVERRUN, OVERDUE = 0.06, 2
+ABRUPT, ANGLE_OVERRUN, OVERDUE = 60.0, 0.06, 2
 FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 50.0, 3.0, (-0.1, 0.4)
 MIRRORED = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
 COUNTED = ("t", "cmd.t")
+
+DEFAULT_ROBOT = "a1"
+"""The robot of files that name none."""
+
+SIZES = {"mass", "hip_offset", "thigh_offset", "thigh_length", "calf_length", "foot_radius"}
+SHAPES = {"trunk_box", "thigh_box", "calf_box"}
+LIMITS = {"position_limits", "effort_limits", "velocity_limits"}
+LAW = {"stance", "stiffness", "damping", "action_scale"}
+NEEDED = {"name", "full_name", "description"} | SIZES | SHAPES | LIMITS | LAW
+ALLOWED = NEEDED | {"motor_order", "inertias"}
+"""Keys of a robot's file. Most are none of a proof's business, but no file has others."""
 
 Box = dict[str, tuple[float, float]]
 
@@ -27,7 +41,7 @@ class BoundQuery(NamedTuple):
 
 
 class RefusedError(Exception):
-    """A certificate that does not hold, told in one sentence."""
+    """A certificate that does not hold; the reason is one sentence."""
 
 
 def refuse_unless(holds: Any, sentence: str) -> None:
@@ -54,16 +68,103 @@ def observed_names(n_states: int) -> list[str]:
     return ["Command X", "Command Yaw", *of_joints, *states, "RM Iters", "Command RM Iters", *last]
 
 
-def units(name: str) -> tuple[float, float]:
-    """Returns scale and offset of a quantity: it is observed as (quantity - offset) * scale."""
-    kind, _, joint = name.partition(".")
-    scales = {"dq": 0.05, "a": 1.0 / ACTION_SCALE, "t": 0.1, "v": 2.0}
-    scale = 0.1 if name == "cmd.t" else scales.get(kind, 1.0)
-    return scale, STANCE[JOINTS.index(joint)] if kind in ("q", "a") else 0.0
-
-
 def image_of(name: str, image: list[int]) -> tuple[str, int]:
     """Returns what a quantity or a joint is in the mirror, and its sign there."""
     new = re.sub(r"(FL|FR|RL|RR)", lambda leg: MIRRORED[leg[1]], name)
     new = re.sub(r"^s(\d+)$", lambda state: f"s{image[int(state[1])]}", new)
     return new, -1 if name.endswith("_hip") or name in ("cmd.yaw", "v.y") else 1
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What proofs take from a robot's file.
+
+    Attributes:
+        name: Its name.
+        stance: Angles of the default stance by joint (rad).
+        limits: Least and greatest angle by joint (rad).
+        effort: Greatest torque by joint (N·m).
+        stiffness: Gain of the joints' position control (N·m/rad).
+        action_scale: What an action of 1 adds to a joint's target (rad).
+    """
+
+    name: str
+    stance: dict[str, float]
+    limits: dict[str, tuple[float, float]]
+    effort: dict[str, float]
+    stiffness: float
+    action_scale: float
+
+    @classmethod
+    def read(cls, said: Any, path: object) -> "Robot":
+        """Takes what a robot's file says.
+
+        Raises:
+            RefusedError: if it has other keys than such a file, or a value of another kind.
+        """
+        sound = isinstance(said, dict) and NEEDED <= {*said} <= ALLOWED
+        refuse_unless(sound, f"{path} is no robot's file: it has other keys")
+        refuse_unless(is_robot_name(said["name"]), f"{path}: its 'name' is none")
+        for key in ("stiffness", "action_scale"):
+            refuse_unless(is_positive(said[key]), f"{path}: its {key!r} is not above 0")
+        stance = said["stance"]
+        legs = isinstance(stance, dict) and {*stance} == {*LEGS}
+        legs = legs and all(is_row(angles, len(PARTS)) for angles in stance.values())
+        refuse_unless(legs, f"{path}: its 'stance' is not three angles of each leg")
+        return cls(
+            said["name"],
+            dict(zip(JOINTS, [float(own) for leg in LEGS for own in stance[leg]], strict=True)),
+            {
+                joint: (float(low), float(high))
+                for joint, (low, high) in of_joints(said, "position_limits", is_range, path).items()
+            },
+            {
+                joint: float(own)
+                for joint, own in of_joints(said, "effort_limits", is_positive, path).items()
+            },
+            float(said["stiffness"]),
+            float(said["action_scale"]),
+        )
+
+    def units(self, name: str) -> tuple[float, float]:
+        """Returns scale and offset of a quantity, observed as (quantity - offset) * scale."""
+        kind, _, joint = name.partition(".")
+        scales = {"dq": 0.05, "a": 1.0 / self.action_scale, "t": 0.1, "v": 2.0}
+        scale = 0.1 if name == "cmd.t" else scales.get(kind, 1.0)
+        return scale, self.stance[joint] if kind in ("q", "a") else 0.0
+
+
+def of_joints(
+    said: dict[str, Any], key: str, sound: Callable[[Any], bool], path: object
+) -> dict[str, Any]:
+    """Returns what a key gives each joint, by itself or else by its kind."""
+    given = said[key]
+    known = isinstance(given, dict) and {*given} <= {*PARTS, *JOINTS}
+    refuse_unless(
+        known and all(map(sound, given.values())), f"{path}: its {key!r} is not what it must be"
+    )
+    whole = {joint: given.get(joint, given.get(joint[3:])) for joint in JOINTS}
+    refuse_unless(None not in whole.values(), f"{path}: its {key!r} lacks a joint")
+    return whole
+
+
+def is_robot_name(value: Any) -> bool:
+    """Returns whether a value may be a robot's name, and so a folder's."""
+    return isinstance(value, str) and bool(re.fullmatch(r"[a-z][a-z0-9_]{0,39}", value))
+
+
+def is_number(value: Any) -> bool:
+    """Returns whether a value is a finite number, and no truth value."""
+    return type(value) in (int, float) and abs(value) <= 1e300 and math.isfinite(value)
+
+
+def is_positive(value: Any) -> bool:
+    return is_number(value) and value > 0
+
+
+def is_row(value: Any, count: int) -> bool:
+    return isinstance(value, list) and len(value) == count and all(map(is_number, value))
+
+
+def is_range(value: Any) -> bool:
+    return is_row(value, 2) and value[0] < value[1]

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from flint import arb
 
-from .robot import ACTION_SCALE, JOINTS, STANCE, Box, RefusedError, refuse_unless, units
+from .robot import Box, RefusedError, Robot, refuse_unless
 from .text import Node
 
 UNIT = arb(2) ** -53
@@ -33,10 +33,10 @@ Ranged = tuple[arb, arb, arb]
 
 
 class Rounding:
-    """Bounds values and errors of formulas over one box."""
+    """Bounds values and errors of a robot's formulas over one box."""
 
-    def __init__(self, box: Box) -> None:
-        self.box, self.known = box, dict[Node, Ranged]()
+    def __init__(self, robot: Robot, box: Box) -> None:
+        self.robot, self.box, self.known = robot, box, dict[Node, Ranged]()
 
     def target(self, formula: Node, joint: str) -> arb:
         """Bounds the error of a joint's target (rad), as the robot computes it.
@@ -47,7 +47,7 @@ class Rounding:
             RefusedError: if it may exceed `LARGEST_ERROR`, or the formula may have no value.
         """
         low, high, error = self.ranged(formula)
-        stance = abs(arb(STANCE[JOINTS.index(joint)]))
+        stance = abs(arb(self.robot.stance[joint]))
         error = upper(error + 4 * UNIT * (size(low, high) + error + stance))
         refuse_unless(
             error <= LARGEST_ERROR,
@@ -67,7 +67,11 @@ class Rounding:
         if node.operator == "variable":
             # A quantity is computed from what is observed: scaled, and shifted by its offset.
             low, high = map(arb, self.box[node.name])
-            return low, high, 4 * UNIT * (size(low, high) + abs(arb(units(node.name)[1])))
+            return (
+                low,
+                high,
+                4 * UNIT * (size(low, high) + abs(arb(self.robot.units(node.name)[1]))),
+            )
         parts = [self.ranged(part) for part in node.parts]
         if node.operator == "neg":
             low, high, error = parts[0]
@@ -177,18 +181,19 @@ def hull(values: list[arb]) -> tuple[arb, arb]:
     return least, greatest
 
 
-def of_sum(parts: list[float], joint: str) -> arb:
+def of_sum(robot: Robot, parts: list[float], joint: str) -> arb:
     """Bounds the error of a target that is a sum of doubles, added up in any order.
 
     Args:
+        robot: The robot.
         parts: Greatest size of each summand, in actions.
         joint: The joint.
 
     Raises:
         RefusedError: as `Rounding.target`.
     """
-    whole = ACTION_SCALE * sum(map(abs, map(arb, parts)), arb(0))
-    stance = abs(arb(STANCE[JOINTS.index(joint)]))
+    whole = robot.action_scale * sum(map(abs, map(arb, parts)), arb(0))
+    stance = abs(arb(robot.stance[joint]))
     error = upper((len(parts) + 8) * 2 * UNIT * (whole + stance) + SMALLEST)
     if not error <= LARGEST_ERROR:
         raise RefusedError(f"a target of {joint} may be off by too much in double precision")

@@ -14,15 +14,13 @@ import numpy as np
 from flint import arb
 
 from .robot import (
-    ACTION_SCALE,
     COUNTED,
     JOINTS,
-    STANCE,
     BoundQuery,
     Box,
+    Robot,
     refuse_unless,
     symbols,
-    units,
 )
 from .rounding import of_sum
 
@@ -33,10 +31,10 @@ Table = tuple[tuple[int, ...], Any]
 
 
 def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Reads a safetensors file: what its header tells, and its arrays."""
+    """Reads a safetensors file: its header and its arrays."""
     (size,) = struct.unpack("<Q", data[:8])
     header = json.loads(data[8 : 8 + size])
-    told, arrays = json.loads(header.pop("__metadata__")["header"]), {}
+    contents, arrays = json.loads(header.pop("__metadata__")["header"]), {}
     places = sorted(own["data_offsets"] for own in header.values())
     ends = [0, *(end for _, end in places)]
     tiled = all(start == before for (start, _), before in zip(places, ends, strict=False))
@@ -47,14 +45,14 @@ def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
         flat = np.frombuffer(data[8 + size + start : 8 + size + end], kind[own["dtype"]])
         arrays[name] = flat.astype("<i8" if own["dtype"][0] in "UI" else float)
         arrays[name] = arrays[name].reshape(own["shape"])
-    return told, arrays
+    return contents, arrays
 
 
 class Tables:
     """Targets that are sums of tables of one and of two observations."""
 
-    def __init__(self, arrays: dict[str, Any], n_states: int) -> None:
-        self.arrays, self.names = arrays, symbols(n_states)
+    def __init__(self, robot: Robot, arrays: dict[str, Any], n_states: int) -> None:
+        self.robot, self.arrays, self.names = robot, arrays, symbols(n_states)
         sound = all(np.isfinite(own).all() for name, own in arrays.items() if name in self.summed)
         refuse_unless(sound, "the policy holds what is no number")
         twice = arrays.get("pairs", np.zeros((0, 2)))
@@ -75,7 +73,7 @@ class Tables:
         Raises:
             RefusedError: if that is too far.
         """
-        return of_sum(self.sizes(JOINTS.index(joint)), joint)
+        return of_sum(self.robot, self.sizes(JOINTS.index(joint)), joint)
 
     def own_rounding(self, joint: str) -> float:
         """Bounds the error of the sums that are made here (rad)."""
@@ -93,12 +91,12 @@ class Tables:
         return {self.names[index] for index in {*single, *paired}}
 
     def is_mirrored(self, state: int, joint: str, image: list[int]) -> bool:
-        """Tells that nothing is known of the mirror."""
+        """Returns False: nothing is known of the mirror."""
         return False
 
     def cells(self, name: str, joint: int, box: Box) -> tuple[Any, Any, Any, Any]:
         """Returns the bins in a box: both ends, values of one observation, labels in pairs."""
-        (scale, offset), index = units(name), self.names.index(name)
+        (scale, offset), index = self.robot.units(name), self.names.index(name)
         fine, coarse = (self.arrays[own][index] for own in ("cuts", "pair_cuts"))
         low, high = box[name]
         if name in COUNTED:
@@ -122,18 +120,22 @@ class Tables:
             first, last, values, labels = self.cells(name, joint, box)
             values = sign * values
             if asked.of == "offset" and name == f"q.{asked.joint}":
-                angle = (first if sign > 0 else last) / units(name)[0] + units(name)[1]
-                values = values - sign * angle / ACTION_SCALE
+                angle = (first if sign > 0 else last) / self.robot.units(name)[
+                    0
+                ] + self.robot.units(name)[1]
+                values = values - sign * angle / self.robot.action_scale
             unary = np.full(int(labels.max()) + 1, -np.inf)
             np.maximum.at(unary, labels, values)
             tables.append(((index,), unary))
         sizes = [len(unary) for _, unary in tables]
         for (one, two), table in self.pairs(joint):
             tables.append(((one, two), sign * table[: sizes[one], : sizes[two]]))
-        constant = STANCE[joint] + ACTION_SCALE * float(self.arrays["intercepts"][joint])
+        constant = self.robot.stance[asked.joint] + self.robot.action_scale * float(
+            self.arrays["intercepts"][joint]
+        )
         return (
             sign * constant
-            + ACTION_SCALE * greatest_sum(tables, sizes)
+            + self.robot.action_scale * greatest_sum(tables, sizes)
             + self.own_rounding(asked.joint)
         )
 
@@ -153,8 +155,8 @@ class Tables:
             whole = np.diagonal(whole, 1) if len(first) > 1 else np.zeros(1)
         else:
             apart = np.maximum(first[None, :] - last[:, None], first[:, None] - last[None, :])
-            whole = whole[apart <= most * units(str(asked.name))[0] + 1e-9]
-        return ACTION_SCALE * float(whole.max()) + self.own_rounding(asked.joint)
+            whole = whole[apart <= most * self.robot.units(str(asked.name))[0] + 1e-9]
+        return self.robot.action_scale * float(whole.max()) + self.own_rounding(asked.joint)
 
     def moved(self, state: int, joint: str, name: str, most: float, box: Box) -> float:
         """Bounds the change of a target where a quantity changes by `most` at most."""
@@ -206,8 +208,8 @@ def held(table: Table, label: int, value: int) -> Table:
 class Trees(Tables):
     """Targets that are sums of trees, of which each is bounded by itself."""
 
-    def __init__(self, arrays: dict[str, Any], n_states: int) -> None:
-        super().__init__(arrays, n_states)
+    def __init__(self, robot: Robot, arrays: dict[str, Any], n_states: int) -> None:
+        super().__init__(robot, arrays, n_states)
         nodes, leaves = arrays["features"].shape[-1], arrays["leaves"].shape[-1]
         whole = leaves == nodes + 1 and leaves >= 2 and leaves & nodes == 0
         refuse_unless(whole, "the policy's trees are not complete")
@@ -235,7 +237,10 @@ class Trees(Tables):
     def bound(self, asked: BoundQuery, box: Box, splits: list | None = None) -> float:
         joint, sign = JOINTS.index(asked.joint), asked.sign
         features, leaves = self.arrays["features"][joint], self.arrays["leaves"][joint]
-        scaled = [(np.array(box[name]) - units(name)[1]) * units(name)[0] for name in self.names]
+        scaled = [
+            (np.array(box[name]) - self.robot.units(name)[1]) * self.robot.units(name)[0]
+            for name in self.names
+        ]
         lower, upper = np.array(scaled).T
         cuts = self.cuts[joint]
         left = lower[features] <= cuts + near(cuts)
@@ -250,9 +255,17 @@ class Trees(Tables):
             least = np.where(reached, sign * leaves, np.inf).min(axis=-1)
             asks = features == self.names.index(str(asked.name))
             mine = (asks & np.isfinite(self.cuts[joint])).any(axis=-1)
-            return ACTION_SCALE * math.fsum((most - least)[mine]) + self.own_rounding(asked.joint)
-        constant = STANCE[joint] + ACTION_SCALE * float(self.arrays["intercepts"][joint])
-        whole = sign * constant + ACTION_SCALE * math.fsum(most) + self.own_rounding(asked.joint)
+            return self.robot.action_scale * math.fsum((most - least)[mine]) + self.own_rounding(
+                asked.joint
+            )
+        constant = self.robot.stance[asked.joint] + self.robot.action_scale * float(
+            self.arrays["intercepts"][joint]
+        )
+        whole = (
+            sign * constant
+            + self.robot.action_scale * math.fsum(most)
+            + self.own_rounding(asked.joint)
+        )
         if asked.of == "offset":
             whole -= min(sign * end for end in box[f"q.{asked.joint}"])
         return whole

@@ -13,7 +13,7 @@ from keyword import iskeyword
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
-HEADER = ("format", "gait", "states", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
 MOST_CHARACTERS, MOST_STATES, MOST_DEFINITIONS = 1_000_000, 32, 200
 DEEPEST, MOST_NODES, LARGEST = 100, 5000, 1e30
 

@@ -31,7 +31,7 @@ def metadata(
     Args:
         gait: The gait.
         policy: The controller.
-        expert: Whose estimator observes what no sensor tells.
+        expert: Its estimator observes what no sensor measures.
         policy_name: What the policy is called.
         version: Version of this project.
     """
@@ -87,7 +87,7 @@ def _listed(values: Iterable[object]) -> str:
 
 
 def _machine(gait: Gait) -> dict[str, object]:
-    """Tells a reward machine as the gait's file does, and when its observed time is held."""
+    """Describes a reward machine as the gait's file does, and when its observed time is held."""
     return {
         "states": list(gait.states),
         "initial": gait.initial,

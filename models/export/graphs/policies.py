@@ -140,7 +140,7 @@ def add_trees(graph: GraphBuilder, policy: BoostedTreesPolicy, observation: str)
 
 
 def _reachable(thresholds: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tells which inner nodes (trees, nodes) ask something: a root, and what can be reached."""
+    """Returns which inner nodes (trees, nodes) ask something: a root, and what can be reached."""
     asks = np.isfinite(thresholds)
     reachable = np.ones_like(asks)
     for node in range(1, asks.shape[1]):

@@ -42,7 +42,7 @@ def write_graph(
     Args:
         gait: The gait, which the graph's metadata describe.
         policy: The policy that acts: a student, or the expert.
-        expert: Whose estimator observes what no sensor tells.
+        expert: Its estimator observes what no sensor measures.
         policy_name: What its metadata call the policy.
         version: Version of this project.
         real: Type of what the graph reads and gives. It computes in double precision: cuts of trees

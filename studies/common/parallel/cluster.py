@@ -79,7 +79,7 @@ def run_on_cluster(
             if not running:
                 return
             ticket = cluster.first_done(list(running))
-            # It has ended, however it ended: what is told to end again may end Ray itself.
+            # It has ended, however it ended: what is asked to end again may end Ray itself.
             number = running.pop(ticket)
             done[number] = cluster.result(ticket)
             while done and (not in_order or n_yielded in done):

@@ -47,7 +47,7 @@ _backend: ContextVar[Backend] = ContextVar("backend", default="loky")
 
 @contextmanager
 def parallel_backend(backend: Backend) -> Iterator[None]:
-    """Chooses where the parallel loops within run that are not told otherwise."""
+    """Chooses where the parallel loops within run that are not set otherwise."""
     token = _backend.set(backend)
     try:
         yield
@@ -56,7 +56,7 @@ def parallel_backend(backend: Backend) -> Iterator[None]:
 
 
 def runs_here() -> bool:
-    """Returns whether parallel loops run on this machine, as far as they are not told otherwise."""
+    """Returns whether parallel loops run on this machine, as far as they are not set otherwise."""
     return _backend.get() == "loky"
 
 
@@ -166,7 +166,7 @@ def _signals_held() -> Iterator[None]:
 
 
 def _handled_by(came: list[int]) -> dict[signal.Signals, Any]:
-    """Notes the signals that come, and returns who handled them before."""
+    """Notes the signals that come, and returns their handlers of before."""
     # Blocking is not enough: it is this thread's alone, and libraries' threads let signals through.
     return {
         number: signal.signal(number, lambda came_now, _: came.append(came_now))

@@ -35,7 +35,7 @@ class RayCluster:
         Raises:
             InputError: if Ray is not installed, or no cluster answers.
         """
-        # Set before Ray is imported: nothing is told to its makers unless a person asks for it.
+        # Set before Ray is imported: nothing is reported to its makers unless a person asks for it.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         try:
             ray: Any = import_module("ray")

@@ -14,7 +14,7 @@ WORKER_LOST = (
     "a worker process was ended from outside, most likely for lack of memory; free some or ask for "
     "fewer at once, then continue with --resume"
 )
-"""What a loop tells that lost a worker, or on a cluster too many of them."""
+"""What a loop reports that lost a worker, or on a cluster too many of them."""
 
 in_worker = threading.Event()
 """Set in a process that is a worker: its cores are its siblings'."""

@@ -56,7 +56,7 @@ class DriveController(Settings):
     source: Path | None = None
 
     def run(self) -> None:
-        """Answers, and tells what was counted."""
+        """Answers, and reports what was counted."""
         gait = load_gait(self.gait)
         policy = find_policies(gait, self.source).controller(self.policy)
         lcm = open_lcm(self.link)
@@ -101,7 +101,7 @@ class DriveSimulator(Settings):
     output: Path | None = None
 
     def run(self) -> None:
-        """Simulates, and tells what was counted."""
+        """Simulates, and reports what was counted."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
         if self.meshcat:
             scenario = replace(scenario, command=SliderCommand())

@@ -17,7 +17,7 @@ LISTENING = 100
 """Time for which it listens before it asks whether to end (ms)."""
 
 SILENCE = 1.0
-"""Time without sensors that is told (s)."""
+"""Time without sensors that is reported (s)."""
 
 
 def control(

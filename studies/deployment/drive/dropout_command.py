@@ -24,7 +24,7 @@ from glassgait.studies.deployment.drive.dropout import (
 
 @dataclass(frozen=True)
 class DriveDropout(Settings):
-    """Silence controllers for good at many moments of the stride, and count who overturns.
+    """Silence controllers for good at many moments of the stride, and count the falls.
 
     Attributes:
         gait: Name of a gait, or path of a gait file.

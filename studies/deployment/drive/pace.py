@@ -17,8 +17,8 @@ MILLISECONDS = 1e3
 class Pace:
     """Waits for control instants, 20 ms apart.
 
-    Who is late by more than a control step does not hurry after the clock: a robot's controller
-    would have no time to answer. The clock is put back then, which counts as a slip.
+    A process that is late by more than a control step does not hurry after the clock: a robot's
+    controller would have no time to answer. The clock is put back then, which counts as a slip.
 
     Attributes:
         slips: How often that was.

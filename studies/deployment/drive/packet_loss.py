@@ -71,7 +71,7 @@ TRIALS = (
     Trial("all lost for 500 ms", Loss(burst=0.5)),
     Trial("controller gone after 5 s, back after 10 s", silent=(5.0, 10.0)),
 )
-"""Where no latency is told, answers act 10 ms after their sensors, at the plant's next step."""
+"""Where no latency is given, answers act 10 ms after their sensors, at the plant's next step."""
 
 
 class LossyLink:

@@ -17,7 +17,7 @@ from glassgait.studies.deployment.drive.pace import KEPT, Pace, spread
 
 Record = dict[str, float]
 
-TOLD = {
+REPORTED = {
     (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
     (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
     (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
@@ -26,7 +26,7 @@ TOLD = {
     (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
     (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
 }
-"""Changes of phase that are told."""
+"""Changes of phase that are reported."""
 
 
 class RobotProcess:
@@ -70,7 +70,7 @@ class RobotProcess:
         phase = robot.phase
         while not stopped() and (n_steps is None or robot.step < n_steps):
             self._take_step()
-            phase = self._told(phase)
+            phase = self._reported(phase)
             if robot.fallen:
                 self._falls += 1
                 say(f"{self._now:.2f} s: the robot fell; back on its feet")
@@ -114,13 +114,13 @@ class RobotProcess:
             self._answer_times.append(time.monotonic() - self._sent_at)
             self._sent_at = None
 
-    def _told(self, before: Phase) -> Phase:
+    def _reported(self, before: Phase) -> Phase:
         phase = self._robot.phase
         self._steps[phase] += 1
         if phase != before:
             self._changes[before, phase] += 1
-            if (before, phase) in TOLD:
-                say(f"{self._now:.2f} s: {TOLD[before, phase]}")
+            if (before, phase) in REPORTED:
+                say(f"{self._now:.2f} s: {REPORTED[before, phase]}")
         return phase
 
     def _record(self, wall: float) -> Record:

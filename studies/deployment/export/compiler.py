@@ -17,7 +17,7 @@ FLAGS = ("-O2", "-Wall", "-Wextra", "-Werror", "-std=c99", "-ffp-contract=off")
 
 
 def has_compiler() -> bool:
-    """Tells whether the system has a C compiler."""
+    """Returns whether the system has a C compiler."""
     return shutil.which(COMPILER) is not None
 
 

@@ -180,7 +180,7 @@ def smallest_that_walk(choosing: pd.DataFrame, front: pd.DataFrame) -> pd.DataFr
 
     Args:
         choosing: The front by which formulas are chosen.
-        front: That of other robots, whose scores of the chosen formulas are told.
+        front: That of other robots, whose scores of the chosen formulas are reported.
     """
     walks = choosing[(choosing["falls"] == 0) & (choosing["rhythm"] >= MIN_RHYTHM)]
     walks = walks.sort_values("terms")

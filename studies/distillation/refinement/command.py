@@ -85,5 +85,5 @@ class Refine(Settings):
 
 
 def _is_weighted_sum(policy: FormulaPolicy) -> bool:
-    """Tells whether each number of a policy's formulas is the weight of one of its terms."""
+    """Returns whether each number of a policy's formulas is the weight of one of its terms."""
     return FormulaNetwork(policy).n_numbers == policy.n_terms()

@@ -73,7 +73,7 @@ class RefinementConfig(Settings):
         return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
 
     def is_candidate(self, update: int, n_terms: int) -> bool:
-        """Tells whether the formulas after an update may be the result.
+        """Returns whether the formulas after an update may be the result.
 
         Args:
             update: Updates done; 0 for the formulas that the run begins with.

@@ -23,7 +23,7 @@ LEAST_EFFECT = 1e-3
 """Least effect of a number of 1 on a target (rad) that its unit is reckoned from."""
 
 RIDGE = 1e-2
-"""What is added to how little terms that tell nearly the same differ, lest they part too fast."""
+"""What is added to how little nearly equal terms differ, lest they part too fast."""
 
 _TORCH: dict[str, Callable[..., torch.Tensor]] = {
     "add": torch.add,
@@ -50,7 +50,7 @@ class FormulaNetwork(nn.Module):
 
     The numbers are `start + unit @ changes`, or 0 where they were dropped, and the changes are what
     an optimizer sees. A step of any direction among them does as much to the targets, whether it
-    counts metres or rad/s, and whether or not two terms tell nearly the same: with actions of
+    counts metres or rad/s, and whether or not two terms are nearly the same: with actions of
     Gaussian spread a gradient step then is one of the natural gradient.
 
     Attributes:
@@ -247,7 +247,7 @@ def _value(
 
 
 def _begins_with_number(formula: Expression) -> bool:
-    """Tells whether the first summand of a formula is a number."""
+    """Returns whether the first summand of a formula is a number."""
     while formula.operator in ("add", "sub"):
         formula = formula.operands[0]
     return formula.operator == "constant"

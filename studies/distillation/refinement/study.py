@@ -90,7 +90,7 @@ class RefinementRun(LearningRun):
     def write_result(self) -> None:
         """Writes formulas, record and curve: the formulas as they are now, and in the end the best.
 
-        Noise and worlds of learning tell little of how formulas walk alone, and more learning may
+        Noise and worlds of learning say little of how formulas walk alone, and more learning may
         make them worse. So the candidates walk alone, and the best of them is the result.
         """
         finished = self.progress.update >= self.config.updates
@@ -120,7 +120,7 @@ class RefinementRun(LearningRun):
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         estimator = _Frozen(self._expert.estimator)
         generator = np.random.default_rng(self.config.seed)
-        # Told to go as the students of a distillation: few terms cannot serve every speed.
+        # Commanded to go as the students of a distillation: few terms cannot serve every speed.
         speeds = distilled_speeds(self.gait)
         environment = TrainingEnvironment(self.config, self.gait, estimator, generator, speeds)
         self._network = FormulaNetwork(self._policy)

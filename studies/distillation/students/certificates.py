@@ -18,8 +18,8 @@ CERTIFICATE_NAME = "certificate.json"
 def certificates_of(gait: Gait) -> list[Certificate]:
     """Lists the certificates of a gait's policies: those that were made here, and those that ship.
 
-    Of a policy that has several there is the first one; a file that is damaged is told and left
-    out.
+    Of a policy that has several there is the first one; a damaged file is reported and
+    left out.
     """
     found: dict[str, Certificate] = {}
     for certificate in _certificates(gait.name):

@@ -1,7 +1,7 @@
 """Sparse gated sums: formulas that least squares finds, for evolution to start from.
 
 A gated sum is A + g·B + h·C + …, where A, B, C are weighted sums of few observations and the gates
-g, h, … tell where in the gait the robot is.
+g, h, … encode where in the gait the robot is.
 """
 
 import warnings

@@ -188,13 +188,13 @@ def student_file(name: str, gait: str, folder: Path | None = None) -> Path:
     if folder is None and name in shipped_students(gait):
         return policy_path(STUDENT_DIRECTORY / gait, name)
     raise InputError(
-        f"no student {name!r} of the {gait}: {_told(gait, folder)}; make it with "
+        f"no student {name!r} of the {gait}: {_kept(gait, folder)}; make it with "
         f"'glassgait distill --gait {gait} --students {name}'"
     )
 
 
-def _told(gait: str, folder: Path | None) -> str:
-    """Tells which students of a gait there are, and where."""
+def _kept(gait: str, folder: Path | None) -> str:
+    """Lists the students of a gait, and where they are."""
     here = folder or distillation_folder(gait)
-    told = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
-    return told if folder else f"{told} (shipped: {', '.join(shipped_students(gait)) or 'none'})"
+    kept = f"{here} holds {', '.join(kept_students(here)) or 'none'}"
+    return kept if folder else f"{kept} (shipped: {', '.join(shipped_students(gait)) or 'none'})"

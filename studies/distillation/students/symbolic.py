@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.formula_fit import (
     shared_gates,
 )
 from glassgait.studies.distillation.students.student import Student, TrainingSet
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
@@ -43,7 +43,7 @@ def fit_policy(
 
     Args:
         samples: What the formulas are fitted to.
-        gates: Returns what tells a formula where in the gait the robot is.
+        gates: Returns what encodes where in the gait the robot is.
         settings: Engine and budget; of several shapes the first counts.
         statewise: Whether each state of the machine has formulas of its own.
         seed: Seed of the search.

@@ -142,7 +142,7 @@ class Assurance(Settings):
             save_figure(draw_calls(table, titles), folder / "calls")
             shown = push_one(pair, calibration, folder / "pushed_robot.json", of=of)
             save_figure(draw_pushed(shown, calibration), folder / "pushed_robot")
-        print_table(f"{pair.gait.name}: who falls, and who acted", readable_table(table))
+        print_table(f"{pair.gait.name}: falls, and shares of the expert", readable_table(table))
         console.print(f"written to {folder}")
 
     def _pair(self, policies: Policies) -> Pair:

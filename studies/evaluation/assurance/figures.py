@@ -17,7 +17,7 @@ LOOKS = {
     "schedule": ("s", "0.55", "every n-th step"),
     "assured": ("o", "tab:blue", "outside of the region"),
 }
-"""Marker, colour and title of those who share the steps."""
+"""Marker, colour and title of the policies that share the steps."""
 
 
 @styled

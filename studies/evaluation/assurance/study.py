@@ -263,5 +263,5 @@ def period_of(called: float) -> int:
 
 
 def _share_called(scores: pd.DataFrame) -> float:
-    """Returns the share of all robots' steps, so that those who fell early count for less."""
+    """Returns the share of all robots' steps, so that robots that fell early count for less."""
     return float(np.average(scores["expert_share"], weights=scores["steps"]))

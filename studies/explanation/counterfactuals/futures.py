@@ -22,7 +22,7 @@ SOON = 10
 """Control steps in which the joint is expected to follow its target; half a step of the gait."""
 
 WAS, WOULD_BE = COLORS[0], COLORS[-1]
-"""Blue and vermilion, which colour-blind readers tell apart too."""
+"""Blue and vermilion, which colour-blind readers distinguish too."""
 
 
 @dataclass(frozen=True)

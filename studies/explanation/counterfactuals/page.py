@@ -48,7 +48,7 @@ def render_page(
         answers: The nearest answer and that of fewest changes, by name.
         replayed: Name of the answer that the policy was given.
         lasting: For how many control steps it was.
-        outcome: What came of it, as `Futures.outcome` tells.
+        outcome: What came of it, as `Futures.outcome` returns.
         replay: Meshcat's page of both robots.
         figure: Picture of both futures.
     """
@@ -73,11 +73,11 @@ def render_page(
 
 def _shown(heading: str, question: Question, answer: Answer | None) -> dict[str, Any]:
     if answer is None:
-        return {"heading": heading, "table": pd.DataFrame(), "told": ""}
+        return {"heading": heading, "table": pd.DataFrame(), "summary": ""}
     count = len(answer.changed)
-    told = (
+    summary = (
         f"{count} observation{'s' if count > 1 else ''} would have had to differ, by a distance "
         f"of {answer.distance:.2f} standard deviations in all; {certainty_in_words(answer)}. The "
         f"policy then asks for {answer.change_of_target:+.4f} rad."
     )
-    return {"heading": heading, "table": answer_table(question, answer), "told": told}
+    return {"heading": heading, "table": answer_table(question, answer), "summary": summary}

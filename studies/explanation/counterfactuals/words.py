@@ -68,7 +68,7 @@ def answer_table(question: Question, answer: Answer) -> pd.DataFrame:
 
 
 def certainty_in_words(answer: Answer) -> str:
-    """Tells whether an answer is proved to be the nearest of its sort."""
+    """Returns whether an answer is proved to be the nearest of its sort."""
     if answer.gap < 1e-6:
         return "proved to be the nearest"
     if answer.proved:
@@ -79,9 +79,9 @@ def certainty_in_words(answer: Answer) -> str:
 
 
 def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
-    """Tells what the joint and its foot did, of `Futures.outcome`."""
+    """Describes what the joint and its foot did, of `Futures.outcome`."""
     followed = np.sign(outcome["joint"]) == np.sign(by) and abs(outcome["joint"]) > 1e-4
-    told = (
+    moved = (
         f"the joint went {abs(outcome['joint']):.3f} rad that way after {outcome['after']:.2f} s, "
         f"and its foot was {_side(outcome['height'], 'higher', 'lower')} and "
         f"{_side(outcome['forward'], 'further forward', 'further back')}"
@@ -94,7 +94,7 @@ def outcome_in_words(outcome: Mapping[str, Any], by: float) -> str:
         (False, True): "only the robot as it was fell",
         (True, True): "both robots fell",
     }
-    return f"The target changed by {outcome['target']:+.3f} rad; {told}; " + (
+    return f"The target changed by {outcome['target']:+.3f} rad; {moved}; " + (
         f"{falls[outcome['fell'], outcome['fell_before']]} within the part that is shown."
     )
 

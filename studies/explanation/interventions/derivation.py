@@ -14,7 +14,7 @@ from glassgait.studies.explanation.interventions.walks import Walk
 
 @dataclass(frozen=True)
 class Claim:
-    """What a term says: a greater input moves the joint's target, while the gates are as told.
+    """What a term says: a greater input moves the joint's target, while the gates are as given.
 
     Attributes:
         term: The term.
@@ -100,7 +100,7 @@ def claim_of(term: Term, file: FormulaFile, walk: Walk) -> Claim | None:
 
 
 def acting_mask(term: Term, walk: Walk) -> NDArray[np.bool_]:
-    """Tells where a term's formula acts (T, n), and in the mirror, if its image acts there."""
+    """Returns where a term's formula acts (T, n), and in the mirror, if its image acts there."""
     mask = walk.alive.copy()
     if not term.mirrored:
         mask &= ~walk.image[:, None]
@@ -110,7 +110,7 @@ def acting_mask(term: Term, walk: Walk) -> NDArray[np.bool_]:
 
 
 def spoken_of(claim: Claim, walk: Walk) -> NDArray[np.bool_]:
-    """Tells where robots are when a claim speaks of them (T, n)."""
+    """Returns where robots are when a claim speaks of them (T, n)."""
     mask = acting_mask(claim.term, walk)
     for gate, side in zip(claim.term.gates, claim.sides, strict=True):
         mask &= _on_side(walk.quantities[..., gate], side)

@@ -33,7 +33,7 @@ class Effect:
     robots: int
 
     def holds(self, sign: float) -> bool:
-        """Tells whether the effect has a sign, and its interval excludes 0."""
+        """Returns whether the effect has a sign, and its interval excludes 0."""
         return bool(np.sign(sign) * self.measured > self.margin)
 
 

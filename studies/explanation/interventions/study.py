@@ -25,8 +25,8 @@ from glassgait.studies.explanation.interventions.effects import (
 )
 from glassgait.studies.explanation.interventions.walks import Walk
 from glassgait.studies.explanation.interventions.words import (
-    told_of_following,
-    told_of_joint,
+    following_words,
+    joint_words,
     unit_of,
 )
 
@@ -68,7 +68,7 @@ class Examiner:
 
         Returns:
             A row a test: `subject`, joint or following; the `claim` in words; its `term`, `joint`
-            and `state`; the size `predicted`, NaN where a formula tells a sign alone; the size
+            and `state`; the size `predicted`, NaN where a formula gives a sign alone; the size
             `measured`, the ends `low` and `high` of its 95 % interval, and their `unit`; whether
             the claim `holds`; of how many `robots`; `falls` under the intervention; and `file`, the
             edited formulas that walked.
@@ -89,8 +89,8 @@ class Examiner:
         path = self._path(number, claim, "raised")
         walk = self._walk(edited, path, note)
         effect = angle_effect(claim, self.plain, walk)
-        told = told_of_joint(claim, self.file.vocabulary)
-        row = {"subject": "joint", "claim": told, "predicted": claim.effect, "unit": "rad"}
+        words = joint_words(claim, self.file.vocabulary)
+        row = {"subject": "joint", "claim": words, "predicted": claim.effect, "unit": "rad"}
         return self._row(row, claim, effect, claim.effect, walk, path)
 
     def _test_following(self, number: int, claim: Claim, score: str) -> dict[str, object]:
@@ -101,7 +101,7 @@ class Examiner:
         symbol = self.file.vocabulary.symbols[claim.term.input]
         row = {
             "subject": "following",
-            "claim": told_of_following(claim, score),
+            "claim": following_words(claim, score),
             "predicted": float("nan"),
             "unit": unit_of(symbol),
         }

@@ -17,13 +17,13 @@ INPUTS: tuple[Group, ...] = (
     "base velocity",
     "foot height",
 )
-"""What a robot is told, and how its trunk and feet move.
+"""What a robot is commanded, and how its trunk and feet move.
 
 Readings of joints are left out: they are how a servo goes on, and say little to a person.
 """
 
 CLOCKS: tuple[Group, ...] = ("iterations", "machine state")
-"""What tells when, not what: a definition that uses one of these is no input."""
+"""What encodes when, not what: a definition that uses one of these is no input."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def readable_terms(file: FormulaFile) -> list[Term]:
 
 
 def has_image(file: FormulaFile, place: Place) -> bool:
-    """Tells whether the formula elsewhere in the mirror is this one's mirror image.
+    """Returns whether the formula elsewhere in the mirror is this one's mirror image.
 
     Raises:
         InputError: if a definition has no mirror image.
@@ -159,11 +159,11 @@ def _gates(vocabulary: Vocabulary) -> frozenset[int]:
 
 def _inputs(vocabulary: Vocabulary) -> frozenset[int]:
     observed = entries_of(vocabulary.names)
-    told = [i for i, entry in enumerate(observed) if entry.group in INPUTS]
+    inputs = [i for i, entry in enumerate(observed) if entry.group in INPUTS]
     clocks = {i for i, entry in enumerate(observed) if entry.group in CLOCKS}
     defined = [
         len(observed) + i
         for i, definition in enumerate(vocabulary.definitions)
         if definition.symbol not in GATES and not definition.formula.variables & clocks
     ]
-    return frozenset([*told, *defined])
+    return frozenset([*inputs, *defined])

@@ -83,7 +83,7 @@ def walk(
 def seen_by(
     policy: FormulaPolicy, observed: Array, alive: NDArray[np.bool_], scores: pd.DataFrame
 ) -> Walk:
-    """Tells what a policy's robots saw, and in the mirror if its file has an image there.
+    """Returns what a policy's robots observed, and in the mirror if its file has an image there.
 
     Args:
         policy: The policy.

@@ -25,16 +25,16 @@ INPUTS = {
 FOLLOWED = {"going_speed_error": "speed", "yaw_rate_error": "yaw rate"}
 
 
-def told_of_joint(claim: Claim, vocabulary: Vocabulary) -> str:
-    """Tells a claim of a joint: what is greater, what then moves which way, and when."""
+def joint_words(claim: Claim, vocabulary: Vocabulary) -> str:
+    """Describes a claim of a joint: what is greater, what then moves which way, and when."""
     return (
         f"{_cause(claim, vocabulary)} {_movement(claim.term.joint_name, claim.effect)}"
         f"{_when(claim, vocabulary)}"
     )
 
 
-def told_of_following(claim: Claim, score: str) -> str:
-    """Tells the claim that a command's term is there for the command."""
+def following_words(claim: Claim, score: str) -> str:
+    """Describes the claim that a command's term is there for the command."""
     joint = _joint(claim.term.joint_name)
     missed = FOLLOWED[score]
     return f"Without this term of the {joint}, robots miss their commanded {missed} by more"
@@ -53,7 +53,7 @@ def _cause(claim: Claim, vocabulary: Vocabulary) -> str:
     elif kind in INPUTS and leg in LEGS:
         said = INPUTS[kind].format(step=step, leg=LEGS[leg])
     else:
-        # A definition of a person's own, whose note tells what it is.
+        # A definition of a person's own, whose note says what it is.
         said = f"{step} more of {symbol}"
     return said[0].upper() + said[1:]
 
@@ -91,4 +91,4 @@ def _when(claim: Claim, vocabulary: Vocabulary) -> str:
             feet.append(f"while the {leg} foot is {'in the air' if side > 0 else 'down'}")
     if part or state is not None:
         feet.append(f"{part}in {'a state' if state is None else f'state {state}'}")
-    return "".join(f", {told}" for told in feet)
+    return "".join(f", {foot}" for foot in feet)

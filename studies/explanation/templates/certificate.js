@@ -10,7 +10,7 @@ const element = (kind, text = "", name = "") => {
   return node;
 };
 const widths = x => `${minus(x.toFixed(2))} ${x === 1 ? "width" : "widths"}`;
-// Of two observations the second is told where it differs.
+// Of two observations the second is shown where it differs.
 const both = texts => [...new Set(texts)].join(" → ");
 
 let nearest = null;
@@ -28,11 +28,11 @@ function drawOutside() {
 
 function showOutside() {
   const own = certificate.outside[view.step];
-  const told = own.slice(0, 3).map(([k, by]) =>
+  const named = own.slice(0, 3).map(([k, by]) =>
     `${data.quantities[k]} (${by < 1e9 ? "by " + widths(by) : "which had one value alone"})`);
   const more = own.length > 3 ? ` and ${own.length - 3} more` : "";
   at("outside-now").textContent = own.length
-    ? `Step ${view.step} is outside of the operating box: ${told.join(", ")}${more}.`
+    ? `Step ${view.step} is outside of the operating box: ${named.join(", ")}${more}.`
     : `Step ${view.step} is inside of the operating box.`;
 }
 
@@ -92,23 +92,23 @@ function targetTable(own) {
 
 function nearnessOf(own) {
   const state = data.states[own.state], here = own.distances[view.step];
-  const told = element("p"), many = own.values.length > 1;
-  told.append(many ? `Two observations of ${state}, the second where an arrow stands. ` : `An observation of ${state}. `,
+  const text = element("p"), many = own.values.length > 1;
+  text.append(many ? `Two observations of ${state}, the second where an arrow stands. ` : `An observation of ${state}. `,
     `${own.inputs.length} inputs decide the claim there; others count for nothing. `);
   if (own.nearest === null) {
-    told.append(`This rollout is never in ${state}: none of its moments is near.`);
-    return told;
+    text.append(`This rollout is never in ${state}: none of its moments is near.`);
+    return text;
   }
   const button = element("button", `step ${own.nearest}`);
   button.type = "button";
   button.addEventListener("click", () => go(own.nearest));
-  told.append("The nearest moment is ", button, ` (${(own.nearest * data.period).toFixed(2)} s), `
+  text.append("The nearest moment is ", button, ` (${(own.nearest * data.period).toFixed(2)} s), `
     + `${widths(own.distances[own.nearest])} away${many ? " from the nearer one" : ""}, where two observations of the box `
     + `are up to ${own.diagonal.toFixed(2)} apart. `);
   if (view.step !== own.nearest)
-    told.append(here === null ? `Step ${view.step} is in ${data.states[data.state[view.step]]}, not in ${state}.`
+    text.append(here === null ? `Step ${view.step} is in ${data.states[data.state[view.step]]}, not in ${state}.`
       : `Step ${view.step} is ${widths(here)} away.`);
-  return told;
+  return text;
 }
 
 function showWitness() {

@@ -87,9 +87,9 @@ class Benchmark(Settings):
         }
         metrics: dict[str, Any] = {}
         for part in dict.fromkeys(self.parts):
-            for title, (told, table) in measures[part]().items():
+            for title, (heading, table) in measures[part]().items():
                 write_table(table, self.output / title)
-                print_table(told, table)
+                print_table(heading, table)
                 metrics[title] = json_records(table)
         # Linux counts in KiB.
         metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from glassgait.models.export.controller import ControllerSource, write_controller
-from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
@@ -57,8 +56,7 @@ def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     for kind, policy in shipped_policies(expert).items():
         written = write_controller(
             gait,
-            policy,
-            expert,
+            alone(policy, expert),
             name=controller_name(gait.name, kind),
             policy_name=kind,
             version=version("glassgait"),
@@ -92,8 +90,9 @@ def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.Data
             alone(expert) if kind == EXPERT else alone(own[kind], expert)
             for expert, own in zip(experts, policies, strict=True)
         ]
-        written = write_switching_controller(
-            SwitchedPolicy(switch, walkers),
+        written = write_controller(
+            switch,
+            alone(SwitchedPolicy(switch, walkers)),
             name=controller_name("_".join(names), kind),
             policy_name=kind,
             version=version("glassgait"),
@@ -118,14 +117,14 @@ def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, fl
         }
         program = compile_harness(folder, "controller_times.c", values)
         times, load = fastest(lambda: run_harness(program))
-        told = {
+        timed = {
             part: {f"{part} (µs)": own.median, f"{part}, 99.9 % (µs)": own.late}
             for part, own in zip(("step", "estimator", "policy"), times, strict=False)
         }
         return {
-            **told.get("policy", {}),
-            **told.get("estimator", {}),
-            **told["step"],
+            **timed.get("policy", {}),
+            **timed.get("estimator", {}),
+            **timed["step"],
             "C file (kB)": round(source.stat().st_size / 1000),
             "object file (kB)": round((folder / "controller.o").stat().st_size / 1000),
             "load": load,
@@ -145,6 +144,6 @@ def compile_harness(
 
 
 def run_harness(program: Path) -> list[Times]:
-    """Runs what times in C, and returns what its lines tell."""
+    """Runs what times in C, and returns the times that it prints."""
     done = subprocess.run([program], check=True, capture_output=True, text=True, cwd=program.parent)
     return [Times(*map(float, line.split())) for line in done.stdout.splitlines()]

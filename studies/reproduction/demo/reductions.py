@@ -48,7 +48,7 @@ def reductions(
             "imitation and return: with more samples all students come closer to the expert",
         ),
         Reduction(
-            "who collects them",
+            "what collects them",
             "each student its own",
             STUDENTS[distillation.collector].title + ", for all"
             if distillation.collector
