@@ -211,7 +211,7 @@ def compared(
     engine: str, title: str, python: pd.DataFrame, exported: pd.DataFrame
 ) -> dict[str, object]:
     """Compares the scores of robots that Python and an export moved: a row of `walk_both`."""
-    earned, other = python["reward"], exported["reward"]
+    earned, other = python["return"], exported["return"]
     return {
         "engine": engine,
         "robots": len(python),
