@@ -159,7 +159,7 @@ class Policies:
         Raises:
             InputError: if there is no such policy.
         """
-        if name == EXPERT or name in self.files:
+        if name == EXPERT:
             return self.expert
         return self._expert_of(self.file(name))
 
