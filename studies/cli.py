@@ -136,12 +136,12 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
     },
     "reproduce": {
-        "reproduce": (
-            "reproduction.command:Reproduce",
+        "reproduce paper": (
+            "reproduction.report:Report",
             "Do what the paper did by its own settings: train, distil, evaluate and explain.",
         ),
         "reproduce report": (
-            "reproduction.report.command:Report",
+            "reproduction.report:Report",
             "Distil, evaluate and explain the shipped experts, and write one report beside the "
             "paper.",
         ),
@@ -164,7 +164,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
 COMMANDS = {name: entry for commands in PURPOSES.values() for name, entry in commands.items()}
 """Class and summary of each command. A command is a word, or a group and one of its members."""
 
-TRAINS = ("train", "refine", "reproduce", "reproduce benchmark")
+TRAINS = ("train", "refine", "reproduce")
 
 MOVED = {
     "robustness": "evaluate worlds",
@@ -234,6 +234,9 @@ def _run(arguments: list[str]) -> None:
 
 def _command_of(arguments: list[str]) -> tuple[str, list[str]]:
     """Splits arguments into the name of a command and its settings; the longest name counts."""
+    match arguments:
+        case ["reproduce", file, *rest] if Path(file).suffix == ".yaml":
+            return f"reproduce {file}", rest
     for name in sorted(COMMANDS, key=lambda name: -len(name.split())):
         first, *further = name.split()
         if arguments[0] != first:
@@ -282,12 +285,25 @@ def _parse(name: str, arguments: list[str]) -> Any:
     # Imported here: Ctrl-C is handled by now, and other commands' modules stay out.
     import tyro  # noqa: PLC0415
 
-    if name in TRAINS:
+    if name.split(maxsplit=1)[0] in TRAINS:
         # Between two operations torch's threads would spin, on the cores that physics needs:
         # training would be a seventh slower. OpenMP reads this once, when torch is loaded.
         os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    flags = (tyro.conf.FlagCreatePairsOff,)
-    return tyro.cli(command_class(name), prog=f"glassgait {name}", args=arguments, config=flags)
+    flags = (tyro.conf.FlagCreatePairsOff, tyro.conf.SuppressFixed)
+    prog = f"glassgait {name}"
+    if not name.startswith("reproduce "):
+        return tyro.cli(command_class(name), prog=prog, args=arguments, config=flags)
+    # Imported here: YAML and pandas are not for the help.
+    from glassgait.studies.reproduction.settings import (  # noqa: PLC0415
+        load_settings,
+        settings_file,
+        study_of,
+    )
+
+    path = settings_file(name.removeprefix("reproduce "))
+    kind = command_class(f"reproduce {study_of(path)}")
+    published = load_settings(kind, path, quick="--quick" in arguments)
+    return tyro.cli(kind, default=published, prog=prog, args=arguments, config=flags)
 
 
 def _version() -> str:

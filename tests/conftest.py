@@ -18,7 +18,6 @@ from pydrake.systems.framework import Context, LeafSystem
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import LoadedController
 from glassgait.models.export.controller import ControllerSource, write_controller
-from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
@@ -145,7 +144,7 @@ def written_page() -> ControllerSource:
     gait, expert = load_gait("trot"), load_expert("trot")
     policy = load_student("trot", "sparse_formula")
     names = {"name": "trot_sparse_formula", "policy_name": "sparse_formula", "version": "0"}
-    return write_controller(gait, policy, expert, **names)
+    return write_controller(gait, alone(policy, expert), **names)
 
 
 @pytest.fixture(scope="session")
@@ -172,7 +171,7 @@ def switched_pages() -> SwitchedPolicy:
 def written_pages(switched_pages: SwitchedPolicy) -> ControllerSource:
     """Their C, in one file."""
     names = {"name": "pages", "policy_name": "sparse_formula", "version": "0"}
-    return write_switching_controller(switched_pages, **names)
+    return write_controller(switched_pages.switch, alone(switched_pages), **names)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_of, shipped_folder
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder, robot_of
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
@@ -215,7 +215,7 @@ def operating_box(gait: Gait, robot: Robot, path: Path | None = None) -> Observa
     Raises:
         InputError: if there is none, or its file is not one.
     """
-    path = path or shipped_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
+    path = path or robot_folder(BOX_DIRECTORY, robot.name) / f"{gait.name}.yaml"
     if not path.exists():
         raise InputError(
             f"{path}: there is no operating box of the {gait.name}; add --measure to "

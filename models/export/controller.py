@@ -1,4 +1,7 @@
-"""A whole controller as one C99 file with its header: from sensors to joint targets."""
+"""A whole controller as one C99 file with its header: from sensors to joint targets.
+
+It acts in one gait, or in several, which it changes on request.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,17 +9,23 @@ from typing import Any
 import numpy as np
 
 from glassgait.models.errors import InputError, shown
-from glassgait.models.export.code import Style, policy_code
+from glassgait.models.export.code import Code, Style, policy_code
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
 from glassgait.models.export.policies import network_code
-from glassgait.models.export.reward_machine import cases, state_constants
+from glassgait.models.export.reward_machine import Case, cases, state_constants
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
+
+Place = tuple[str, int, str]
+"""Name of a place in the observation, where it begins, and what stands there."""
 
 MOST_NAME = 40
 """Greatest number of characters of a controller's name, with which all its names begin."""
@@ -60,22 +69,54 @@ class ControllerSource:
     header: str
 
 
+@dataclass(frozen=True)
+class GaitCode:
+    """What a file holds of one of its gaits.
+
+    Attributes:
+        title: The gait's name, as comments have it.
+        constant: Its name in the constant of its number.
+        renamed: Whether that is another name.
+        own: What the names of its functions begin with; those of its constants in capitals. Nothing
+            where it is the only gait.
+        digests: Of the gait, of the policy and of its estimator.
+        constants: Name of the constant of each state.
+        state_names: The states with their numbers.
+        cases: What makes its machine leave each state.
+        places: Where the parts of its observation begin.
+        n_observations: Entries of its observation.
+        estimator: Its estimator.
+        policy: Its policy.
+    """
+
+    title: str
+    constant: str
+    renamed: bool
+    own: str
+    digests: tuple[str, str, str]
+    constants: tuple[str, ...]
+    state_names: str
+    cases: list[Case]
+    places: list[Place]
+    n_observations: int
+    estimator: Code
+    policy: Code
+
+
 def write_controller(
-    gait: Gait,
-    policy: Policy,
-    expert: NeuralPolicy,
+    gait: Gait | GaitSwitch,
+    controller: AlternatingController,
     *,
     name: str,
     policy_name: str,
     version: str,
     real: Real = "double",
 ) -> ControllerSource:
-    """Writes a controller that acts by a policy, from sensors alone.
+    """Writes a controller that acts from sensors, and of several gaits from the requested one.
 
     Args:
-        gait: The gait, whose reward machine runs.
-        policy: The policy that acts: a student, or the expert.
-        expert: Its estimator observes what no sensor measures.
+        gait: The gait, whose reward machine runs, or several that change on request.
+        controller: One policy alone, of several gaits a `SwitchedPolicy`.
         name: What the names of its files, functions and types begin with.
         policy_name: What its comments call the policy.
         version: Version of this project.
@@ -83,58 +124,120 @@ def write_controller(
 
     Raises:
         InputError: if the name can be none in C, a policy is made for another gait or observation,
-            or there is no C for its kind.
+            or there is no C for its kind, or for its estimator.
     """
     refuse_other_than_names(name)
-    layout = ObservationLayout(gait.n_states)
-    for one in (policy, expert):
-        one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
-    constants = state_constants(gait)
-    estimator = network_code(expert.estimator, "estimator", "estimate", real)
-    acting = policy_code(policy, Style(constants, real))
-    limits_targets = policy.limits_targets or expert.limits_targets
+    policy = controller.policy
+    switched = policy if isinstance(policy, SwitchedPolicy) else None
+    gaits = _gait_codes(gait, controller, real)
+    codes = [code for own in gaits for code in (own.policy, own.estimator)]
+    first = gait.gaits[0] if isinstance(gait, GaitSwitch) else gait
+    machine = gait.gait if isinstance(gait, GaitSwitch) else gait
     values: dict[str, Any] = {
-        **common_values(
-            policy.robot, gait, name, policy_name, version, limits_targets=limits_targets
-        ),
-        "title": f"the {commented(gait.name)}'s controller: {described(policy, policy_name)}",
-        "gait_name": commented(gait.name),
-        "digests": {
-            "gait": gait.digest(),
-            "policy": policy.digest(),
-            "estimator": expert.digest(),
-        },
-        "named": "the estimator and the policy" if acting.arrays else "the estimator",
-        "constants": constants,
-        "state_names": named_states(gait),
-        "initial": constants[gait.states.index(gait.initial)],
-        "own": "",
-        "cases": cases(gait, real),
-        "observation": places(policy.robot, layout),
-        "n_observations": layout.size,
-        "estimator": estimator,
-        "policy": acting,
-        "arrays": [*acting.arrays, *estimator.arrays],
+        **_common_values(controller, machine, name, policy_name, version),
+        "title": f"the {gaits[0].title}'s controller: {_described(policy, policy_name)}",
+        "gaits": gaits,
+        "only": gaits[0],
+        "named": "the estimator and the policy" if codes[0].arrays else "the estimator",
+        "initial": gaits[0].constants[first.states.index(first.initial)],
+        "needs_elu": any("elu(" in code.functions for code in codes),
+        "helpers": dict.fromkeys(text for code in codes for text in code.helpers),
+        "takes_state": any(own.policy.takes_state for own in gaits),
+        "arrays": [array for code in codes for array in code.arrays],
+        **(_switching_values(switched, gaits, policy_name) if switched else {}),
     }
-    source, header = (rendered(f"controller.{end}", real, **values) for end in "ch")
-    return ControllerSource(
-        name, real, (gait.n_states,), acting.takes_state, limits_targets, source, header
+    template = "switching_controller" if switched else "controller"
+    source, header = (rendered(f"{template}.{end}", real, **values) for end in "ch")
+    n_states = tuple(len(own.constants) for own in gaits)
+    limited = controller.limits_targets
+    return ControllerSource(name, real, n_states, values["takes_state"], limited, source, header)
+
+
+def _gait_codes(
+    gait: Gait | GaitSwitch, controller: AlternatingController, real: Real
+) -> list[GaitCode]:
+    """Writes the machine, the estimator and the policy of each gait."""
+    policy = controller.policy
+    if not isinstance(policy, SwitchedPolicy):
+        assert isinstance(gait, Gait)
+        return [_gait_code(gait, policy, controller.expert, gait.name, "", real)]
+    gaits = policy.switch.gaits
+    parts = zip(gaits, policy.policies, policy.experts, gait_identifiers(gaits), strict=True)
+    return [_gait_code(*own, f"{own[-1]}_", real) for own in parts]
+
+
+def _gait_code(
+    gait: Gait, policy: Policy, expert: Policy, identifier: str, own: str, real: Real
+) -> GaitCode:
+    network = network_expert(expert)
+    layout = ObservationLayout(gait.n_states)
+    for one in (policy, network):
+        one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
+    constants = state_constants(gait, own)
+    return GaitCode(
+        title=commented(gait.name),
+        constant=identifier.upper(),
+        renamed=identifier != gait.name,
+        own=own,
+        digests=(gait.digest(), policy.digest(), network.digest()),
+        constants=constants,
+        state_names=commented(", ".join(f"{i} {state}" for i, state in enumerate(gait.states))),
+        cases=cases(gait, real, own),
+        places=_places(policy.robot, layout),
+        n_observations=layout.size,
+        estimator=network_code(network.estimator, f"{own}estimator", f"{own}estimate", real),
+        policy=policy_code(policy, Style(constants, real, own)),
     )
 
 
-def common_values(
-    robot: Robot, gait: Gait, name: str, policy_name: str, version: str, *, limits_targets: bool
+def _switching_values(
+    switched: SwitchedPolicy, gaits: list[GaitCode], policy_name: str
 ) -> dict[str, Any]:
-    """Returns what the templates of every controller ask for.
+    """Returns what the templates ask for where the gait changes."""
+    switch = switched.switch
+    n_states = [gait.n_states for gait in switch.gaits]
+    first = np.cumsum([0, *n_states[:-1]])[:, None]
+    return {
+        "title": f"a controller that changes its gait: policy {commented(policy_name)}",
+        "named": "estimators and policies",
+        "patience": switch.patience,
+        "greatest_change": float(np.sqrt(switched.greatest_change)),
+        # The tables by which a gait gives way, with states by their number in their gait.
+        "distance": switch.distance.tolist(),
+        "entered": (switch.entered - first).tolist(),
+        "nearest": switch.nearest.tolist(),
+        "shared_places": _shared(gaits[0].places),
+        "n_states": [f"{own.own.upper()}N_STATES" for own in gaits],
+        "n_observations": [f"{own.own.upper()}N_OBSERVATIONS" for own in gaits],
+    }
 
-    Args:
-        robot: The robot.
-        gait: The gait, or all of several as one.
-        name: What the names of its files, functions and types begin with.
-        policy_name: What its comments call the policy.
-        version: Version of this project.
-        limits_targets: Whether targets stay within the joints' ranges.
+
+def network_expert(expert: Policy) -> NeuralPolicy:
+    """Returns an expert whose estimator can be exported.
+
+    Raises:
+        InputError: if its estimator is no network.
     """
+    if not isinstance(expert, NeuralPolicy):
+        raise InputError(
+            f"the estimator of a {expert.kind} policy cannot be exported; export one of an expert"
+        )
+    return expert
+
+
+def gait_identifiers(gaits: tuple[Gait, ...]) -> list[str]:
+    """Names gaits as C can: as they are called, or else by their numbers, such as gait_0."""
+    names = [gait.name.lower() for gait in gaits]
+    if len(set(names)) < len(names) or not all(map(is_identifier, names)):
+        return [f"gait_{number}" for number in range(len(gaits))]
+    return names
+
+
+def _common_values(
+    controller: AlternatingController, gait: Gait, name: str, policy_name: str, version: str
+) -> dict[str, Any]:
+    """Returns what the templates of every controller ask for; several gaits are given as one."""
+    robot = controller.robot
     return {
         "name": name,
         "prefix": name.upper(),
@@ -144,7 +247,7 @@ def common_values(
         "version": commented(version),
         "legs": list(quadruped.LEGS),
         "stance": robot.default_stance.tolist(),
-        "limits_targets": limits_targets,
+        "limits_targets": controller.limits_targets,
         **_ranges(robot),
         "mark": INITIALISED,
         "action_scale": robot.action_scale,
@@ -202,19 +305,14 @@ def _efforts(robot: Robot) -> list[tuple[str, float, str]]:
     ]
 
 
-def described(policy: Policy, policy_name: str) -> str:
+def _described(policy: Policy, policy_name: str) -> str:
     """Returns a policy's name, and its kind where that is another word."""
     kind = policy.kind.replace("_", " ")
     named = commented(policy_name)
     return f"policy {named}" if named == policy.kind else f"policy {named}, {kind}"
 
 
-def named_states(gait: Gait) -> str:
-    """Lists the states of a gait's machine with their numbers."""
-    return commented(", ".join(f"{i} {own}" for i, own in enumerate(gait.states)))
-
-
-def places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str]]:
+def _places(robot: Robot, layout: ObservationLayout) -> list[Place]:
     """Lists where each part of the observation begins."""
     found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
     groups = [entry.group for entry in layout.entries]
@@ -227,3 +325,10 @@ def places(robot: Robot, layout: ObservationLayout) -> list[tuple[str, int, str]
             )
         )
     return found
+
+
+def _shared(found: list[Place]) -> list[Place]:
+    """Returns the places that are the same in all gaits: up to the machine's first state."""
+    titles = [title for title, _, _ in found]
+    shared = found[: titles.index("RM_STATE")]
+    return [*shared, ("RM_STATE", found[len(shared)][1], "1 in that state of the machine, else 0")]

@@ -15,12 +15,11 @@ from glassgait.models.export.binding import (
     Sensors,
     Step,
 )
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
-from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
@@ -31,17 +30,23 @@ class PythonController:
     It calls the functions that the systems diagram and the batch simulator call.
     """
 
-    def __init__(self, gait: Gait, policy: Policy, expert: NeuralPolicy | SwitchedPolicy) -> None:
+    def __init__(self, gait: Gait | GaitSwitch, controller: AlternatingController) -> None:
         """
         Args:
-            gait: The gait, whose reward machine runs.
-            policy: The controller.
-            expert: Its estimator observes what no sensor measures.
+            gait: The gait, whose reward machine runs, or several of which one is requested at each
+                step.
+            controller: One policy alone, of several gaits a `SwitchedPolicy`.
+
+        Raises:
+            InputError: if it has no estimator.
         """
-        self._machine = RewardMachine(gait)
-        self._policy = policy
-        self._estimator = expert.estimator
-        self._limits_targets = policy.limits_targets or expert.limits_targets
+        self._switch = gait if isinstance(gait, GaitSwitch) else None
+        self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
+        self._policy = controller.policy
+        estimator = estimator_in_loop(controller)
+        assert estimator is not None
+        self._estimator = estimator
+        self._limits_targets = controller.limits_targets
 
     def initial(self) -> Array:
         """Returns what it remembers before its first step (23)."""
@@ -85,19 +90,6 @@ class PythonController:
         )
 
     def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
-        return self._machine.step(machine, **senses)
-
-
-class PythonSwitchingController(PythonController):
-    """The policies of several gaits, of which one is requested at each step."""
-
-    def __init__(self, switched: SwitchedPolicy) -> None:
-        """
-        Args:
-            switched: The gaits, and the policies that act and observe in each.
-        """
-        super().__init__(switched.switch.gait, switched, switched)
-        self._switch = switched.switch
-
-    def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
+        if self._switch is None:
+            return self._machine.step(machine, **senses)
         return self._switch.step(machine, requested=np.array(requested), **senses)

@@ -23,8 +23,8 @@ from glassgait.models.robots.robot import (
     DEFAULT_ROBOT,
     Robot,
     load_robot,
+    robot_folder,
     robot_of,
-    shipped_folder,
 )
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
@@ -141,13 +141,13 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
 
 def shipped_experts(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Lists the gaits whose expert for a robot ships with the project."""
-    folder = shipped_folder(EXPERT_DIRECTORY, robot)
+    folder = robot_folder(EXPERT_DIRECTORY, robot)
     return tuple(sorted(path.stem for path in folder.glob("*.safetensors")))
 
 
 def shipped_students(gait: str, robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Lists the kinds of students of a gait for a robot that ship with the project."""
-    folder = shipped_folder(STUDENT_DIRECTORY, robot) / gait
+    folder = robot_folder(STUDENT_DIRECTORY, robot) / gait
     paths = (path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES)
     return tuple(sorted(path.stem for path in paths))
 
@@ -209,7 +209,7 @@ def load_student(gait: str, kind: str, robot: Robot | None = None) -> Policy:
             f"no student {shown(kind)} of the {gait} ships with the project (shipped: {kinds}); "
             f"make it with 'glassgait distill --gait {gait} --students {kind}'"
         )
-    folder = shipped_folder(STUDENT_DIRECTORY, robot.name) / gait
+    folder = robot_folder(STUDENT_DIRECTORY, robot.name) / gait
     return load_student_of(load_expert(gait, robot=robot), policy_path(folder, kind))
 
 
@@ -231,7 +231,7 @@ def load_expert(
     gait = machine.name
     if path is None:
         robot = robot or load_robot()
-        path = shipped_folder(EXPERT_DIRECTORY, robot.name) / f"{gait}.safetensors"
+        path = robot_folder(EXPERT_DIRECTORY, robot.name) / f"{gait}.safetensors"
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "

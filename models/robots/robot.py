@@ -295,8 +295,8 @@ def robot_of(path: Path, name: object, robot: Robot | None = None) -> Robot:
     return robot
 
 
-def shipped_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns the part of a directory of shipped files that is of a robot, by its name."""
+def robot_folder(directory: Path, robot: str = DEFAULT_ROBOT) -> Path:
+    """Returns the part of a directory of files or runs that is of a robot, by its name."""
     return directory if robot == DEFAULT_ROBOT else directory / robot
 
 

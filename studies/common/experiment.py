@@ -115,6 +115,7 @@ class Experiment(Settings):
         seed: First seed of all that is drawn.
         n_seeds: Number of seeds: seed, seed + 1, …
         workers: Where cases run.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
             those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
             runs/training/<gait>.
@@ -140,6 +141,7 @@ class Experiment(Settings):
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 1
     workers: Workers = field(default_factory=WorkersConfig)
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -229,7 +231,8 @@ class Experiment(Settings):
     def default_output(self, names: Sequence[str]) -> Path:
         """Returns the folder of a run of gaits where none is named."""
         gaits = "_".join(Path(name).stem for name in names)
-        return Path("runs") / self.title.split()[-1] / gaits
+        found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
+        return found.output(self.title.split()[-1]).parent / gaits
 
     @property
     def seeds(self) -> range:
@@ -249,7 +252,7 @@ class Experiment(Settings):
     @cached_property
     def policies(self) -> dict[str, Policies]:
         """Where each gait's policies are from, by the gait's name."""
-        return {gait.name: find_policies(gait, self.source) for gait in self.gaits}
+        return {gait.name: find_policies(gait, self.source, self.robot) for gait in self.gaits}
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, AlternatingController]]:
@@ -287,7 +290,7 @@ class Experiment(Settings):
             )
         kept = []
         for name in names:
-            policies = find_policies(load_gait(name), quiet=True)
+            policies = find_policies(load_gait(name), robot=self.robot, quiet=True)
             lacks = [own for own in self.policy if own not in (ALL, EXPERT, *policies.files)]
             if len(lacks) < len(self.policy):
                 kept.append(name)

@@ -2,7 +2,8 @@
 
 What ships is taken, unless `--source` names the folder of a run of train, distill or refine. Of a
 gait that does not ship, the runs' default folders are taken: runs/training/<gait> and
-runs/distillation/<gait>.
+runs/distillation/<gait>; of another robot than the default one runs/training/<robot>/<gait> and so
+on.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,6 +26,7 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import note
 
@@ -77,6 +79,10 @@ class Policies:
     def folder(self) -> Path | None:
         """The folder of the run; None of what ships."""
         return None if self.place == SHIPPED else Path(self.place)
+
+    def output(self, study: str) -> Path:
+        """Returns where a study of these policies is kept, unless another folder is named."""
+        return robot_folder(Path("runs") / study, self.expert.robot.name) / self.gait.name
 
     @cached_property
     def students(self) -> dict[str, Policy]:
@@ -153,7 +159,7 @@ class Policies:
         Raises:
             InputError: if there is no such policy.
         """
-        if name == EXPERT or name in self.files:
+        if name == EXPERT:
             return self.expert
         return self._expert_of(self.file(name))
 
@@ -202,7 +208,7 @@ class Policies:
         if recorded is None or recorded[1] == self.expert.digest():
             return self.expert
         # Where the recorded expert is not found, loading the student says so.
-        found = _find_recorded(self.gait, path.parent)
+        found = _find_recorded(self.gait, path.parent, self.expert.robot)
         return found[0] if found else self.expert
 
     def _where(self) -> str:
@@ -219,13 +225,17 @@ def is_file(name: str) -> bool:
     return Path(name).suffix in POLICY_SUFFIXES
 
 
-def find_policies(gait: Gait, source: Path | None = None, *, quiet: bool = False) -> Policies:
+def find_policies(
+    gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
+) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
     Args:
         gait: The gait.
         source: Folder of a run of train, distill or refine; by default what ships is taken and, of
             a gait that does not ship, what the default folders hold.
+        robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
+            and of what ships the default one.
         quiet: Whether nothing is printed.
 
     Raises:
@@ -233,15 +243,17 @@ def find_policies(gait: Gait, source: Path | None = None, *, quiet: bool = False
             expert that its students were distilled with is not found.
     """
     name = gait.name
+    own = load_robot(robot or DEFAULT_ROBOT)
     if source is not None:
-        found = _in_run(gait, source)
-    elif name in shipped_experts():
-        files = _students_in(STUDENT_DIRECTORY / name, name)
-        found = Policies(gait, SHIPPED, load_expert(gait), SHIPPED, files)
-    elif _students_in(DISTILLATION_FOLDER / name, name):
-        found = _in_run(gait, DISTILLATION_FOLDER / name)
+        found = _in_run(gait, source, own if robot else None)
+    elif name in shipped_experts(own.name):
+        files = _students_in(robot_folder(STUDENT_DIRECTORY, own.name) / name, name)
+        found = Policies(gait, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
     else:
-        found = _in_run(gait, TRAINING_FOLDER / name)
+        folder = robot_folder(DISTILLATION_FOLDER, own.name) / name
+        if not _students_in(folder, name):
+            folder = robot_folder(TRAINING_FOLDER, own.name) / name
+        found = _in_run(gait, folder, own)
     if quiet:
         return found
     if found.place == SHIPPED:
@@ -254,7 +266,10 @@ def find_policies(gait: Gait, source: Path | None = None, *, quiet: bool = False
 
 
 def find_policies_of(
-    gaits: Sequence[Gait], source: Path | None = None, names: Iterable[str] = ()
+    gaits: Sequence[Gait],
+    source: Path | None = None,
+    names: Iterable[str] = (),
+    robot: str | None = None,
 ) -> dict[str, Policies]:
     """Finds the policies of several gaits, by the gaits' names.
 
@@ -264,22 +279,25 @@ def find_policies_of(
     """
     if len(gaits) > 1 and (source is not None or any(is_file(name) for name in names)):
         raise InputError("--gait: several gaits take no files of your own; name one gait for them")
-    return {gait.name: find_policies(gait, source) for gait in gaits}
+    return {gait.name: find_policies(gait, source, robot) for gait in gaits}
 
 
-def _in_run(gait: Gait, folder: Path) -> Policies:
+def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:
     files = _students_in(folder, gait.name)
     own = policy_path(folder, gait.name)
     if own.exists():
-        return Policies(gait, str(folder), load_expert(gait, own), str(own), files)
+        return Policies(gait, str(folder), load_expert(gait, own, robot), str(own), files)
     if not files:
+        of = f"--gait {gait.name}"
+        if robot is not None and robot.name != DEFAULT_ROBOT:
+            of += f" --robot {robot.source}"
         raise InputError(
             f"{folder}: holds no policies of the {gait.name}; make an expert with 'glassgait train "
-            f"--gait {gait.name}', students with 'glassgait distill --gait {gait.name}', or name "
-            "the folder of a run with --source"
+            f"{of}', students with 'glassgait distill {of}', or name the folder of a run with "
+            "--source"
         )
     recorded = recorded_expert(folder)
-    found = _find_recorded(gait, folder)
+    found = _find_recorded(gait, folder, robot)
     if found is None:
         where, digest = recorded or (folder, "")
         raise InputError(
@@ -297,28 +315,33 @@ def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     return {kind: policy_path(folder, kind) for kind in ranked}
 
 
-def _find_recorded(gait: Gait, folder: Path) -> tuple[NeuralPolicy, str] | None:
+def _find_recorded(
+    gait: Gait, folder: Path, robot: Robot | None
+) -> tuple[NeuralPolicy, str] | None:
     """Finds the expert whose digest a folder's record holds, and where it is from.
 
     A distillation keeps a copy of its expert. Of a folder without a record it is the gait's
     default expert.
     """
     recorded = recorded_expert(folder)
-    for path in (policy_path(folder, EXPERT), None, TRAINING_FOLDER / gait.name):
+    name = robot.name if robot else DEFAULT_ROBOT
+    trained = robot_folder(TRAINING_FOLDER, name) / gait.name
+    for path in (policy_path(folder, EXPERT), None, trained):
         if path is None:
-            expert = load_expert(gait) if gait.name in shipped_experts() else None
+            ships = gait.name in shipped_experts(name)
+            expert = load_expert(gait, robot=robot) if ships else None
         else:
-            expert = _expert_at(gait, path)
+            expert = _expert_at(gait, path, robot)
         if expert is not None and (recorded is None or expert.digest() == recorded[1]):
             return expert, SHIPPED if path is None else str(path)
     return None
 
 
-def _expert_at(gait: Gait, place: Path) -> NeuralPolicy | None:
+def _expert_at(gait: Gait, place: Path, robot: Robot | None) -> NeuralPolicy | None:
     """Loads the expert of a file or of a run's folder; None where there is none of this gait."""
     path = policy_path(place, gait.name) if place.is_dir() else place
     if path.suffix not in POLICY_SUFFIXES or not path.is_file():
         return None
-    policy = load_policy(path)
+    policy = load_policy(path, robot)
     fits = isinstance(policy, NeuralPolicy) and policy.gait == gait.name
-    return load_expert(gait, path) if fits else None
+    return load_expert(gait, path, robot) if fits else None

@@ -8,12 +8,21 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
+from glassgait.studies.common.sweep import (
+    Gaits,
+    Job,
+    SweepConfig,
+    gaits_named,
+    jobs_of,
+    refuse_taken,
+    run_sweep,
+)
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.library import DISTILLATION_FOLDER
@@ -30,6 +39,7 @@ class Distill(Settings):
         config: Settings of the run.
         sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
             fitted.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         expert: Policy file of the expert; by default the shipped one, or what was trained here.
         output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
             its folder <gait> in it, of several seeds seed_<seed> in that.
@@ -43,38 +53,46 @@ class Distill(Settings):
         default_factory=DistillationConfig
     )
     sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
+    robot: str | None = None
     expert: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
+        # Refused before any job is begun.
+        experts = [
+            find_expert(load_gait(name), self.expert, self.robot) for name in gaits_named(self.gait)
+        ]
         jobs = jobs_of(
             self.gait,
             self.config.seed,
             self.sweep,
-            root=DISTILLATION_FOLDER,
+            root=robot_folder(DISTILLATION_FOLDER, experts[0].robot.name),
             output=self.output,
         )
-        for job in jobs:
-            # Refused before any job is begun.
-            find_expert(load_gait(job.gait), self.expert)
         if len(jobs) > 1:
             refuse_taken(jobs, study="distill", resume=self.resume)
-            run_sweep(jobs, partial(_distill_job, self.config, self.expert), self.sweep)
+            run_sweep(jobs, partial(_distill_job, self.config, self.expert, self.robot), self.sweep)
             return
         (job,) = jobs
         with parallel_backend(self.sweep.backend):
-            table = _distill_job(self.config, self.expert, job, resume=self.resume)
+            table = _distill_job(self.config, self.expert, self.robot, job, resume=self.resume)
         print_table("R² on held-out data", table)
         console.print(f"students written to {job.folder}")
 
 
 def _distill_job(
-    config: DistillationConfig, expert: Path | None, job: Job, *, resume: bool = True
+    config: DistillationConfig,
+    expert: Path | None,
+    robot: str | None,
+    job: Job,
+    *,
+    resume: bool = True,
 ) -> pd.DataFrame:
     """Distils one expert, and returns its R² table."""
     gait = load_gait(job.gait)
     config = replace(config, gait=job.gait, seed=job.seed)
-    r2 = distill(config, gait, find_expert(gait, expert), job.folder, say, resume=resume)
+    own = find_expert(gait, expert, robot)
+    r2 = distill(config, gait, own, job.folder, say, resume=resume)
     return write_r2_table(r2, gait.name, job.folder)

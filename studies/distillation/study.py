@@ -31,9 +31,9 @@ from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import Round, rounds
+from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.formula_latex import write_latex
-from glassgait.studies.distillation.students.linear import untrained_student
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
 

@@ -87,7 +87,7 @@ class Transitions(Experiment):
             FixedCommand(speed=speed, dwell=common.dwell[0]).check(common)
         controllers = dict(self.controllers)
         if via is not None and via.name not in controllers:
-            controllers[via.name] = find_policies(via).controllers(self.policy)
+            controllers[via.name] = find_policies(via, robot=self.robot).controllers(self.policy)
         return [
             Case(
                 {

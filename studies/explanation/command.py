@@ -31,8 +31,6 @@ from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student
 
-EXPLANATION_FOLDER = Path("runs/explanation")
-
 CONFIG = "config.yaml"
 """File beside the page that records its run."""
 
@@ -57,6 +55,7 @@ class ExplainPage(Settings):
         command: Commanded speed, yaw rate and rhythm.
         seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
         seed: Seed of the sensors' noise.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
@@ -73,6 +72,7 @@ class ExplainPage(Settings):
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
     seconds: Seconds = 6.0
     seed: Seed = 0
+    robot: str | None = None
     source: Path | None = None
     certificate: Path | None = None
     output: Path | None = None
@@ -83,7 +83,7 @@ class ExplainPage(Settings):
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
-        found = find_policies(load_gait(self.gait), self.source)
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
         gait = found.gait
         policy = self.policy or default_student(found)
         if policy == "expert":
@@ -96,9 +96,9 @@ class ExplainPage(Settings):
         student = controller.policy
         # Refused before the rollout, where the student's actions are no sums of terms.
         student.explain(np.zeros(len(student.observation_names)), joint)
-        certificate = find_certificate(path, gait, self.certificate)
+        certificate = find_certificate(path, gait, self.certificate, student.robot)
         name = Path(policy).stem
-        folder = self.output or EXPLANATION_FOLDER / gait.name / name
+        folder = self.output or found.output("explanation") / name
         whose = {**to_plain(self), "policy": policy}
         _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"

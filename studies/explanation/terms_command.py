@@ -27,6 +27,7 @@ class ExplainTerms(Settings):
         policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
             default.
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
     """
@@ -36,11 +37,12 @@ class ExplainTerms(Settings):
     gait: Annotated[str, tyro.conf.Positional] = "trot"
     policy: str | None = None
     joint: str | None = None
+    robot: str | None = None
     source: Path | None = None
 
     def run(self) -> None:
         """Prints the formulas."""
-        found = find_policies(load_gait(self.gait), self.source)
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
         name = self.policy or default_student(found)
         student = found.formulas(name)
         if self.joint is not None:
@@ -55,7 +57,7 @@ class ExplainTerms(Settings):
             f"{len(lines)} lines",
             style="dim",
         )
-        certificate = find_certificate(found.file(name), found.gait)
+        certificate = find_certificate(found.file(name), found.gait, robot=student.robot)
         if certificate:
             counts = certificate.counts().items()
             found = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)

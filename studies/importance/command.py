@@ -23,10 +23,10 @@ from glassgait.studies.common.rollouts.scoring import run_rollouts
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.dataset import round_paths
 from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.linear import STATEWISE_LINEAR
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.importance.faithfulness import ablation_cases, losses, rank_correlations
@@ -55,6 +55,7 @@ class Importance(Settings):
             They are those that a distillation held out or, of other students, new ones.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
             those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
             runs/training/<gait>.
@@ -72,6 +73,7 @@ class Importance(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
     )
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -79,13 +81,13 @@ class Importance(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        policies = find_policies(gait, self.source)
+        policies = find_policies(gait, self.source, self.robot)
         expert = policies.expert
         joint, seed = joint_index(self.joint), self.rollouts.seed
         students = self._chosen(policies)
         source = _samples_of(policies, students)
         inputs = _inputs(policies, students, source)
-        folder = self.output or Path("runs/importance") / gait.name
+        folder = self.output or policies.output("importance")
         with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
             samples = {
                 kind: held_out_samples(source, kind, self.n_samples, seed)

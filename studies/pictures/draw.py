@@ -26,7 +26,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip
 

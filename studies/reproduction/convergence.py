@@ -24,8 +24,8 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.cases import Case, digests_of
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
@@ -216,7 +216,7 @@ class Convergence(Settings):
     Attributes:
         gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
@@ -225,9 +225,9 @@ class Convergence(Settings):
 
     gait: str = "trot"
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: RolloutConfig(n_robots=2, n_steps=500)
+        default_factory=RolloutConfig
     )
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -235,7 +235,7 @@ class Convergence(Settings):
         """Runs the study."""
         gait = load_gait(self.gait)
         folder = self.output or Path("runs/convergence") / gait.name
-        policy = alone(find_expert(gait, self.expert))
+        policy = alone(find_policies(gait, self.source).expert)
         jobs = [
             job
             for variant in reversed(VARIANTS)

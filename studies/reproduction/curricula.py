@@ -18,24 +18,16 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.boosting import HISTOGRAM_GBM
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.distillation.students.symbolic_settings import (
-    StatewiseSymbolicSettings,
-    SymbolicSettings,
-)
 from glassgait.studies.distillation.study import distill
 
 TICKS = {
@@ -91,9 +83,9 @@ class Curricula(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file.
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
-            does not count. Formulas take one shape, without a choice.
+            does not count.
         rollouts: How students are rolled out.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
@@ -102,20 +94,10 @@ class Curricula(Settings):
 
     gait: str = "trot"
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DistillationConfig(
-            students=(LINEAR.name, STATEWISE_LINEAR.name, HISTOGRAM_GBM.name, SYMBOLIC.name),
-            settings=StudentsSettings(
-                **{
-                    SYMBOLIC.name: SymbolicSettings(shapes=((90, 90),), start_weights=(1,)),
-                    STATEWISE_SYMBOLIC.name: StatewiseSymbolicSettings(
-                        shapes=((90, 90),), start_weights=(1,)
-                    ),
-                }
-            ),
-        )
+        default_factory=DistillationConfig
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -127,7 +109,7 @@ class Curricula(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
+        expert = find_policies(gait, self.source).expert
         folder = self.output or Path("runs/curricula") / gait.name
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import load_robot, robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar
@@ -52,7 +53,8 @@ class Train(Settings):
         """Runs the study."""
         config = self._config()
         names = self.gait if self.like is None else (config.gait,)
-        jobs = jobs_of(names, config.seed, self.sweep, root=TRAINING_FOLDER, output=self.output)
+        root = robot_folder(TRAINING_FOLDER, load_robot(config.robot).name)
+        jobs = jobs_of(names, config.seed, self.sweep, root=root, output=self.output)
         if len(jobs) > 1 or self.sweep.backend != "loky":
             refuse_taken(jobs, study="train", resume=self.resume)
             run_sweep(jobs, partial(train_job, config), self.sweep)

@@ -26,7 +26,6 @@ from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.certificates import (
     CERTIFICATE_NAME,
-    CERTIFICATION_FOLDER,
 )
 from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.verification.measurement import measure_box
@@ -48,6 +47,7 @@ class Prove(Settings):
         measure: Measure the operating box anew, in all scenarios, before anything is proved.
         rollouts: How robots are rolled out to measure it.
         workers: Where they are.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Prove again what the folder holds.
@@ -65,6 +65,7 @@ class Prove(Settings):
         default_factory=lambda: RolloutConfig(n_robots=4, n_steps=100, n_seeds=1)
     )
     workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -75,12 +76,12 @@ class Prove(Settings):
             raise InputError("--box: is not read where the box is measured; leave out one of both")
         if self.policy == "expert":
             raise InputError("--policy expert: nothing is proved of a network; name a student")
-        found = find_policies(load_gait(self.gait), self.source)
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
         claims = self._claims(gait)
-        folder = self.output or CERTIFICATION_FOLDER / gait.name / Path(name).stem
+        folder = self.output or found.output("certification") / Path(name).stem
         inputs = {
             "gait": gait.digest(),
             "policy": digest(path),

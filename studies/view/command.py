@@ -17,6 +17,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
@@ -83,6 +84,7 @@ class View(Settings):
         seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
             Not with --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         output: Folder of the replay; runs/rollout/<gait> by default.
@@ -99,6 +101,7 @@ class View(Settings):
     command: OwnCommand = field(default_factory=OwnCommand)
     seconds: Seconds | None = None
     seed: Seed = 0
+    robot: str | None = None
     source: Path | None = None
     output: Path | None = None
 
@@ -114,7 +117,7 @@ class View(Settings):
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
         gaits = [load_gait(name) for name in gaits_named(self.gait)]
-        found = find_policies_of(gaits, self.source, [self.policy])
+        found = find_policies_of(gaits, self.source, [self.policy], self.robot)
         policies = list(found.values())
         gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
         self._play(gait, policy)
@@ -151,7 +154,8 @@ class View(Settings):
             name += f"_{world}"
         if isinstance(gait, GaitSwitch):
             name += "_changing"
-        stem = (self.output or Path("runs/rollout") / load_gait(self.gait[0]).name) / name
+        own = robot_folder(Path("runs/rollout"), policy.robot.name) / load_gait(self.gait[0]).name
+        stem = (self.output or own) / name
         refuse_run(stem.parent)
         replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
         if self.live:

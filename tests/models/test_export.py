@@ -1,27 +1,44 @@
-"""Controllers in C: what stands in their files, and that they do what Python does."""
+"""Controllers in C, of one gait and of several: they do what Python does."""
 
 import hashlib
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import ACTION, MACHINE, OK, LoadedController, Sensors
-from glassgait.models.export.controller import ControllerSource, write_controller
+from glassgait.models.export.binding import (
+    ACTION,
+    BAD_INPUT,
+    MACHINE,
+    NO_GAIT,
+    OK,
+    LoadedController,
+    Sensors,
+)
+from glassgait.models.export.controller import (
+    ControllerSource,
+    gait_identifiers,
+    write_controller,
+)
 from glassgait.models.export.language import CArray, commented, is_identifier, number
 from glassgait.models.export.reference import PythonController
 from glassgait.models.export.reward_machine import cases, state_constants
 from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy
 from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.deployment.export.agreement import (
     Agreement,
@@ -34,6 +51,8 @@ A1 = load_robot()
 
 
 NAMES = ObservationLayout(2).names
+
+WRITTEN = {"name": "tested", "policy_name": "tested", "version": "0"}
 
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
 
@@ -57,10 +76,11 @@ def agree(tmp_path) -> Callable[..., Agreement]:
     """Lets Python and C take some hundred steps of random sensors."""
 
     def run(gait, policy, expert, real="double", n_steps=400) -> Agreement:
+        controller = alone(policy, expert)
         names = {"name": "tested", "policy_name": policy.kind, "version": "0"}
-        written = write_controller(gait, policy, expert, real=real, **names)
+        written = write_controller(gait, controller, real=real, **names)
         compiled: LoadedController = load_controller(written, tmp_path)
-        python = PythonController(gait, policy, expert)
+        python = PythonController(gait, controller)
         return compare_controllers(python, compiled, random_sequences(A1, gait, n_steps, 3))
 
     return run
@@ -123,10 +143,10 @@ def test_targets_stay_within_the_joints_ranges_where_the_policy_is_run_so(
         expert = NeuralPolicy("trot", NAMES, *expert._networks, limits_targets=True)
     policy = symbolic if kind == "limited" else make_policy(trot)
     policy.limits_targets = kind == "limited"
-    names = {"name": "tested", "policy_name": kind, "version": "0"}
-    written = write_controller(trot, policy, expert, **names)
+    controller = alone(policy, expert)
+    written = write_controller(trot, controller, **WRITTEN)
     assert written.limits_targets is (kind != "free")
-    compiled, python = load_controller(written, tmp_path), PythonController(trot, policy, expert)
+    compiled, python = load_controller(written, tmp_path), PythonController(trot, controller)
     sensors, command, _ = random_sequences(A1, trot, 1, 3)[0][0]
     memory = compiled.initial()
     memory[ACTION] = np.tile([-50.0, 50.0], 6)
@@ -155,10 +175,9 @@ def test_machines_of_all_gaits_agree(name, agree, make_policy, small_expert):
 def test_faults_are_entered_and_left_alike(make_policy, small_expert, tmp_path):
     """The wrong rear foot of a half-bound leads to a fault, and the front feet out of it."""
     gait = load_gait("half_bound")
-    policy, expert = make_policy(gait), small_expert(gait)
-    names = {"name": "faulty", "policy_name": "", "version": "0"}
-    compiled = load_controller(write_controller(gait, policy, expert, **names), tmp_path)
-    python = PythonController(gait, policy, expert)
+    controller = alone(make_policy(gait), small_expert(gait))
+    compiled = load_controller(write_controller(gait, controller, **WRITTEN), tmp_path)
+    python = PythonController(gait, controller)
     ours, theirs, visited = python.initial(), compiled.initial(), []
     for sequence in random_sequences(A1, gait, 2000, 5):
         for moment in sequence:
@@ -221,8 +240,8 @@ def test_formulas_stand_there_as_in_their_file(written_page):
 @pytest.fixture(scope="module")
 def written_by_a_short_name() -> ControllerSource:
     names = {"name": "trot_page", "policy_name": "page", "version": "0"}
-    policy = load_student("trot", "sparse_formula")
-    return write_controller(load_gait("trot"), policy, load_expert("trot"), **names)
+    controller = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
+    return write_controller(load_gait("trot"), controller, **names)
 
 
 def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
@@ -236,24 +255,35 @@ def test_a_gait_alone_has_the_file_that_it_always_had(written_by_a_short_name):
     assert hashlib.sha256(whole).hexdigest() == message
 
 
-def test_no_line_before_the_numbers_is_long(written_by_a_short_name):
+def test_no_line_before_the_numbers_is_long(written_by_a_short_name, written_pages):
+    for written in (written_by_a_short_name, written_pages):
+        readable = written.source.partition("/* ---- The numbers")[0]
+        assert max(map(len, [*readable.splitlines(), *written.header.splitlines()])) <= 100
     readable = written_by_a_short_name.source.partition("/* ---- The numbers")[0]
-    assert max(map(len, readable.splitlines())) <= 100
     assert len(readable.splitlines()) < 510
 
 
-def test_the_header_reports_what_the_file_was_made_of(written_page):
-    gait, policy = load_gait("trot"), load_student("trot", "sparse_formula")
-    for digest in (gait.digest(), policy.digest()):
-        assert digest in written_page.header
-        assert digest in written_page.source
+@pytest.mark.parametrize("names", [("trot",), ("trot", "walk")])
+def test_the_header_reports_what_the_file_was_made_of(names, make_policy, small_expert):
+    gaits = [load_gait(name) for name in names]
+    own = [(make_policy(gait), small_expert(gait)) for gait in gaits]
+    controllers = [alone(*pair) for pair in own]
+    gait, controller = gaits[0], controllers[0]
+    if len(gaits) > 1:
+        gait = GaitSwitch(gaits)
+        controller = alone(SwitchedPolicy(gait, controllers))
+    written = write_controller(gait, controller, **WRITTEN)
+    for one in (*gaits, *(policy for pair in own for policy in pair)):
+        assert one.digest() in written.header
+        assert one.digest() in written.source
+    assert written.n_states == tuple(own.n_states for own in gaits)
 
 
 @pytest.mark.parametrize("name", ["", "Trot", "9lives", "a-b", "for", "trot\n", "x" * 41, "é"])
 def test_names_that_c_cannot_have_are_refused(name, trot, make_policy, small_expert):
     with pytest.raises(InputError, match="name"):
         write_controller(
-            trot, make_policy(trot), small_expert(trot), name=name, policy_name="", version=""
+            trot, alone(make_policy(trot), small_expert(trot)), **(WRITTEN | {"name": name})
         )
 
 
@@ -264,7 +294,7 @@ def test_a_policy_of_another_gait_is_refused(trot, make_policy, small_expert):
         (make_policy(trot), small_expert(pace)),
     ]:
         with pytest.raises(InputError, match="pace"):
-            write_controller(trot, policy, expert, name="a", policy_name="", version="")
+            write_controller(trot, alone(policy, expert), **WRITTEN)
 
 
 def test_what_a_person_wrote_cannot_end_a_comment():
@@ -314,3 +344,158 @@ def test_states_have_names_where_c_can_have_them():
 def test_a_step_that_is_sound_says_so(compiled_page, trot):
     moment = random_sequences(A1, trot, 1, 0)[0][0]
     assert compiled_page.step(compiled_page.initial(), *moment).status == OK
+
+
+@pytest.fixture
+def switched(make_policy, small_expert):
+    """Makes the policies of several gaits: small ones that move all joints."""
+
+    def make(names, *, make_student=make_policy, patience=2.0, greatest_change=50.0):
+        gaits = [load_gait(name) if isinstance(name, str) else name for name in names]
+        walkers = [alone(make_student(gait), small_expert(gait)) for gait in gaits]
+        return SwitchedPolicy(GaitSwitch(gaits, patience), walkers, greatest_change)
+
+    return make
+
+
+def both(policy, folder, **settings) -> tuple[PythonController, LoadedController]:
+    own = (policy.switch, alone(policy))
+    written = write_controller(*own, **WRITTEN, **settings)
+    return PythonController(*own), load_controller(written, folder)
+
+
+def tables_of(gait):
+    """An open loop of its own for each gait: what C does with it is exact."""
+    shape = (gait.n_states, 4, quadruped.N_JOINTS)
+    table = np.random.default_rng(len(gait.name)).normal(size=shape)
+    return OpenLoopPolicy(gait.name, ObservationLayout(gait.n_states).names, table)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("names", "patience"),
+    [
+        (("walk", "trot", "pace", "bound"), 2.0),
+        (("half_bound", "three_one", "trot"), 1.5),
+        (("trot", "walk"), 0.0),
+    ],
+)
+def test_c_changes_gaits_as_python_does(names, patience, switched, tmp_path):
+    policy = switched(names, patience=patience)
+    sequences = random_sequences(A1, policy.switch, 1500, 3)
+    found = compare_controllers(*both(policy, tmp_path), sequences)
+    assert found.machine == 0
+    assert found.target < 1e-12
+    assert found.gaits is not None
+    assert found.changes > found.gaits > 30
+
+
+@needs_compiler
+def test_a_bounded_action_is_the_same_to_the_last_bit(switched, tmp_path):
+    policy = switched(("trot", "walk"), make_student=tables_of, greatest_change=5.0)
+    python, compiled = both(policy, tmp_path)
+    sequences = random_sequences(A1, policy.switch, 500, 4)
+    assert compare_controllers(python, compiled, sequences).target == 0.0
+    memory, bounded = python.initial(), 0
+    for moment in sequences[0]:
+        after = python.step(memory, *moment).memory
+        change = np.sum(np.square(after[ACTION] - memory[ACTION]))
+        assert change < 5.0 + 1e-9
+        bounded += change > 5.0 - 1e-9
+        memory = after
+    assert bounded > 100
+
+
+@needs_compiler
+def test_single_precision_changes_gaits_at_the_same_steps(switched, tmp_path):
+    policy = switched(("trot", "pace"))
+    sequences = random_sequences(A1, policy.switch, 200, 5)
+    found = compare_controllers(*both(policy, tmp_path, real="float"), sequences)
+    assert found.machine == 0
+    assert 0.0 < found.target < 1e-3
+
+
+@needs_compiler
+def test_kinds_of_policies_go_together(
+    trot, switched, statewise_symbolic, random_trees, random_additive, small_expert, tmp_path
+):
+    """Each brings functions and tables, which must not have the names of another's."""
+    generator = np.random.default_rng(6)
+    own = [
+        statewise_symbolic,
+        random_trees(generator, rounded=True),
+        random_additive(generator, n_pairs=40),
+    ]
+    gaits = [replace(trot, name=name) for name in ("formulas", "trees", "tables", "network")]
+    for policy, gait in zip(own, gaits, strict=False):
+        policy.gait = gait.name
+    experts = [small_expert(gait, mirrored=gait.name == "network") for gait in gaits]
+    walkers = [alone(policy, expert) for expert, policy in zip(experts, own, strict=False)]
+    policy = SwitchedPolicy(GaitSwitch(gaits), [*walkers, alone(experts[-1])])
+    sequences = random_sequences(A1, policy.switch, 600, 7)
+    found = compare_controllers(*both(policy, tmp_path), sequences)
+    assert found.machine == 0
+    assert found.target < 1e-12
+
+
+@needs_compiler
+def test_gaits_may_have_names_that_c_cannot_have(trot, switched, tmp_path):
+    names = ("my gait", "*/ int x; /*", "for")
+    policy = switched([replace(trot, name=name) for name in names])
+    assert gait_identifiers(policy.switch.gaits) == ["gait_0", "gait_1", "gait_2"]
+    sequences = random_sequences(A1, policy.switch, 200, 8)
+    assert compare_controllers(*both(policy, tmp_path), sequences).machine == 0
+
+
+@needs_compiler
+def test_a_request_for_no_gait_is_bad_input_and_changes_nothing(switched, tmp_path):
+    policy = switched(("trot", "pace", "bound"))
+    _, compiled = both(policy, tmp_path)
+    *before, now = random_sequences(A1, policy.switch, 60, 9)[0]
+    memory = compiled.initial()
+    for moment in before:
+        memory = compiled.step(memory, *moment).memory
+    for requested in (NO_GAIT, 3, 2**31 - 1, -(2**31)):
+        step = compiled.step(memory, now.sensors, now.command, requested)
+        assert step.status == BAD_INPUT
+        np.testing.assert_array_equal(step.memory, memory)
+        np.testing.assert_array_equal(step.targets, A1.joint_targets(memory[ACTION]))
+    assert compiled.step(memory, *now).status == 0
+
+
+@needs_compiler
+def test_it_begins_in_the_first_gait_and_reports_the_running_one(switched, tmp_path):
+    policy = switched(("walk", "trot", "half_bound"))
+    _, compiled = both(policy, tmp_path)
+    memory = compiled.initial()
+    assert compiled.gait_of(memory) == 0
+    for state in range(policy.switch.n_states):
+        memory[MACHINE.start] = state
+        assert compiled.gait_of(memory) == policy.switch.gait_of(state)
+
+
+def defined(source):
+    """Names of the functions that a C file defines."""
+    return re.findall(r"^static \w+ (\w+)\(", source, flags=re.MULTILINE)
+
+
+def test_what_gaits_share_stands_there_once(written_pages):
+    functions = defined(written_pages.source)
+    assert len(set(functions)) == len(functions)
+    shared = {"observe", "all_sound", "elu", "joints", "step_machine", "change_gait"}
+    assert shared <= set(functions)
+    for gait in ("walk", "trot", "bound"):
+        own = {name for name in functions if name.startswith(f"{gait}_")}
+        layers = {f"{gait}_estimator_layer_{number}" for number in (1, 2, 3)}
+        assert own == {f"{gait}_{name}" for name in ("act", "estimate", "next_state")} | layers
+
+
+def test_an_estimator_that_is_no_network_is_refused(trot, make_policy, small_expert):
+    class Estimating(type(make_policy(trot))):
+        estimator = staticmethod(small_expert(trot).estimator)
+
+    policy = make_policy(trot)
+    policy.__class__ = Estimating
+    switched = SwitchedPolicy(GaitSwitch([trot]), [alone(policy)])
+    with pytest.raises(InputError, match="estimator"):
+        write_controller(switched.switch, alone(switched), **WRITTEN)

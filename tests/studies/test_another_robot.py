@@ -1,7 +1,11 @@
-"""A robot other than the default one goes through train, distill, view, explain and export."""
+"""A robot other than the default one goes from training to a certificate that is checked."""
+
+import json
+from pathlib import Path
 
 import pytest
 
+from glassgait.models.certificates.certificate import certificate_text, content_digest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert, load_policy
 from glassgait.models.robots.robot import load_robot
@@ -11,25 +15,68 @@ from glassgait.studies.cli import main
 TINY = ["--n-robots", "32", "--n-groups", "2", "--fine-steps", "0.005"]
 
 
+def forge(certificate: dict) -> None:
+    """Writes changed contents of a certificate, with a digest of these contents."""
+    signed = {**certificate, "sha256": content_digest(certificate)}
+    Path("proved/certificate.json").write_text(certificate_text(signed))
+
+
+def own_robot(folder: Path) -> str:
+    """Writes a robot of one's own, the Go2 by another name, and returns its file."""
+    go2 = load_robot("go2")
+    text = (
+        Path(go2.path).read_text().replace("name: go2", "name: mine").replace("go2.urdf", "my.urdf")
+    )
+    folder.mkdir()
+    (folder / "robot.yaml").write_text(text)
+    urdf = go2.urdf_path.read_text().replace('name="go2"', 'name="mine"')
+    (folder / "my.urdf").write_text(urdf)
+    return str(folder / "robot.yaml")
+
+
 @pytest.mark.slow
-def test_go2_is_trained_distilled_watched_explained_and_exported(tmp_path, monkeypatch):
+@pytest.mark.parametrize("name", ["go2", "mine"])
+def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    main(["train", "--robot", "go2", "--updates", "3", "--output", "expert", *TINY])
-    expert = load_expert("trot", tmp_path / "expert" / "trot.safetensors")
-    assert expert.robot is load_robot("go2")
+    robot = "go2" if name == "go2" else own_robot(tmp_path / "mine")
+    own = ["--robot", robot, "--policy", "sparse_formula"]
+    main(["train", "--robot", robot, "--updates", "3", *TINY])
+    expert_file = tmp_path / "runs" / "training" / name / "trot" / "trot.safetensors"
+    expert = load_expert("trot", expert_file, load_robot(robot))
+    assert expert.robot is load_robot(robot)
     few = ["--episodes", "5", "--episodes-per-round", "5", "--alone-rounds", "0"]
-    few += ["--episode-steps", "100", "--output", "students"]
-    main(["distill", "--expert", "expert/trot.safetensors", "--students", "sparse_formula", *few])
-    path = tmp_path / "students" / "sparse_formula.formulas"
-    assert "robot: go2\n" in path.read_text()
-    assert load_policy(path).robot is expert.robot
-    own = ["--source", "students", "--policy", "sparse_formula"]
+    few += ["--episode-steps", "100"]
+    main(["distill", "--robot", robot, "--students", "sparse_formula", *few])
+    folder = tmp_path / "runs" / "distillation" / name / "trot"
+    path = folder / "sparse_formula.formulas"
+    assert f"robot: {name}\n" in path.read_text()
+    assert load_policy(path, expert.robot).robot is expert.robot
     main(["view", *own, "--seconds", "0.2", "--output", "seen"])
     main(["explain", "page", *own, "--seconds", "0.2", "--output", "explained"])
+    main(["evaluate", "worlds", *own, "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"])
     main(["export", *own, "--n-steps", "200", "--output", "exported"])
     (source,) = (tmp_path / "exported").glob("*.c")
     assert "Unitree Go2" in source.read_text()
     assert list((tmp_path / "seen").glob("*.html"))
+    # Nothing is written where the default robot's runs are.
+    assert not list(tmp_path.glob("runs/*/trot"))
+    main(["verify", "prove", *own, "--measure", "--n-steps", "20", "--output", "proved"])
+    certificate = json.loads((tmp_path / "proved" / "certificate.json").read_text())
+    low, high = certificate["boxes"]["physical"]["q.RL_thigh"]
+    assert certificate["robot"] == name
+    assert low <= -0.5236 and high >= 4.5379  # rad, the range of the rear thighs alone
+    assert len(certificate["statements"]) > 2 * 2 * 2 * 12
+    checked = ["verify", "check", "proved", "--policy", str(path)]
+    checked += ["--robot", robot] if name == "mine" else []
+    main(checked)
+    lowered = certificate["statements"][0]
+    lowered["bound"] = lowered["reached"] - 1e-6
+    forge(certificate)
+    with pytest.raises(SystemExit, match="2"):
+        main(checked)
+    forge({key: value for key, value in certificate.items() if key != "robot"})
+    with pytest.raises(SystemExit, match="2"):
+        main(checked)
     # No other robot acts by it.
     with pytest.raises(InputError, match="'robot'"):
-        load_expert(load_gait("trot"), tmp_path / "expert" / "trot.safetensors", load_robot())
+        load_expert(load_gait("trot"), expert_file, load_robot())

@@ -11,7 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.baselines import untrained_student
 
 
 def test_labels_are_the_experts_whoever_acts(expert):

@@ -15,7 +15,7 @@ from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import StatewiseSymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 from glassgait.studies.reproduction.demo import command, report
 from glassgait.studies.reproduction.demo.reductions import reductions
 from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report

@@ -17,7 +17,7 @@ from glassgait.studies.distillation.students.boosting import GbmSettings, Histog
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds, r2_scores
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )

@@ -10,6 +10,7 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, save_arrays
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
@@ -23,16 +24,16 @@ onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
 from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: E402
-from glassgait.studies.deployment.export import graph_agreement  # noqa: E402
+from glassgait.studies.deployment.export import onnx_file  # noqa: E402
 from glassgait.studies.deployment.export.closed_loop import by_graph, walk_both  # noqa: E402
-from glassgait.studies.deployment.export.exported import Acting  # noqa: E402
-from glassgait.studies.deployment.export.graph_agreement import (  # noqa: E402
+from glassgait.studies.deployment.export.files import Deployment  # noqa: E402
+from glassgait.studies.deployment.export.onnx_file import (  # noqa: E402
+    OnnxFile,
     check_graph,
     compare_graph,
     random_rows,
     recorded_rows,
 )
-from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: E402
 
 EXPORT = ["export", "--format", "onnx"]
 
@@ -40,7 +41,7 @@ EXPORT = ["export", "--format", "onnx"]
 def loaded(gait, kind, real="double"):
     machine, expert = load_gait(gait), load_expert(gait)
     policy = expert if kind == "expert" else load_student(gait, kind)
-    file = OnnxFile(Acting(machine, policy, expert, f"{gait}_{kind}", kind), real)
+    file = OnnxFile(Deployment(machine, alone(policy, expert), f"{gait}_{kind}", kind), real)
     return LoadedGraph(file.model), policy, expert
 
 
@@ -66,7 +67,7 @@ def test_shipped_policies_agree(gait, kind):
 
 def test_single_precision_agrees_but_for_rounding():
     graph, policy, expert = loaded("trot", "ebm", "float")
-    rows = recorded_rows(load_gait("trot"), policy, expert, 60, 1)
+    rows = recorded_rows(load_gait("trot"), alone(policy, expert), 60, 1)
     found = compare_graph(graph, policy, expert, rows)
     assert found.rows == 60
     assert 0.0 < found.target < 1e-6
@@ -103,7 +104,7 @@ def test_the_command_writes_a_checked_file(tmp_path, capsys):
 def test_robots_walk_alike_by_python_and_by_the_graph(trot):
     graph, policy, expert = loaded("trot", "sparse_formula")
     table = walk_both(
-        trot, policy, expert, by_graph(graph), title="ONNX", n_robots=2, n_steps=40, seed=3
+        trot, alone(policy, expert), by_graph(graph), title="ONNX", n_robots=2, n_steps=40, seed=3
     )
     assert table["engine"].tolist() == ["Drake", "MuJoCo"]
     assert (table["apart, robot (%)"] < 1e-3).all()
@@ -111,7 +112,7 @@ def test_robots_walk_alike_by_python_and_by_the_graph(trot):
 
 
 def test_a_graph_that_acts_otherwise_is_not_written(tmp_path, monkeypatch, refused):
-    monkeypatch.setattr(graph_agreement, "MOST", 0.0)
+    monkeypatch.setattr(onnx_file, "MOST", 0.0)
     told = refused([*EXPORT, "--n-steps", "20", "--output", str(tmp_path / "run")])
     assert "differs from Python by" in told
     assert list(tmp_path.iterdir()) == []
@@ -208,6 +209,6 @@ def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
     policy = make_policy(odd)
     expert = load_expert("trot")
     own = type(expert)("hop", expert.observation_names, *expert._networks)
-    file = OnnxFile(Acting(odd, policy, own, "hop_mine", "mine"), "double")
+    file = OnnxFile(Deployment(odd, alone(policy, own), "hop_mine", "mine"), "double")
     rows = random_rows(A1, odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12

@@ -20,6 +20,7 @@ from glassgait.models.export.binding import (
 )
 from glassgait.models.export.controller import write_controller
 from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -119,7 +120,7 @@ def written(gait, kind):
     names = {"name": f"{gait}_{kind}", "policy_name": kind, "version": "0"}
     expert = load_expert(gait)
     policy = expert if kind == "expert" else load_student(gait, kind)
-    return write_controller(load_gait(gait), policy, expert, **names)
+    return write_controller(load_gait(gait), alone(policy, expert), **names)
 
 
 def sound_and_bad(source, folder, request=""):
@@ -145,23 +146,21 @@ def sound_and_bad(source, folder, request=""):
 
 @pytest.mark.parametrize(
     ("gait", "kind"),
-    [("trot", "sparse_formula"), pytest.param("walk", "ebm", marks=pytest.mark.slow)],
+    [
+        ("trot", "sparse_formula"),
+        ("several", "sparse_formula"),
+        pytest.param("walk", "ebm", marks=pytest.mark.slow),
+    ],
 )
-def test_no_input_leads_to_undefined_behaviour(gait, kind, tmp_path):
-    sound, bad, lost, damaged = sound_and_bad(written(gait, kind), tmp_path)
+def test_no_input_leads_to_undefined_behaviour(gait, kind, written_pages, tmp_path):
+    odd = "command.gait = rand() % 40 == 0 ? rand() - RAND_MAX / 2 : k / 30 % 3;"
+    several = gait == "several"
+    source, request = (written_pages, odd) if several else (written(gait, kind), "")
+    sound, bad, lost, damaged = sound_and_bad(source, tmp_path, request)
     assert sound > 1000
     assert bad > 500
     assert lost > 0
     assert damaged > 0
-
-
-def test_no_requested_gait_leads_to_undefined_behaviour(written_pages, tmp_path):
-    odd = "rand() % 40 == 0 ? rand() - RAND_MAX / 2 : k / 30 % 3"
-    sound, bad, lost, damaged = sound_and_bad(written_pages, tmp_path, f"command.gait = {odd};")
-    assert lost > 0
-    assert damaged > 0
-    assert sound > 1000
-    assert bad > 500
 
 
 @pytest.mark.parametrize(
@@ -170,24 +169,18 @@ def test_no_requested_gait_leads_to_undefined_behaviour(written_pages, tmp_path)
         "sparse_formula",
         "statewise_linear",
         "expert",
+        "several gaits",
         pytest.param("ebm", marks=pytest.mark.slow),
         pytest.param("gbm", marks=pytest.mark.slow),
     ],
 )
-def test_it_allocates_nothing_and_has_no_mutable_state(kind, tmp_path):
-    refuse_other_symbols(written("trot", kind), tmp_path)
-
-
-def test_nor_does_a_file_of_several_gaits(written_pages, tmp_path):
-    refuse_other_symbols(written_pages, tmp_path)
-
-
-def refuse_other_symbols(source, folder):
+def test_it_allocates_nothing_and_has_no_mutable_state(kind, written_pages, tmp_path):
+    source = written_pages if kind == "several gaits" else written("trot", kind)
     if shutil.which("nm") is None:
         pytest.skip("needs nm")
-    path = write_source(source, folder)
-    compile_c(path, folder / "own.o", ("-O2", "-std=c99", "-c"))
-    told = subprocess.run(["nm", folder / "own.o"], check=True, capture_output=True, text=True)
+    path = write_source(source, tmp_path)
+    compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
+    told = subprocess.run(["nm", tmp_path / "own.o"], check=True, capture_output=True, text=True)
     symbols = [line.split()[-2:] for line in told.stdout.splitlines()]
     shared = {name for kind, name in symbols if kind == "T"}
     assert shared == {f"{source.name}_init", f"{source.name}_step"}
@@ -329,7 +322,7 @@ def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
     text = "format: 1\ngait: trot\nstates: 2\nevery state\n" + "\n".join(lines)
     policy = FormulaPolicy.from_file(read_formulas(text))
     names = {"name": "pole", "policy_name": "pole", "version": "0"}
-    source = write_controller(trot, policy, load_expert("trot"), **names)
+    source = write_controller(trot, alone(policy, load_expert("trot")), **names)
     compiled = load_controller(source, tmp_path)
     sensors = random_sequences(A1, trot, 1, 0)[0][0].sensors
     beside, pole = (Command(np.array([speed, 0.0]), np.array(8.0)) for speed in (0.6, 0.5))

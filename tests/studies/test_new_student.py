@@ -89,35 +89,26 @@ STUDENTS["stiff"] = Student(
 )
 
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.reproduction.report import command
-from glassgait.studies.reproduction.report.config import ReportConfig
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.distillation.students.additive import EbmSettings
-from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.distillation.students.registry import paper_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
 
-command.QUICK = ReportConfig(
-    distillation=DistillationConfig(
-        students=paper_students(),
-        episodes=5,
-        alone_rounds=0,
-        episode_steps=60,
-        settings=StudentsSettings(
-            gbm=GbmSettings(n_trees=5, depth=2),
-            histogram_gbm=HistogramGbmSettings(n_trees=5),
-            ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=20),
-            symbolic=SymbolicSettings(shapes=((20, 20),), start_weights=(1,)),
-        ),
-        n_jobs=1,
-    ),
-    rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
-    n_samples=30,
-    repeats=2,
-)
 main(sys.argv[1:])
+"""
+
+SMALL = """
+study: report
+distillation:
+  students: [gbm, ebm, symbolic]
+  episodes: 5
+  alone_rounds: 0
+  episode_steps: 60
+  n_jobs: 1
+  settings:
+    gbm: {n_trees: 5, depth: 2}
+    histogram_gbm: {n_trees: 5}
+    ebm: {outer_bags: 2, interactions: 2, round_interactions: 1, max_rounds: 20}
+    symbolic: {shapes: [[20, 20]], start_weights: [1]}
+rollouts: {n_robots: 2, n_steps: 20, n_seeds: 1}
+n_samples: 30
+repeats: 2
 """
 
 
@@ -173,17 +164,8 @@ def test_its_importances_are_measured(run, distilled, folder):
 
 
 def test_it_stands_in_the_report_beside_the_papers(run, folder):
-    run(
-        "reproduce",
-        "report",
-        "--quick",
-        "--gait",
-        "trot",
-        "--students",
-        "stiff",
-        "--output",
-        "report",
-    )
+    (folder / "small.yaml").write_text(SMALL)
+    run("reproduce", "small.yaml", "--gait", "trot", "--policy", "stiff", "--output", "report")
     page = (folder / "report" / "report.html").read_text()
     assert "Gait sequences, Stiff" in page
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()

@@ -9,7 +9,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout, indices_of
-from glassgait.studies.distillation.students.oscillator import OSCILLATOR
+from glassgait.studies.distillation.students.baselines import OSCILLATOR
 from glassgait.studies.distillation.students.student import TrainingSet
 
 A1 = load_robot()

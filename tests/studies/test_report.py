@@ -16,21 +16,21 @@ from glassgait.models.policies.library import (
 from glassgait.studies.cli import main
 from glassgait.studies.common.pages import page_template
 from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.serialization import to_plain
 from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.additive import EbmSettings
 from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
 from glassgait.studies.distillation.students.registry import paper_students
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.reproduction.report import command
-from glassgait.studies.reproduction.report.certificates import certified_policies, verdicts_table
-from glassgait.studies.reproduction.report.config import ReportConfig
-from glassgait.studies.reproduction.report.contents import DEVIATIONS, contents, r2_by_gait
-from glassgait.studies.reproduction.report.gait import GaitResults
+from glassgait.studies.reproduction import report
+from glassgait.studies.reproduction.certificates import certified_policies, verdicts_table
+from glassgait.studies.reproduction.contents import DEVIATIONS, contents, r2_by_gait
+from glassgait.studies.reproduction.gait import GaitResults, ReportConfig
 
 PAPER_CONTROL_STEPS = 36.9e6
 """1,500 updates of 1,024 robots and 24 steps."""
@@ -89,7 +89,7 @@ def test_r2_stands_beside_the_papers(results):
 
 
 def rendered(name, certified):
-    return page_template(command.TEMPLATES, name).render(
+    return page_template(report.TEMPLATES, name).render(
         items=[],
         deviations=[],
         gaits=["trot"],
@@ -144,15 +144,16 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
         assert "../explanation/trot/sparse_formula/index.html#certificate" in rendered(name, [page])
 
 
-def test_gaits_without_an_expert_are_told(refused):
+def test_unknown_gaits_are_refused(refused):
     message = refused(["reproduce", "report", "--quick", "--gait", "trot", "gallop"])
-    assert "no expert of gallop ships with the project" in message
+    assert "unknown gait 'gallop'" in message
 
 
 @pytest.mark.slow
-def test_command_writes_one_page_and_resumes(tmp_path, monkeypatch, refused):
-    monkeypatch.setattr(command, "QUICK", TINY)
-    arguments = ["reproduce", "report", "--quick", "--gait", "trot", "--output", str(tmp_path)]
+def test_command_writes_one_page_and_resumes(tmp_path, refused):
+    tiny = tmp_path.with_suffix(".yaml")
+    tiny.write_text(yaml.safe_dump({"study": "report", "quick": to_plain(TINY)}))
+    arguments = ["reproduce", str(tiny), "--quick", "--gait", "trot", "--output", str(tmp_path)]
     main(arguments)
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64") == 12

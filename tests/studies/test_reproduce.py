@@ -1,6 +1,7 @@
 """The paper's own settings: what they say, what is less in a quick run, and the whole in small."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -18,8 +19,10 @@ from glassgait.studies.distillation.rounds import rounds
 from glassgait.studies.distillation.students.additive import additive_regressor
 from glassgait.studies.distillation.students.boosting import boosting_regressor
 from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
-from glassgait.studies.reproduction import command
-from glassgait.studies.reproduction.config import differences, load_settings, settings_file
+from glassgait.studies.reproduction import report
+from glassgait.studies.reproduction.contents import WITHOUT_PYSR
+from glassgait.studies.reproduction.report import Report
+from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 
 A1 = load_robot()
 
@@ -29,7 +32,7 @@ PAPER = settings_file("paper")
 
 @pytest.fixture(scope="module")
 def paper():
-    return load_settings(PAPER)
+    return load_settings(Report, PAPER)
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def small(tmp_path):
     """A copy of the paper's settings of which a quick run takes seconds."""
     values = yaml.safe_load(PAPER.read_text())
     values["quick"] = {
-        "gaits": ["trot"],
+        "gait": ["trot"],
         "training": {
             "n_robots": 16,
             "updates": 2,
@@ -65,7 +68,7 @@ def small(tmp_path):
 
 def test_experts_learn_as_the_paper_says(paper):
     training = paper.training
-    assert paper.gaits == ("walk", "trot", "pace", "bound")
+    assert paper.gait == ("walk", "trot", "pace", "bound")
     assert (training.n_robots, training.updates, training.ppo.steps_per_update) == (1024, 1500, 24)
     hours = training.updates * training.steps_per_update * CONTROL_PERIOD / 3600
     assert round(hours) == 205
@@ -116,7 +119,7 @@ def test_additive_models_are_those_of_interprets_defaults(paper):
 
 def test_formulas_are_pysrs(paper):
     settings = paper.distillation.settings.of("symbolic")
-    assert paper.engine == settings.engine == "pysr"
+    assert settings.engine == "pysr"
     assert (settings.max_length, settings.operator_complexity, settings.iterations) == (90, 4, 20)
     assert settings.start_weights == (1,)
 
@@ -134,9 +137,11 @@ def leaves(values, prefix=""):
 
 
 def test_what_a_quick_run_does_less_of_is_listed(paper):
-    quick = load_settings(PAPER, quick=True)
+    quick = load_settings(Report, PAPER, quick=True)
     listed = differences(paper, quick)
-    assert set(listed["setting"]) == set(leaves(yaml.safe_load(PAPER.read_text())["quick"]))
+    assert set(listed["setting"]) == set(leaves(yaml.safe_load(PAPER.read_text())["quick"])) - {
+        "output"
+    }
     [row] = listed[listed["setting"] == "training.updates"].itertuples(index=False)
     assert list(row) == ["training.updates", "1500", str(quick.training.updates)]
     assert quick.training.updates < 1500
@@ -147,20 +152,19 @@ def test_what_a_quick_run_does_less_of_is_listed(paper):
     assert quick.periods == paper.periods
 
 
-def test_another_engine_is_a_difference_that_the_report_says(paper):
-    operon = paper.with_engine("operon")
-    assert operon.engine == "operon"
-    less = differences(paper, operon)
-    assert list(less["setting"]) == ["distillation.settings.symbolic.engine"]
-    assert command.WITHOUT_PYSR in command._deviations(operon, less)
-    assert command.WITHOUT_PYSR not in command._deviations(paper, less.iloc[:0])
+def test_another_engine_is_a_difference_that_the_report_says(paper, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "pysr_starts", lambda: True)
+    operon = replace(paper, engine="operon").settled()
+    assert list(differences(paper, operon)["setting"]) == ["distillation.settings.symbolic.engine"]
+    assert WITHOUT_PYSR in operon.deviations(tmp_path)
+    assert WITHOUT_PYSR not in paper.settled().deviations(tmp_path)
 
 
 @pytest.mark.parametrize("quick", [[], ["--quick"]])
 def test_without_julia_the_papers_formulas_are_refused_at_once(
     quick, tmp_path, monkeypatch, refused
 ):
-    monkeypatch.setattr(command, "pysr_starts", lambda: False)
+    monkeypatch.setattr(report, "pysr_starts", lambda: False)
     output = tmp_path / "run"
     message = refused(["reproduce", "paper", *quick, "--output", str(output)])
     assert "needs Julia" in message
@@ -176,18 +180,20 @@ def test_whether_pysr_starts_is_seen_in_another_process(text, starts, tmp_path, 
 
 
 def test_settings_that_are_none_are_refused(tmp_path, refused):
-    assert "unknown settings 'papper'; name paper" in refused(["reproduce", "papper"])
+    assert "did you mean 'reproduce paper'" in refused(["reproduce", "papper"])
     path = tmp_path / "mine.yaml"
     path.write_text("training: {n_robot: 5}\n")
     with pytest.raises(InputError, match="n_robot"):
-        load_settings(path)
+        load_settings(Report, path)
     path.write_text("training: {n_robots: 32}\n")
-    assert load_settings(path).training.n_robots == 32
+    assert load_settings(Report, path).training.n_robots == 32
+    assert "key 'study' is None" in refused(["reproduce", str(path)])
+    path.write_text("study: report\ntraining: {n_robots: 32}\n")
     message = refused(["reproduce", str(path), "--quick"])
     assert f"{path}: has no settings under the key 'quick'" in message
     path.write_text("- trot\n")
     with pytest.raises(InputError, match="mapping"):
-        load_settings(path)
+        load_settings(Report, path)
 
 
 @pytest.mark.slow

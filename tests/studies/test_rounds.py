@@ -11,7 +11,7 @@ from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.rounds import rounds
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.settings import StudentsSettings
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
 
 GAIT = load_gait("trot")
 

@@ -130,7 +130,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
         ),
         (
             ["evaluate", "alternation", "--scenario", "training", "sap_2ms"],
-            "in one scenario, not in 2; name one with --scenario",
+            "of one scenario; name one",
         ),
         (["view", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),
         (["distill", "--scenario", "bad.yaml"], "bad.yaml: unknown key"),

@@ -11,12 +11,13 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students.mirrored_samples import (
+from glassgait.studies.distillation.students.sparse_formula import (
+    allot,
+    condense,
     samples_by_state,
     written_places,
 )
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.term_pursuit import allot, condense
 
 NAMES = ObservationLayout(2).names
 MIRRORS = {"trot": (1, 0), "bound": (0, 1)}

@@ -7,7 +7,7 @@ from glassgait.models.policies.library import load_expert
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
 
 
 def fit(kind, names, data, settings=None):

@@ -1,6 +1,7 @@
 """The students that ship, and where students are found: they load, and walk alone."""
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,9 +91,16 @@ def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="expert"):
         find_student("symbolic", other_expert)
-    other_expert.save(tmp_path / "own.safetensors")
-    own = ["--gait", "trot", "--policy", "symbolic", "--expert", "own.safetensors"]
-    assert "inputs.expert" in refused(["evaluate", "policies", "--scenario", "training", *own])
+    shutil.copytree(STUDENT_DIRECTORY / "trot", tmp_path / "run")
+    other_expert.save(tmp_path / "run" / "trot.safetensors")
+    # Beside another expert students act with the one that their record names, if it is found.
+    found = find_policies(load_gait("trot"), tmp_path / "run")
+    assert found.controller("symbolic").expert.digest() == load_expert("trot").digest()
+    record = tmp_path / "run" / "distillation.yaml"
+    record.write_text(record.read_text().replace(load_expert("trot").digest(), 16 * "f"))
+    assert "inputs.expert" in refused(
+        ["evaluate", "worlds", "--policy", "all", "--scenario", "training", "--source", "run"]
+    )
 
 
 def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
@@ -179,12 +187,12 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, cap
 def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
-    main(["evaluate", "policies", "--gait", "all", "--policy", "symbolic", *small])
-    table = pd.read_csv(tmp_path / "runs/evaluation/all/symbolic/scorecard.csv")
+    main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic", *small])
+    table = pd.read_csv(tmp_path / "runs/worlds/trot_symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
-    message = refused(["evaluate", "policies", "--gait", "all", "--policy", "open_loop", *small])
-    assert "no gait ships with a policy 'open_loop'" in message
+    message = refused(["evaluate", "worlds", "--gait", "all", "--policy", "open_loop", *small])
+    assert "--policy open_loop" in message
 
 
 def test_students_are_scored_at_slower_speeds_than_experts():

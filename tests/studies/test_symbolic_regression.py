@@ -21,8 +21,11 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, rounded, settled
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
-from glassgait.studies.distillation.students.symbolic_regression import fit_formulas, pysr_arguments
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import (
+    SymbolicSettings,
+    fit_formulas,
+    pysr_arguments,
+)
 
 A1 = load_robot()
 

@@ -197,11 +197,10 @@ def test_a_gait_without_a_mirror_image_is_told_and_left_out(lopsided, tmp_path, 
     assert "lopsided.yaml: has no mirror image" in capsys.readouterr().out.replace("\n", "")
     assert [path.name for path in output.iterdir()] == ["half_bound"]
     alone = ["evaluate", "symmetry", "--gait", lopsided, "--output", str(tmp_path / "none")]
-    assert "no gait that was named has a mirror image" in refused(alone)
+    assert "--gait" in refused(alone)
     assert not (tmp_path / "none").exists()
 
 
 def test_several_gaits_take_no_files_of_ones_own(tmp_path, refused):
     several = ["evaluate", "symmetry", "--gait", "trot", "walk"]
-    for own in (["--expert", "x"], ["--source", str(tmp_path)]):
-        assert "name one gait for them" in refused([*several, *own])
+    assert "name one gait for them" in refused([*several, "--source", str(tmp_path)])

@@ -13,7 +13,7 @@ from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
 from glassgait.studies.common.scores import SCORES
 from glassgait.studies.common.summary import wilson_interval
-from glassgait.studies.distillation.students.linear import untrained_student
+from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.evaluation.worlds import Worlds
 from glassgait.studies.evaluation.worlds_figures import COLORS, fall_map, readable_on
 from glassgait.studies.evaluation.worlds_tables import (

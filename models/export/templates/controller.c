@@ -4,9 +4,9 @@
  * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
  *
 {% block made_of %}
- *   gait       {{ '%-28s' % gait_name }} {{ digests.gait }}
- *   policy     {{ '%-28s' % policy_name }} {{ digests.policy }}
- *   estimator  {{ '%-28s' % 'of the expert' }} {{ digests.estimator }}
+ *   gait       {{ '%-28s' % only.title }} {{ only.digests[0] }}
+ *   policy     {{ '%-28s' % policy_name }} {{ only.digests[1] }}
+ *   estimator  {{ '%-28s' % 'of the expert' }} {{ only.digests[2] }}
 {% endblock %}
  *   numbers    {{ real }}
  *
@@ -95,7 +95,7 @@ static const {{ real }} {{ name }}[12] = {
 #define LONGEST 1000000000 /* control steps that are counted */
 
 {% block states %}
-enum { {{ constants | join(', ') }}, N_STATES, STAY };
+enum { {{ only.constants | join(', ') }}, N_STATES, STAY };
 {% endblock %}
 
 /* What a transition asks for. */
@@ -109,8 +109,12 @@ typedef struct {
 } Propositions;
 
 {% block next_state %}
+{% for gait in gaits %}
+{% with own = gait.own, cases = gait.cases %}
 {% include 'next_state.c' %}
+{% endwith %}
 
+{% endfor %}
 {% endblock %}
 static void step_machine({{ name }}_controller *controller, const int foot_contact[4], {{ real }} dwell
 {%- block requested %}{% endblock %})
@@ -141,10 +145,10 @@ static void step_machine({{ name }}_controller *controller, const int foot_conta
 
 {% block places %}
 enum {
-{% for title, start, note in observation %}
+{% for title, start, note in only.places %}
     {{ '%-28s' % (title ~ ' = ' ~ start ~ ',') }}/* {{ note }} */
 {% endfor %}
-    N_OBSERVATIONS = {{ n_observations }}
+    N_OBSERVATIONS = {{ only.n_observations }}
 };
 
 {% endblock %}
@@ -175,21 +179,21 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
 {% block estimator_and_policy %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 
-{{ (estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
+{{ (only.estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
-{% if 'elu(' in estimator.functions ~ policy.functions %}
+{% if needs_elu %}
 static {{ real }} elu({{ real }} x)
 {
     return x > {{ 0.0 | number }} ? x : {{ 'expm1' | function }}(x);
 }
 
 {% endif %}
-{{ estimator.functions }}
+{{ only.estimator.functions }}
 /* ---- Policy: from the observation to the action ---------------------------------------------- */
 
-{{ policy.title | comment }}
+{{ only.policy.title | comment }}
 
-{{ policy.helpers | join }}{{ policy.functions }}
+{{ helpers | join }}{{ only.policy.functions }}
 {% endblock %}
 /* ---- Controller ------------------------------------------------------------------------------ */
 
@@ -290,7 +294,7 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
     estimate(observation, &observation[BASE_VELOCITY]);
     if (!all_sound(observation, N_OBSERVATIONS))
         return flags | {{ prefix }}_BAD_TARGET;
-    act({{ 'next.state, ' if policy.takes_state }}observation, next.action);
+    act({{ 'next.state, ' if takes_state }}observation, next.action);
     if (!all_sound(next.action, 12))
         return flags | {{ prefix }}_BAD_TARGET;
     for (int foot = 0; foot < 4; foot++)

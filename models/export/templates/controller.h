@@ -12,9 +12,9 @@ extern "C" {
 /* The version of glassgait that wrote it, and digests of what it was written from. */
 #define {{ prefix }}_VERSION "{{ version }}"
 {% block made_of %}
-#define {{ prefix }}_GAIT "{{ digests.gait }}"
-#define {{ prefix }}_POLICY "{{ digests.policy }}"
-#define {{ prefix }}_ESTIMATOR "{{ digests.estimator }}"
+#define {{ prefix }}_GAIT "{{ only.digests[0] }}"
+#define {{ prefix }}_POLICY "{{ only.digests[1] }}"
+#define {{ prefix }}_ESTIMATOR "{{ only.digests[2] }}"
 {% endblock %}
 
 {% for constant, value, note in constants_of_robot %}
@@ -76,7 +76,7 @@ typedef struct {
     {{ real }} foot_height[4]; /* as estimated at the step before, m */
     int touched[4]; /* which feet touched at the step before */
 {% block machine %}
-    int state; /* of the reward machine: {{ state_names }} */
+    int state; /* of the reward machine: {{ only.state_names }} */
     int iterations; /* control steps in that state */
     int age; /* control steps since the start */
 {% endblock %}

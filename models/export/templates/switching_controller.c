@@ -33,13 +33,7 @@ static const int N_STATES[N_GAITS] = {
 };
 {% endblock %}
 {% block next_state %}
-{% for gait in gaits %}
-{% with own = gait.own, cases = gait.cases %}
-{% include 'next_state.c' %}
-{% endwith %}
-
-{% endfor %}
-static int next_state(int gait, int state, const Propositions *now)
+{{ super() }}static int next_state(int gait, int state, const Propositions *now)
 {
     switch (gait) {
 {% for own in gaits %}
@@ -113,14 +107,14 @@ enum {
 /* What stands behind the states of each gait's machine. */
 {% for own in gaits %}
 enum {
-{% for title, start, note in own.places %}
+{% for title, start, note in own.places[shared_places | length:] %}
     {{ '%-40s' % (own.own | upper ~ title ~ ' = ' ~ start ~ ',') }}/* {{ note }} */
 {% endfor %}
     {{ own.own | upper }}N_OBSERVATIONS = {{ own.n_observations }}
 };
 {% endfor %}
 
-enum { MOST_OBSERVATIONS = {{ most_observations }} };
+enum { MOST_OBSERVATIONS = {{ gaits | map(attribute='n_observations') | max }} };
 
 static const int N_OBSERVATIONS[N_GAITS] = {
     {{ n_observations | join(', ') | wordwrap(94, wrapstring='\n    ') }}

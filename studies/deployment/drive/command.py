@@ -44,6 +44,7 @@ class DriveController(Settings):
         gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         link: Where messages go.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
     """
@@ -53,12 +54,13 @@ class DriveController(Settings):
     gait: str = "trot"
     policy: str = "expert"
     link: Link = field(default_factory=LinkSettings)
+    robot: str | None = None
     source: Path | None = None
 
     def run(self) -> None:
         """Answers, and reports what was counted."""
         gait = load_gait(self.gait)
-        policy = find_policies(gait, self.source).controller(self.policy)
+        policy = find_policies(gait, self.source, self.robot).controller(self.policy)
         lcm = open_lcm(self.link)
         controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
         say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
@@ -73,6 +75,7 @@ class DriveSimulator(Settings):
 
     Attributes:
         gait: Name of a gait, or path of a gait file: commands are made for it.
+        robot: Name of a robot, or path of its robot.yaml; by default the scenario's.
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's; what is left out is the scenario's. A
             scenario that names no command asks for 0.5 m/s.
@@ -90,6 +93,7 @@ class DriveSimulator(Settings):
     title: ClassVar[str] = "drive simulator"
 
     gait: str = "trot"
+    robot: str | None = None
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     meshcat: bool = False
@@ -103,6 +107,8 @@ class DriveSimulator(Settings):
     def run(self) -> None:
         """Simulates, and reports what was counted."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
+        if self.robot is not None:
+            scenario = replace(scenario, robot=self.robot)
         if self.meshcat:
             scenario = replace(scenario, command=SliderCommand())
         else:
@@ -155,6 +161,7 @@ class DrivePacketLoss(Settings):
         n_steps: Control steps of each robot.
         watchdog: How long robots wait for their controller.
         seed: Seed of commands, noise and losses.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
@@ -170,6 +177,7 @@ class DrivePacketLoss(Settings):
     n_steps: Count = EPISODE_STEPS
     watchdog: Watchdog = field(default_factory=Watchdog)
     seed: Seed = REPORTED_SEEDS[0]
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -177,10 +185,11 @@ class DrivePacketLoss(Settings):
     def run(self) -> None:
         """Walks through every trial, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_policies(gait, self.source).controller(self.policy)
+        found = find_policies(gait, self.source, self.robot)
+        policy = found.controller(self.policy)
         if not scenario.names_a_command:
             scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
-        folder = self.output or Path("runs/drive") / gait.name / Path(self.policy).stem
+        folder = self.output or found.output("drive") / Path(self.policy).stem
         inputs = {
             "gait": gait.digest(),
             "world": scenario.digest(),

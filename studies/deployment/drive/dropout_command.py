@@ -36,6 +36,7 @@ class DriveDropout(Settings):
         seconds: Time from then to the end (s).
         watchdog: How long robots wait for their controller.
         seed: Seed of dwell, turning, noise, initial states and pushes.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         output: New folder of the results; runs/drive/<gait>/silence by default.
@@ -51,14 +52,16 @@ class DriveDropout(Settings):
     seconds: Annotated[float, Ge(0.1), Le(60.0)] = 2.0
     watchdog: Watchdog = field(default_factory=Watchdog)
     seed: Seed = 2000
+    robot: str | None = None
     source: Path | None = None
     output: Path | None = None
 
     def run(self) -> None:
         """Lets robots walk, silences their controllers, and writes the table."""
         gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        policy = find_policies(gait, self.source).controller(self.policy)
-        folder = self.output or Path("runs/drive") / gait.name / "silence"
+        found = find_policies(gait, self.source, self.robot)
+        policy = found.controller(self.policy)
+        folder = self.output or found.output("drive") / "silence"
         inputs = {
             "gait": gait.digest(),
             "world": scenario.digest(),

@@ -11,15 +11,22 @@ from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import MACHINE, LoadedController, Sensors
 from glassgait.models.export.reference import PythonController
-from glassgait.models.policies.controller import alone
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.episode import ControlStep, IntArray, Observer, episode
+from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.studies.common.episode import (
+    BoolArray,
+    ControlStep,
+    Episode,
+    Event,
+    IntArray,
+    Observer,
+    episode,
+)
 from glassgait.studies.common.observers import Observations
 
 COMMAND_STEPS = 50
@@ -27,6 +34,12 @@ COMMAND_STEPS = 50
 
 UNLIMITED = Scenario(limit_targets=False)
 """The training world, in which joints follow any target."""
+
+REQUEST_STEPS = 100
+"""Control steps from one request to the next of robots that are recorded (2 s)."""
+
+RANDOM_REQUEST_STEPS = 20
+"""Control steps from one request to the next where sensors are drawn at random."""
 
 SEQUENCE_STEPS = 500
 """Control steps of a sequence; each begins with a controller that was just started."""
@@ -85,20 +98,26 @@ def compare_controllers(
     return Agreement(steps, greatest, apart, changes, gaits if compiled.n_gaits > 1 else None)
 
 
-def random_sequences(robot: Robot, gait: Gait, n_steps: int, seed: int) -> list[list[Moment]]:
-    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`.
+def random_sequences(
+    robot: Robot, gait: Gait | GaitSwitch, n_steps: int, seed: int
+) -> list[list[Moment]]:
+    """Draws sensors at random, in sequences of `SEQUENCE_STEPS`, and requests of several gaits.
 
     Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
-    a transition of the gait fires.
+    a transition of the gait fires, or of one of the gaits.
     """
     generator = np.random.default_rng(seed)
-    tables = np.array([transition.when.table for transition in gait.transitions])
-    sequences: list[list[Moment]] = []
-    while n_steps > 0:
-        count = min(n_steps, SEQUENCE_STEPS)
-        sequences.append(list(_random_moments(robot, gait, tables, count, generator)))
-        n_steps -= count
-    return sequences
+    machine = gait.gait if isinstance(gait, GaitSwitch) else gait
+    tables = np.array([transition.when.table for transition in machine.transitions])
+    counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
+    sequences = [list(_random_moments(robot, machine, tables, own, generator)) for own in counts]
+    if isinstance(gait, Gait):
+        return sequences
+    requested = drawn_requests(gait, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
+    return [
+        [moment._replace(requested=int(asked)) for moment, asked in zip(own, row, strict=False)]
+        for own, row in zip(sequences, requested.T, strict=True)
+    ]
 
 
 def _random_moments(
@@ -119,30 +138,70 @@ def _random_moments(
 
 
 def recorded_sequences(
-    gait: Gait, policy: Policy, expert: NeuralPolicy, n_steps: int, seed: int
+    gait: Gait | GaitSwitch, controller: AlternatingController, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records what robots sense that the policy moves, from sensors alone, in the training world.
+    """Records what robots sense that the controller moves, in the training world.
 
     Args:
-        gait: The gait.
-        policy: The policy, in Python.
-        expert: The expert whose estimator observes.
+        gait: The gait, or several, which robots then change again and again.
+        controller: The controller, in Python.
         n_steps: Control steps of all robots together.
-        seed: Seed of initial states, commands and noise.
+        seed: Seed of initial states, commands, requests and noise.
     """
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
-    recorded = RecordedMoments(n_robots)
+    own_steps = n_steps // n_robots
+    if isinstance(gait, GaitSwitch):
+        requested = drawn_requests(gait, n_robots, own_steps, REQUEST_STEPS, seed)
+        world, events = Scenario(), [asking(requested)]
+    else:
+        requested, world, events = None, UNLIMITED, []
+    recorded = RecordedMoments(n_robots, requested)
     episode(
         gait,
-        alone(policy, expert),
-        UNLIMITED,
+        controller,
+        world,
         n_robots=n_robots,
-        n_steps=n_steps // n_robots,
+        n_steps=own_steps,
         seed=seed,
         observers=[recorded],
+        events=events,
         when_fallen="go on",
     )
     return recorded.sequences
+
+
+def drawn_requests(
+    switch: GaitSwitch, n_robots: int, n_steps: int, every: int, seed: int
+) -> IntArray:
+    """Draws the numbers of the gaits that robots are asked for (n_steps, n_robots).
+
+    The first gait is asked for at first, and from time to time another one than before.
+
+    Args:
+        switch: The gaits.
+        n_robots: Number of robots.
+        n_steps: Control steps.
+        every: Control steps from one request to the next.
+        seed: Seed of what is drawn.
+    """
+    generator = np.random.default_rng(seed)
+    n_gaits, n_requests = len(switch.gaits), -(-n_steps // every)
+    onward = generator.integers(1, max(n_gaits, 2), size=(n_requests, n_robots))
+    onward[0] = 0
+    requested = np.cumsum(onward, axis=0) % n_gaits
+    return np.repeat(requested, every, axis=0)[:n_steps]
+
+
+def asking(requested: IntArray) -> Event:
+    """Returns the event that requests gaits in each control step (T, n).
+
+    What is requested while a step goes on is read at its end, with what is sensed then.
+    """
+
+    def ask(running: Episode, _: BoolArray) -> None:
+        running.switching.requested = requested[running.step]
+
+    return Event(None, None, ask)
 
 
 class RecordedMoments(Observer):
@@ -171,13 +230,13 @@ class RecordedMoments(Observer):
 
 
 def recorded_observations(
-    gait: Gait, policy: Policy, expert: NeuralPolicy, n_robots: int, n_steps: int, seed: int
+    gait: Gait, controller: AlternatingController, n_robots: int, n_steps: int, seed: int
 ) -> Array:
-    """Records what robots observe (m, n) that the policy moves in the training world."""
+    """Records what robots observe (m, n) that the controller moves in the training world."""
     observations = Observations()
     episode(
         gait,
-        alone(policy, expert),
+        controller,
         UNLIMITED,
         n_robots=n_robots,
         n_steps=n_steps,

@@ -1,43 +1,58 @@
 """Whether what was exported moves robots as the Python policy does, in two engines."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from glassgait.diagrams.scenario import load_scenario
+from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
 from glassgait.models.export.binding import ACTION, LoadedController
 from glassgait.models.policies.controller import (
+    AlternatingController,
     Controller,
     ControllerOutput,
     WrappedController,
-    alone,
 )
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import N_ESTIMATED
-from glassgait.studies.common.episode import BoolArray, Episode, Event, World, episode
-from glassgait.studies.common.observers import Log
+from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
+from glassgait.studies.common.observers import Log, Snapshots
 from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.common.scores import score_rollouts
-from glassgait.studies.deployment.export.agreement import Moment, moments
+from glassgait.studies.deployment.export.agreement import Moment, asking, drawn_requests, moments
 
 WORLDS = {"Drake": "training", "MuJoCo": "mujoco"}
 """Scenario of each engine."""
+
+REQUEST_STEPS = 150
+"""Control steps from one request of another gait to the next (3 s)."""
 
 Maker = Callable[[Controller], tuple[Controller, Sequence[Event]]]
 """Returns a controller that acts in place of Python's, and the events by which it senses."""
 
 
+class _Run(NamedTuple):
+    """What robots did.
+
+    Attributes:
+        scores: A row a robot.
+        states: State of the machine before each step until the fall, -1 after it (T, n).
+    """
+
+    scores: pd.DataFrame
+    states: IntArray
+
+
 def walk_both(
-    gait: Gait,
-    policy: Policy,
-    expert: NeuralPolicy,
+    gait: Gait | GaitSwitch,
+    controller: AlternatingController,
     exported: Maker,
     *,
     title: str,
@@ -45,25 +60,80 @@ def walk_both(
     n_steps: int,
     seed: int,
 ) -> pd.DataFrame:
-    """Rolls the Python policy and what was exported out in either engine.
+    """Rolls robots out by Python and by what was exported, in either engine.
 
-    Both have the same robots, noise and commands, one for each robot, at the speeds of
-    distillation.
+    Both have the same robots, noise and commands, at the speeds of distillation: of one gait a
+    command for each robot; of several new ones after 10 s, and every 3 s a request of another gait.
 
     Args:
-        gait: The gait.
-        policy: The policy, in Python.
-        expert: The expert whose estimator observes.
+        gait: The gait, or several.
+        controller: The controller, in Python.
         exported: Makes what acts instead, such as `by_controller` returns.
         title: What the table calls it.
         n_robots: Number of robots.
         n_steps: Control steps.
-        seed: Seed of initial states, commands and noise.
+        seed: Seed of initial states, commands, requests and noise.
 
     Returns:
         A row an engine: `falls` and `return` (mean) of both, and the greatest difference of a
-        robot's return (share of it).
+        robot's return (share of it). Of several gaits besides `changes`, of the gait by both, and
+        `robots, RM state apart`, whose machine was ever in another state.
     """
+    walk = {"n_robots": n_robots, "n_steps": n_steps, "seed": seed}
+    rows = []
+    for engine, world in WORLDS.items():
+        python, other = (
+            _walked(gait, *make(controller), load_scenario(world), **walk)
+            for make in (by_policy, exported)
+        )
+        row = compared(engine, title, python.scores, other.scores)
+        if isinstance(gait, GaitSwitch):
+            row["changes, Python"] = _changes_of_gait(gait, python.states)
+            row[f"changes, {title}"] = _changes_of_gait(gait, other.states)
+            apart = np.any(python.states != other.states, axis=0)
+            row["robots, RM state apart"] = int(apart.sum())
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _walked(
+    gait: Gait | GaitSwitch,
+    controller: Controller,
+    senses: Sequence[Event],
+    scenario: Scenario,
+    *,
+    n_robots: int,
+    n_steps: int,
+    seed: int,
+) -> _Run:
+    if isinstance(gait, GaitSwitch):
+        scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait.gait)))
+        requested = drawn_requests(gait, n_robots, n_steps, REQUEST_STEPS, seed)
+        events = [*senses, asking(requested)]
+    else:
+        events = [_one_command(gait, n_robots, seed), *senses]
+    log = Log(controller.robot, limited=scenario.limits_targets(controller))
+    snapshots = Snapshots()
+    episode(
+        gait,
+        controller,
+        scenario,
+        n_robots=n_robots,
+        n_steps=n_steps,
+        seed=seed,
+        observers=[log, snapshots],
+        events=events,
+    )
+    scores = score_rollouts(log.rollout(n_steps), controller.robot.mass)
+    states = np.array([state.machine.state for state in snapshots.states])
+    upright = np.arange(len(states))[:, None] < scores["steps"].to_numpy()
+    padded = np.full((n_steps, n_robots), -1)
+    padded[: len(states)] = np.where(upright, states, -1)
+    return _Run(scores, padded)
+
+
+def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
+    """Returns the event that gives each robot a command for the whole episode."""
     command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
 
     def begin(running: Episode, _: BoolArray) -> None:
@@ -72,26 +142,13 @@ def walk_both(
         # The simulator would draw another command after 10 s.
         simulator.set_command(command)
 
-    rows, controller = [], alone(policy, expert)
-    for engine, name in WORLDS.items():
-        world = World.of(gait, load_scenario(name), controller)
-        scores = []
-        for make in (by_policy, exported):
-            acting, senses = make(controller)
-            log = Log(world.task.robot, limited=world.task.limit_targets)
-            episode(
-                gait,
-                acting,
-                world,
-                n_robots=n_robots,
-                n_steps=n_steps,
-                seed=seed,
-                observers=[log],
-                events=[Event(0, None, begin), *senses],
-            )
-            scores.append(score_rollouts(log.rollout(n_steps), world.task.robot.mass))
-        rows.append(compared(engine, title, *scores))
-    return pd.DataFrame(rows)
+    return Event(0, None, begin)
+
+
+def _changes_of_gait(switch: GaitSwitch, states: IntArray) -> int:
+    """Counts the changes of the gait of all robots, in states (T, n) that are -1 after a fall."""
+    running = switch.gait_of(states)
+    return int(np.sum((running[1:] != running[:-1]) & (states[1:] >= 0)))
 
 
 def by_policy(controller: Controller) -> tuple[Controller, Sequence[Event]]:

@@ -9,8 +9,9 @@ from typing import ClassVar, Literal
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.switched import SwitchedPolicy
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
@@ -20,27 +21,8 @@ from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.export.c_file import CFile
-from glassgait.studies.deployment.export.exported import Acting, Effort, Exported
-from glassgait.studies.deployment.export.switching_file import SwitchingCFile
+from glassgait.studies.deployment.export.files import CFile, Deployment, Effort, Exported
 from glassgait.studies.distillation.students.library import default_student
-
-
-@dataclass(frozen=True)
-class _Job:
-    """What is exported.
-
-    Attributes:
-        exported: The export.
-        name: What the names of its files begin with.
-        title: Its folder among others.
-        inputs: Digests of what it was made of.
-    """
-
-    exported: Exported
-    name: str
-    title: Path
-    inputs: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -63,6 +45,7 @@ class Export(Settings):
         n_robots: Robots that Python and the export let walk for 20 s, in Drake and in MuJoCo, of
             several gaits with another one every 3 s; none by default.
         seed: Seed of all randomness.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
@@ -80,6 +63,7 @@ class Export(Settings):
     n_steps: Count = 10_000
     n_robots: Natural = 0
     seed: Seed = REPORTED_SEEDS[0]
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -95,44 +79,45 @@ class Export(Settings):
     def run(self) -> None:
         """Writes the files, and tables of what was measured."""
         gaits = [load_gait(name) for name in gaits_named(self.gait)]
-        found = list(find_policies_of(gaits, self.source, [self.policy or ""]).values())
+        found = list(find_policies_of(gaits, self.source, [self.policy or ""], self.robot).values())
         asked = self.policy or default_student(found[0])
-        job = self._several(found, asked) if len(gaits) > 1 else self._one(found[0], asked)
-        folder = self.output or Path("runs/export") / job.title
-        run = {"study": "export", "settings": self, "inputs": job.inputs, "resume": self.resume}
+        deployment, inputs = self._deployment(found, asked)
+        exported = self._exported(deployment)
+        title = Path("_".join(gait.name for gait in gaits)) / deployment.policy_name
+        folder = robot_folder(Path("runs/export"), found[0].expert.robot.name)
+        folder = self.output or folder / title
+        run = {"study": "export", "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
-            tables = job.exported.check(Effort(self.n_steps, self.n_robots, self.seed))
-            first, *others = job.exported.write(folder)
+            tables = exported.check(Effort(self.n_steps, self.n_robots, self.seed))
+            first, *others = exported.write(folder)
             for title, table in tables.items():
                 write_table(table, folder / title)
-                print_table(f"{job.name}: {title.replace('_', ' ')}", table)
+                print_table(f"{deployment.name}: {title.replace('_', ' ')}", table)
             records = {title: json_records(table) for title, table in tables.items()}
             write_metrics({"bytes": first.stat().st_size} | records, folder / "metrics.json")
         console.print(f"written to {' and '.join([str(first), *(own.name for own in others)])}")
 
-    def _one(self, found: Policies, asked: str) -> _Job:
-        """Makes the export of the only gait."""
-        gait, policy = found.gait, found.policy(asked)
-        expert = policy if isinstance(policy, NeuralPolicy) else found.expert_of(asked)
-        stem = Path(asked).stem
-        name = self.name or controller_name(gait.name, stem)
-        exported = self._exported(Acting(gait, policy, expert, name, stem))
-        inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
-        return _Job(exported, name, Path(gait.name) / stem, inputs)
+    def _deployment(
+        self, found: Sequence[Policies], asked: str
+    ) -> tuple[Deployment, dict[str, str]]:
+        """Returns what is exported, and digests of what it is made of."""
+        controllers = [own.controller(asked) for own in found]
+        if len(found) > 1:
+            gait = GaitSwitch([own.gait for own in found])
+            controller = alone(SwitchedPolicy(gait, controllers))
+            inputs = {"gait": gait.gait.digest(), "policy": controller.policy.digest()}
+        else:
+            (gait,), (controller,) = (own.gait for own in found), controllers
+            expert, policy = controller.expert.digest(), controller.policy.digest()
+            inputs = {"gait": gait.digest(), "expert": expert, "policy": policy}
+        policy_name = Path(asked).stem
+        gaits = "_".join(own.gait.name for own in found)
+        name = self.name or controller_name(gaits, policy_name)
+        return Deployment(gait, controller, name, policy_name), inputs
 
-    def _several(self, found: Sequence[Policies], asked: str) -> _Job:
-        """Makes the export of several gaits."""
-        switch = GaitSwitch([own.gait for own in found])
-        switched = SwitchedPolicy(switch, [own.controller(asked) for own in found])
-        title = "_".join(gait.name for gait in switch.gaits)
-        name = self.name or controller_name(title, asked)
-        exported = SwitchingCFile(switched, name, asked, self.precision)
-        inputs = {"gait": switch.gait.digest(), "policy": switched.digest()}
-        return _Job(exported, name, Path(title) / asked, inputs)
-
-    def _exported(self, acting: Acting) -> Exported:
+    def _exported(self, deployment: Deployment) -> Exported:
         if self.format == "c":
-            return CFile(acting, self.precision)
+            return CFile(deployment, self.precision)
         try:
             # Imported here: ONNX and its runtime are an extra.
             from glassgait.studies.deployment.export.onnx_file import OnnxFile  # noqa: PLC0415
@@ -140,7 +125,7 @@ class Export(Settings):
             raise InputError(
                 "--format onnx: ONNX is not installed; run pip install 'glassgait[onnx]'"
             ) from error
-        return OnnxFile(acting, self.precision)
+        return OnnxFile(deployment, self.precision)
 
 
 def controller_name(gait: str, policy: str) -> str:

@@ -1,63 +1,162 @@
 """A policy with its estimator as one ONNX file, compared with Python by ONNX Runtime."""
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
-from glassgait.models.export.controller import refuse_other_than_names
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.export.controller import network_expert, refuse_other_than_names
 from glassgait.models.export.graphs.policy_graph import write_graph
 from glassgait.models.export.graphs.runtime import LoadedGraph
 from glassgait.models.export.language import Real
 from glassgait.models.files import write_atomically
+from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task.command import sample_commands
+from glassgait.models.task.gait import Gait
+from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
 from glassgait.studies.common.console import say
+from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, recorded_observations
 from glassgait.studies.deployment.export.closed_loop import by_graph
-from glassgait.studies.deployment.export.exported import Acting, Effort, ExportedPolicy
-from glassgait.studies.deployment.export.graph_agreement import (
-    check_graph,
-    random_rows,
-    recorded_rows,
-)
+from glassgait.studies.deployment.export.files import Deployment, Effort, Exported
+
+MOST = 1e-6
+"""Greatest difference of a joint target (rad), or of an estimate, with which a graph is written."""
 
 
-class OnnxFile(ExportedPolicy):
-    """A policy as a graph, from what is measured and known to actions."""
+@dataclass(frozen=True)
+class GraphAgreement:
+    """How far a graph and Python are apart on the same observations.
+
+    Attributes:
+        rows: Observations.
+        target: Greatest difference of a joint target (rad).
+        estimate: Greatest difference of the estimated velocity (0.5 m/s) or of a foot's height (m).
+    """
+
+    rows: int
+    target: float
+    estimate: float
+
+
+def compare_graph(
+    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, own: Array
+) -> GraphAgreement:
+    """Lets both act on proprioception (m, 40 + n_states), rounded to what the graph reads."""
+    rounded = own.astype(graph.dtype).astype(float)
+    estimate = expert.estimator(rounded)
+    action = policy(np.concatenate([rounded, estimate], axis=-1))
+    acted = graph(own)
+    return GraphAgreement(
+        len(own),
+        expert.robot.action_scale * _apart(acted.action, action),
+        _apart(acted.estimate, estimate),
+    )
+
+
+def check_graph(
+    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, rows: Mapping[str, Array]
+) -> pd.DataFrame:
+    """Compares a graph with Python on rows from several sources, by their names.
+
+    Raises:
+        InputError: if they differ by more than `MOST`.
+    """
+    found = {name: compare_graph(graph, policy, expert, own) for name, own in rows.items()}
+    greatest = max(max(one.target, one.estimate) for one in found.values())
+    if greatest > MOST:
+        raise InputError(
+            f"the ONNX graph of this {policy.kind} policy differs from Python by {greatest:.2g}, "
+            f"more than {MOST:g}; nothing was written, so export it with --precision double or "
+            "--format c"
+        )
+    return pd.DataFrame({"observations": name, **asdict(one)} for name, one in found.items())
+
+
+def recorded_rows(gait: Gait, controller: AlternatingController, n_rows: int, seed: int) -> Array:
+    """Records proprioception (m, 40 + n_states) of robots that the controller moves."""
+    n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
+    n_steps = -(-n_rows // n_robots)
+    observations = recorded_observations(gait, controller, n_robots, n_steps, seed)
+    return observations[:n_rows, :-N_ESTIMATED]
+
+
+def random_rows(robot: Robot, gait: Gait, n_rows: int, seed: int) -> Array:
+    """Draws proprioception (m, 40 + n_states): joints and last targets anywhere in their ranges."""
+    generator = np.random.default_rng(seed)
+    command = sample_commands(gait, n_rows, generator)
+    shape = (n_rows, quadruped.N_JOINTS)
+    position, target = (
+        generator.uniform(robot.lower_limits, robot.upper_limits, size=shape) for _ in range(2)
+    )
+    counts = generator.integers(gait.dwell[1] + OVERDUE, endpoint=True, size=n_rows)
+    return proprioception(
+        robot,
+        command=command.velocity,
+        joint_position=position,
+        joint_velocity=generator.uniform(-robot.velocity, robot.velocity, size=shape),
+        previous_action=(target - robot.default_stance) / robot.action_scale,
+        rm_state=np.eye(gait.n_states)[generator.integers(gait.n_states, size=n_rows)],
+        rm_iterations=counts.astype(float),
+        commanded_dwell=command.dwell,
+    )
+
+
+def _apart(graph: Array, python: Array) -> float:
+    """Returns the greatest difference; numbers that are finite in neither do not differ."""
+    neither = ~np.isfinite(graph) & ~np.isfinite(python)
+    difference = np.abs(np.where(neither, 0.0, graph) - np.where(neither, 0.0, python))
+    return float(np.max(np.nan_to_num(difference, nan=np.inf), initial=0.0))
+
+
+class OnnxFile(Exported):
+    """The policy of one gait as a graph, from what is measured and known to actions."""
 
     title = "ONNX"
 
-    def __init__(self, acting: Acting, real: Real) -> None:
+    def __init__(self, deployment: Deployment, real: Real) -> None:
         """
         Args:
-            acting: What is exported.
+            deployment: What is exported, of one gait.
             real: Type of what the graph reads and gives.
 
         Raises:
             InputError: if there is no graph for it, or its name can name no controller.
         """
-        super().__init__(acting)
-        refuse_other_than_names(acting.name)
+        super().__init__(deployment)
+        refuse_other_than_names(deployment.name)
+        assert isinstance(deployment.gait, Gait)
+        self.gait, self.policy = deployment.gait, deployment.controller.policy
+        self.expert = network_expert(deployment.controller.expert)
         model = write_graph(
-            acting.gait,
-            acting.policy,
-            acting.expert,
-            policy_name=acting.policy_name,
+            self.gait,
+            self.policy,
+            self.expert,
+            policy_name=deployment.policy_name,
             version=version("glassgait"),
             real=real,
         )
         self.model: bytes = model.SerializeToString(deterministic=True)
 
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
-        gait, policy, expert = self.acting.gait, self.acting.policy, self.acting.expert
         graph, recorded, seed = LoadedGraph(self.model), effort.n_recorded, effort.seed
         say(f"acting on {effort.n_steps} observations, in Python and by ONNX Runtime")
         rows = {
-            "recorded": recorded_rows(gait, policy, expert, recorded, seed),
-            "random": random_rows(policy.robot, gait, effort.n_steps - recorded, seed),
+            "recorded": recorded_rows(self.gait, self.deployment.controller, recorded, seed),
+            "random": random_rows(self.policy.robot, self.gait, effort.n_steps - recorded, seed),
         }
-        agreement = check_graph(graph, policy, expert, rows)
+        agreement = check_graph(graph, self.policy, self.expert, rows)
         return {"agreement": agreement} | self._walked(by_graph(graph), effort)
 
     def write(self, folder: Path) -> tuple[Path, ...]:
-        path = folder / f"{self.acting.name}.onnx"
+        path = folder / f"{self.deployment.name}.onnx"
         write_atomically(path, self.model)
         return (path,)

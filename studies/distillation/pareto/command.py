@@ -13,6 +13,7 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
@@ -59,6 +60,7 @@ class Pareto(Settings):
             default, since 100 take some 5 minutes of a core.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
             As many robots of a seed of its own choose the smallest formulas, and are not reported.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         expert: Policy file of the expert; by default the shipped one, or what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
@@ -73,6 +75,7 @@ class Pareto(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
+    robot: str | None = None
     expert: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -80,12 +83,12 @@ class Pareto(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert)
+        expert = find_expert(gait, self.expert, self.robot)
         samples = self.samples or samples_folder(
-            distillation_folder(gait.name), SPARSE_FORMULA.name
+            distillation_folder(gait.name, expert.robot.name), SPARSE_FORMULA.name
         )
         data = load_rounds(samples)
-        folder = self.output or Path("runs/pareto") / gait.name
+        folder = self.output or robot_folder(Path("runs/pareto"), expert.robot.name) / gait.name
         inputs = {
             "gait": gait.digest(),
             "expert": expert.digest(),

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.distillation.students.mirrored_samples import written_places
+from glassgait.studies.distillation.students.sparse_formula import condense, written_places
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.distillation.students.term_pursuit import condense
 
 TERMS = (30, 40, 50, 70, 100, 140, 200, 300)
 """Numbers of terms of all formulas together."""

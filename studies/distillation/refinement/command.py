@@ -21,8 +21,6 @@ from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
-REFINEMENT_FOLDER = Path("runs/refinement")
-
 
 @dataclass(frozen=True)
 class Refine(Settings):
@@ -33,6 +31,7 @@ class Refine(Settings):
         policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
             default.
         config: Settings of the run.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
@@ -46,6 +45,7 @@ class Refine(Settings):
     config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
         default_factory=RefinementConfig
     )
+    robot: str | None = None
     source: Path | None = None
     output: Path | None = None
     resume: bool = False
@@ -53,7 +53,7 @@ class Refine(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        found = find_policies(gait, self.source)
+        found = find_policies(gait, self.source, self.robot)
         named = self.policy or default_student(found)
         policy, expert = found.formulas(named), found.expert_of(named)
         terms = self.config.terms
@@ -63,7 +63,7 @@ class Refine(Settings):
                 "dropped; name a page, or leave --terms out"
             )
         name = Path(named).stem
-        folder = self.output or REFINEMENT_FOLDER / gait.name / name
+        folder = self.output or found.output("refinement") / name
         with open_run(
             folder,
             study="refine",

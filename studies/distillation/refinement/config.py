@@ -7,6 +7,7 @@ import numpy as np
 import tyro
 
 from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges
+from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
@@ -82,11 +83,14 @@ class RefinementConfig(Settings):
         due = update % self.candidate_updates == 0 or update == self.updates
         return due and (self.terms is None or n_terms <= self.terms)
 
-    def training(self, gait: str, *, limit_targets: bool = False) -> TrainingConfig:
+    def training(
+        self, gait: str, *, robot: str = DEFAULT_ROBOT, limit_targets: bool = False
+    ) -> TrainingConfig:
         """Returns the settings as those of a run that learns.
 
         Args:
             gait: Name of the gait.
+            robot: Name of the robot, or path of its robot.yaml.
             limit_targets: Whether joints follow targets within their ranges alone.
 
         Raises:
@@ -94,6 +98,7 @@ class RefinementConfig(Settings):
         """
         return TrainingConfig(
             gait=gait,
+            robot=robot,
             seed=self.seed,
             updates=self.updates,
             n_robots=self.n_robots,

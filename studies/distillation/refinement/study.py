@@ -66,7 +66,8 @@ class RefinementRun(LearningRun):
         self._policy = policy
         self._name = name
         limited = alone(policy, expert).limits_targets
-        training = config.training(gait.name, limit_targets=limited)
+        robot = policy.robot.source
+        training = config.training(gait.name, robot=robot, limit_targets=limited)
         super().__init__(training, gait, folder, resume=resume)
 
     def update(self) -> dict[str, float]:

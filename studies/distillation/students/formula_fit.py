@@ -17,8 +17,10 @@ from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import indices_of
-from glassgait.studies.distillation.students.symbolic_regression import fit_formulas
-from glassgait.studies.distillation.students.symbolic_settings import SymbolicSettings
+from glassgait.studies.distillation.students.symbolic_regression import (
+    SymbolicSettings,
+    fit_formulas,
+)
 
 DIGITS = 3
 """Significant digits of the numbers in formulas."""

@@ -14,6 +14,7 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.robots.robot import DEFAULT_ROBOT, robot_folder
 from glassgait.studies.common.console import note
 from glassgait.studies.common.policies import Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
@@ -23,9 +24,9 @@ from glassgait.studies.distillation.students.student import ITSELF
 DISTILLATION_FOLDER = Path("runs/distillation")
 
 
-def distillation_folder(gait: str) -> Path:
+def distillation_folder(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
     """Returns where a gait's distillation is kept, unless a person names another folder."""
-    return DISTILLATION_FOLDER / gait
+    return robot_folder(DISTILLATION_FOLDER, robot) / gait
 
 
 def samples_folder(folder: Path, kind: str) -> Path:

@@ -1,10 +1,13 @@
 """Every kind of student: an entry here is all that the studies need to know of one."""
 
 from glassgait.studies.distillation.students.additive import EBM
+from glassgait.studies.distillation.students.baselines import (
+    LINEAR,
+    OPEN_LOOP,
+    OSCILLATOR,
+    STATEWISE_LINEAR,
+)
 from glassgait.studies.distillation.students.boosting import GBM, HISTOGRAM_GBM
-from glassgait.studies.distillation.students.linear import LINEAR, STATEWISE_LINEAR
-from glassgait.studies.distillation.students.open_loop import OPEN_LOOP
-from glassgait.studies.distillation.students.oscillator import OSCILLATOR
 from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
 from glassgait.studies.distillation.students.student import Student
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC

@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.formula_fit import (
     shared_gates,
 )
 from glassgait.studies.distillation.students.student import Student, TrainingSet
-from glassgait.studies.distillation.students.symbolic_settings import (
+from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )

@@ -18,7 +18,7 @@ from glassgait.models.certificates.observation_box import (
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import Robot, shipped_folder
+from glassgait.models.robots.robot import Robot, robot_folder
 from glassgait.models.task.assurance import (
     EnsembleDisagreement,
     Hysteresis,
@@ -115,7 +115,7 @@ def make_regions(
         visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
     """
-    folder = shipped_folder(BOX_DIRECTORY, student.robot.name)
+    folder = robot_folder(BOX_DIRECTORY, student.robot.name)
     ships = (folder / f"{gait.name}.yaml").exists()
     kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
     regions: dict[RegionKind, Region] = {

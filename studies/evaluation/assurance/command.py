@@ -40,8 +40,6 @@ from glassgait.studies.evaluation.assurance.study import (
 )
 from glassgait.studies.evaluation.assurance.tables import assurance_table, readable_table
 
-OUTPUT = Path("runs/assurance")
-
 PUSHED = "push_1.0"
 """The world in which it is tried whether overruns predict falls."""
 
@@ -68,6 +66,7 @@ class Assurance(Settings):
         calibration_seed: Seed of both; other than those of the rollouts.
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
         workers: Where rollouts run.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
             those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
             runs/training/<gait>.
@@ -91,6 +90,7 @@ class Assurance(Settings):
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
     workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -112,9 +112,9 @@ class Assurance(Settings):
     def run(self) -> None:
         """Runs the study."""
         scenarios = load_scenarios(self.scenario)
-        policies = find_policies(load_gait(self.gait), self.source)
+        policies = find_policies(load_gait(self.gait), self.source, self.robot)
         pair = self._pair(policies)
-        folder = self.output or OUTPUT / pair.gait.name / pair.name
+        folder = self.output or policies.output("assurance") / pair.name
         alone = pair.alone[pair.name]
         # What cannot be rolled out is refused here, before anything is made.
         cases = cases_in_worlds(pair.gait, {pair.name: alone}, scenarios, self.rollouts)

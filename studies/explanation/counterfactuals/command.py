@@ -69,6 +69,7 @@ class ExplainCounterfactual(Settings):
             the step asks for it.
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Answer anew in a folder that holds the same question.
@@ -90,6 +91,7 @@ class ExplainCounterfactual(Settings):
     seconds: Seconds = 6.0
     survey: Natural = 0
     seed: Seed = 0
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -103,7 +105,7 @@ class ExplainCounterfactual(Settings):
 
     def run(self) -> None:
         """Asks, lets the robot walk with the answer, and writes the page."""
-        found = find_policies(load_gait(self.gait), self.source)
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
         gait = found.gait
         name = self.policy or default_student(found)
         if name == "expert":
@@ -112,7 +114,7 @@ class ExplainCounterfactual(Settings):
         student = walker.policy
         refuse_unsearched(student)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
-        folder = self.output or Path("runs/counterfactuals") / gait.name / stem
+        folder = self.output or found.output("counterfactuals") / stem
         inputs = {
             "gait": gait.digest(),
             "expert": walker.expert.digest(),

@@ -38,6 +38,7 @@ class ExplainInterventions(Settings):
         n_robots: Robots of each walk.
         n_steps: Control steps of each.
         seed: Seed of starts, commands and noise, the same for every walk.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
@@ -52,18 +53,19 @@ class ExplainInterventions(Settings):
     n_robots: Annotated[Count, Ge(2)] = 26
     n_steps: Annotated[Count, Ge(2)] = 500
     seed: Seed = REPORTED_SEEDS[0]
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Derives claims, tests them, and writes how they did."""
-        found = find_policies(load_gait(self.gait), self.source)
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
         gait = found.gait
         name = self.policy or default_student(found)
         policy, expert = found.formulas(name), found.expert_of(name)
         stem = Path(name).stem
-        folder = self.output or Path("runs/claims") / gait.name / stem
+        folder = self.output or found.output("claims") / stem
         # Before a folder is claimed: a refusal leaves nothing behind.
         refuse_too_few(len(readable_terms(policy.to_file())), self.n_claims)
         inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}

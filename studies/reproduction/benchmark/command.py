@@ -59,7 +59,7 @@ class Benchmark(Settings):
         updates: Updates that are timed at once.
         repeats: Number of timings; medians are reported.
         gym_steps: Steps of gymnasium's sixteen environments.
-        distillation: Folder of a distillation; runs/distillation/<gait> by default.
+        source: Folder of a distillation; runs/distillation/<gait> by default.
         output: Folder of the results.
     """
 
@@ -71,7 +71,7 @@ class Benchmark(Settings):
     updates: Count = 4
     repeats: Count = 5
     gym_steps: Count = 200
-    distillation: Path | None = None
+    source: Path | None = None
     output: Path = Path("runs/benchmark")
 
     def run(self) -> None:
@@ -178,7 +178,7 @@ class Benchmark(Settings):
         return {"throughput": ("Throughput (2 cores unless your machine has more)", table)}
 
     def _student_folder(self) -> Path:
-        return self.distillation or distillation_folder(self.gait)
+        return self.source or distillation_folder(self.gait)
 
     def _inference(self) -> Tables:
         expert = load_expert(self.gait)

@@ -17,6 +17,7 @@ from treelite.model_builder import Metadata, ModelBuilder, PostProcessorFunc, Tr
 from glassgait.models.arrays import Array
 from glassgait.models.export.controller import write_controller
 from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
@@ -92,7 +93,7 @@ def _ours(
     """Writes our C, which the harness includes, and returns its name."""
     own = version("glassgait")
     written = write_controller(
-        gait, policy, expert, name="trees", policy_name=policy.kind, version=own
+        gait, alone(policy, expert), name="trees", policy_name=policy.kind, version=own
     )
     source = write_source(written, folder)
     compile_c(source, folder / "trees.o", (*FLAGS, "-c"))

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from glassgait.models.export.controller import ControllerSource, write_controller
-from glassgait.models.export.switching_controller import write_switching_controller
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
@@ -57,8 +56,7 @@ def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     for kind, policy in shipped_policies(expert).items():
         written = write_controller(
             gait,
-            policy,
-            expert,
+            alone(policy, expert),
             name=controller_name(gait.name, kind),
             policy_name=kind,
             version=version("glassgait"),
@@ -92,8 +90,9 @@ def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.Data
             alone(expert) if kind == EXPERT else alone(own[kind], expert)
             for expert, own in zip(experts, policies, strict=True)
         ]
-        written = write_switching_controller(
-            SwitchedPolicy(switch, walkers),
+        written = write_controller(
+            switch,
+            alone(SwitchedPolicy(switch, walkers)),
             name=controller_name("_".join(names), kind),
             policy_name=kind,
             version=version("glassgait"),

@@ -23,7 +23,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.console import say
 from glassgait.studies.deployment.export.agreement import recorded_observations
-from glassgait.studies.deployment.export.exported import Acting
+from glassgait.studies.deployment.export.files import Deployment
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.additive import EBM
@@ -57,7 +57,7 @@ N_ROBOTS, N_STEPS = 4, 250
 
 def observed(gait: Gait, expert: NeuralPolicy) -> Array:
     """Records observations (m, n) of robots that the expert moves."""
-    return recorded_observations(gait, expert, expert, N_ROBOTS, N_STEPS, 0)
+    return recorded_observations(gait, alone(expert), N_ROBOTS, N_STEPS, 0)
 
 
 def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
@@ -80,7 +80,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
             "policy, Python": (policy, observations),
             "both, Python": (_both(policy, expert), own),
         }
-        if graph := _graph(Acting(gait, policy, expert, "timed", kind)):
+        if graph := _graph(Deployment(gait, alone(policy, expert), "timed", kind)):
             calls["both, ONNX"] = (graph, own)
         row: dict[str, object] = {"policy": kind}
         times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
@@ -94,7 +94,7 @@ def _both(policy: Policy, expert: NeuralPolicy) -> Callable[[Array], Array]:
     return lambda own: policy(np.concatenate([own, expert.estimator(own)]))
 
 
-def _graph(acting: Acting) -> Callable[[Array], Any] | None:
+def _graph(deployment: Deployment) -> Callable[[Array], Any] | None:
     try:
         # Imported here: ONNX and its runtime are an extra.
         from glassgait.models.export.graphs.runtime import LoadedGraph  # noqa: PLC0415
@@ -102,7 +102,7 @@ def _graph(acting: Acting) -> Callable[[Array], Any] | None:
     except ImportError:
         say("ONNX Runtime is not timed: run pip install 'glassgait[onnx]'")
         return None
-    return LoadedGraph(OnnxFile(acting, "double").model)
+    return LoadedGraph(OnnxFile(deployment, "double").model)
 
 
 NAIVE_BAGS = 14

@@ -20,7 +20,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.distillation.students.certificates import certificates_of
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.explanation.command import CONFIG, DIGEST, EXPLANATION_FOLDER
+from glassgait.studies.explanation.command import CONFIG, DIGEST
 
 _VERDICTS = [OUTCOME_WORDS[outcome] for outcome in OUTCOMES]
 
@@ -98,7 +98,7 @@ def claims_by_verdict(certificate: Certificate) -> pd.DataFrame:
 
 def explanation_page(certificate: Certificate) -> Path | None:
     """Finds the page that explains the very policy of a certificate."""
-    for config in sorted((EXPLANATION_FOLDER / certificate.gait).glob(f"*/{CONFIG}")):
+    for config in sorted(Path("runs/explanation", certificate.gait).glob(f"*/{CONFIG}")):
         page = config.with_name("index.html")
         try:
             found = read_yaml(config)

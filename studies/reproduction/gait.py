@@ -1,10 +1,13 @@
 """What the report needs of one gait: students, scores, importances and figures, in its folder."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import pandas as pd
+import tyro
+from annotated_types import Ge, MinLen
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
@@ -14,23 +17,25 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
+from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_cases
+from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
+from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.gait_figure import gait_figure
 from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students.registry import paper_students, student_title
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.distillation.tables import write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.additive_figures import contribution_figure
 from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
-from glassgait.studies.reproduction.report.config import ReportConfig
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""
@@ -39,6 +44,33 @@ SEQUENCE_SECONDS = 4.0
 EXPLAINED_STEP = 100
 SPEED = 0.5
 """Commanded forward speed of the gait sequences (m/s), as the distillation's speeds."""
+
+
+PAPER_GAITS = ("walk", "trot", "pace", "bound")
+
+
+@dataclass(frozen=True)
+class ReportConfig(Settings):
+    """How much is computed for each gait.
+
+    Attributes:
+        distillation: Settings of the distillation; the gait is set for each.
+        periods: Control steps from one action of the expert to the next, at each of which students
+            are rolled out; 0 is never.
+        rollouts: How robots are rolled out.
+        n_samples: Held-out samples that importances are measured on.
+        repeats: Shuffles of each observation.
+    """
+
+    title: ClassVar[str] = "report"
+
+    distillation: Annotated[DistillationConfig, tyro.conf.Fixed] = field(
+        default_factory=lambda: DistillationConfig(students=paper_students())
+    )
+    periods: Annotated[tuple[Natural, ...], MinLen(1), FEW, DISTINCT] = PERIODS
+    rollouts: Annotated[RolloutConfig, tyro.conf.Fixed] = field(default_factory=RolloutConfig)
+    n_samples: Annotated[Count, Ge(2)] = 1000
+    repeats: Count = 10
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,196 @@
+"""The document: the certificate, and the files of gait, policy and robot that it is of."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from .claims import BOXES
+from .files import read_bytes, read_json, read_yaml
+from .formulas import Formulas
+from .gait import Gait
+from .robot import (
+    COUNTED,
+    DEFAULT_ROBOT,
+    Box,
+    Robot,
+    is_number,
+    is_robot_name,
+    observed_names,
+    refuse_unless,
+    symbols,
+)
+from .tables import Tables, Trees, read_arrays
+from .text import FormulaText, is_involution
+
+MODELS = Path(__file__).parents[2]
+
+SLACK = 1e-9
+"""By how much (rad) a witness may reach less than is said."""
+
+TOP = ("format", "gait", "states", "mirror", "policy", "boxes", "claims", "statements", "sha256")
+
+
+def read_policy(
+    robot: Robot, data: bytes, kind: str, gait: str, n_states: int
+) -> tuple[Formulas | Tables, Any]:
+    """Reads what a policy's file says of the targets, and its mirror if it says one.
+
+    Raises:
+        RefusedError: if the policy is of another robot, gait or kind.
+    """
+    if kind in ("symbolic", "statewise_symbolic"):
+        text = FormulaText.read(data.decode("ascii"))
+        refuse_unless(text.header["gait"] == gait, "the policy is of another gait")
+        of = text.header.get("robot", DEFAULT_ROBOT)
+        refuse_unless(of == robot.name, "the policy is of another robot")
+        refuse_unless(text.n_states == n_states, "the policy has other states")
+        refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
+        return Formulas.read(robot, text), text.image
+    header, arrays = read_arrays(data)
+    refuse_unless(header["gait"] == gait, "the policy is of another gait")
+    refuse_unless(header["kind"] == kind, "the policy is of another kind")
+    of = header.get("robot", DEFAULT_ROBOT)
+    refuse_unless(of == robot.name, "the policy is of another robot")
+    same = header["observation_names"] == observed_names(n_states)
+    refuse_unless(same, "the policy observes other things")
+    readers = {"additive": Tables, "boosted_trees": Trees}
+    readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
+    refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
+    return readers[kind](robot, arrays, n_states), None
+
+
+class Document:
+    """A certificate, the robot, the gait and the policy that it is of.
+
+    Attributes:
+        content: What the certificate says.
+        robot: What the robot's file says.
+        gait: What the gait's file says.
+        targets: What the policy's file says.
+    """
+
+    def __init__(
+        self, certificate: Path, policy: Path | None, gait: Path | None, robot: Path | None
+    ) -> None:
+        self.content = read_json(read_bytes(certificate))
+        self.check_contents()
+        self.robot = self.read_robot(robot)
+        name = self.content["gait"]
+        plain = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_]+", name)
+        shipped = MODELS / "task" / "gaits" / f"{name}.yaml"
+        refuse_unless(
+            gait or (plain and shipped.is_file()),
+            f"no gait {name!r} ships with the project; name its file by --gait",
+        )
+        path = gait or shipped
+        refuse_unless(path.stem == name, f"{path} is the file of another gait than the {name}")
+        same = not (gait and plain and shipped.is_file()) or read_yaml(path) == read_yaml(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your gait another name")
+        self.gait = Gait(path)
+        states = self.gait.states
+        refuse_unless(self.content["states"] == states, f"the {name} has other states: {states}")
+        self.n_states, self.names = len(states), symbols(len(states))
+        self.check_policy(policy, plain)
+        self.check_boxes()
+
+    def check_contents(self) -> None:
+        sound = isinstance(self.content, dict) and {*self.content} - {"robot"} == {*TOP}
+        refuse_unless(sound, "it is no certificate")
+        rest = {key: value for key, value in self.content.items() if key != "sha256"}
+        text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+        refuse_unless(
+            hashlib.sha256(text.encode()).hexdigest() == self.content["sha256"],
+            "the certificate was changed: its digest is of other contents",
+        )
+        of = self.content["format"]
+        refuse_unless(type(of) is int and of == 1, "the certificate is of another format")
+
+    def read_robot(self, given: Path | None) -> Robot:
+        """Reads the file of the robot that the certificate names, and refuses that of another."""
+        name = self.content.get("robot", DEFAULT_ROBOT)
+        refuse_unless(is_robot_name(name), f"{str(name)[:60]!r} is no name of a robot")
+        shipped = MODELS / "robots" / name / "robot.yaml"
+        refuse_unless(
+            given or shipped.is_file(),
+            f"no robot {name!r} ships with the project; name its file by --robot",
+        )
+        path = given or shipped
+        said = read_yaml(path)
+        same = not (given and shipped.is_file()) or said == read_yaml(shipped)
+        refuse_unless(same, f"{path} is not the {name} that ships; give your robot another name")
+        robot = Robot.read(said, path)
+        refuse_unless(robot.name == name, f"{path} is the file of another robot than the {name}")
+        return robot
+
+    def shipped_in(self, folder: str, rest: str) -> Path:
+        """Returns where a file of a robot and gait ships; the default robot's are not apart."""
+        own = [] if self.robot.name == DEFAULT_ROBOT else [self.robot.name]
+        return MODELS.joinpath(folder, *own, rest)
+
+    def check_policy(self, policy: Path | None, plain: Any) -> None:
+        own, name = self.content["policy"], self.content["gait"]
+        path = policy or self.shipped_policy(str(own["file"]), plain)
+        data = read_bytes(path)
+        refuse_unless(
+            hashlib.sha256(data).hexdigest() == own["sha256"],
+            f"the policy {path} is not the one that was certified",
+        )
+        self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
+        image = self.content["mirror"]
+        refuse_unless(
+            image is None or is_involution(image, self.n_states),
+            "its mirror does not name each state's image",
+        )
+        refuse_unless(mirror in (None, image), "its mirror is another one than the policy's")
+        refuse_unless(self.gait.mirrors(image), "its mirror is not that of the gait's machine")
+
+    def shipped_policy(self, file: str, plain: Any) -> Path:
+        refuse_unless(
+            plain and re.fullmatch(r"[A-Za-z0-9_]+\.[a-z]+", file),
+            f"no policy {file!r} ships with the project; name its file by --policy",
+        )
+        return self.shipped_in("students", f"{self.content['gait']}/{file}")
+
+    def check_boxes(self) -> None:
+        boxes = self.content["boxes"]
+        refuse_unless({*boxes} == {*BOXES}, "there must be an operating and a physical box")
+        for name, box in boxes.items():
+            sound = list(box) == self.names and all(
+                len(ends) == 2 and all(map(is_number, ends)) and ends[0] <= ends[1]
+                for ends in box.values()
+            )
+            refuse_unless(sound, f"the {name} box is no box of this gait's observations")
+        expected = self.gait.physical(self.robot, boxes["operating"])
+        near = all(
+            abs(mine - theirs) <= SLACK
+            for name, ends in expected.items()
+            for mine, theirs in zip(ends, boxes["physical"][name], strict=True)
+        )
+        refuse_unless(near, "the physical box is not what the robot and its sensors can be")
+        # Not by a hair narrower than it must be.
+        boxes["physical"] = {
+            name: [min(low, boxes["physical"][name][0]), max(high, boxes["physical"][name][1])]
+            for name, (low, high) in expected.items()
+        }
+        for name in COUNTED:
+            low, high = self.gait.limits(self.robot, name)
+            ends = boxes["operating"][name]
+            whole = all(end == int(end) and low <= end <= high for end in ends)
+            refuse_unless(whole, f"the operating box of {name} holds other counts than there are")
+
+    def box_ships(self) -> bool:
+        path = self.shipped_in("certificates/boxes", f"{self.content['gait']}.yaml")
+        return path.is_file() and read_yaml(path)["ranges"] == self.content["boxes"]["operating"]
+
+    def box(self, where: str, stuck: list[str], state: int) -> Box:
+        """Returns a box with the machine's state held."""
+        boxes = self.content["boxes"]
+        ranges = boxes[where] | {name: boxes["physical"][name] for name in stuck}
+        box: Box = {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+        return box | {f"s{i}": (float(i == state), float(i == state)) for i in range(self.n_states)}
+
+    def names_sensed(self) -> list[str]:
+        """Returns the quantities without the machine's states, which are held."""
+        return [name for name in self.names if not re.fullmatch(r"s\d+", name)]

@@ -1,1 +1,0 @@
-"""Every table and figure of the paper, made anew from the shipped experts."""
