@@ -11,8 +11,8 @@ from glassgait.models.errors import InputError, shown
 from glassgait.studies.common.exit_codes import (
     end_at_once_from_now_on,
     ended_at_once,
+    report_errors,
     take_signals,
-    told_plainly,
 )
 
 PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
@@ -200,7 +200,7 @@ def main(arguments: list[str] | None = None) -> None:
     if arguments is None:
         take_signals()
     try:
-        with told_plainly():
+        with report_errors():
             _run(sys.argv[1:] if arguments is None else arguments)
     finally:
         if arguments is None:

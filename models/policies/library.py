@@ -235,7 +235,7 @@ def load_expert(
         if not path.exists():
             raise InputError(
                 f"no expert for gait {gait!r} of the {robot.name} ships with the project; train "
-                "one with 'glassgait train', or give its path with --expert"
+                "one with 'glassgait train', or name its run with --source"
             )
     policy = load_policy(path, robot)
     if not isinstance(policy, NeuralPolicy):

@@ -35,7 +35,7 @@ _NO_MEMORY = "there is not enough memory; ask for fewer robots, samples or bins"
 
 
 @contextmanager
-def told_plainly() -> Iterator[None]:
+def report_errors() -> Iterator[None]:
     """Turns bad input, and what the system refuses, into one sentence and exit code 2.
 
     Ctrl-C ends with exit code 130, SIGTERM with 143, and a reader that wants no more output in

@@ -34,7 +34,7 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import Case, run_cases, slow_first
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.exit_codes import take_signals, told_plainly
+from glassgait.studies.common.exit_codes import report_errors, take_signals
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
@@ -184,14 +184,6 @@ class Experiment(Settings):
             for seed in self.seeds
         ]
 
-    def prepare(self, folder: Path, identity: str) -> None:
-        """Makes what all cases share, before the first; nothing by default.
-
-        Args:
-            folder: Folder of the run.
-            identity: What identifies the run.
-        """
-
     def run(self) -> None:
         """Runs the experiment, and writes and prints what it found."""
         names = self._gaits_with_policies()
@@ -215,7 +207,6 @@ class Experiment(Settings):
             ) as identity,
             parallel_backend(self.workers.backend),
         ):
-            self.prepare(folder, identity)
             table = run_cases(
                 cases,
                 self.measure,
@@ -338,5 +329,5 @@ class Experiment(Settings):
 def run_from_command_line(kind: type[Experiment]) -> None:
     """Runs an experiment of one's own by the settings of the command line."""
     take_signals()
-    with told_plainly():
+    with report_errors():
         tyro.cli(kind, config=(tyro.conf.FlagCreatePairsOff,)).run()

@@ -265,6 +265,24 @@ def find_policies(
     return found
 
 
+def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None) -> NeuralPolicy:
+    """Finds the expert that students of a gait are to copy, and prints where it is from.
+
+    Args:
+        gait: The gait.
+        source: Folder of a run of train; by default what ships is taken and, of a gait that does
+            not ship, what runs/training/<gait> holds, students of an earlier expert or not.
+        robot: Name of the robot, or path of its robot.yaml.
+
+    Raises:
+        InputError: as `find_policies`.
+    """
+    own = load_robot(robot or DEFAULT_ROBOT)
+    if source is None and gait.name not in shipped_experts(own.name):
+        source = robot_folder(TRAINING_FOLDER, own.name) / gait.name
+    return find_policies(gait, source, robot).expert
+
+
 def find_policies_of(
     gaits: Sequence[Gait],
     source: Path | None = None,

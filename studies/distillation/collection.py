@@ -159,5 +159,5 @@ def _refuse_not_finite(expert: Policy, step: int, observation: Array, label: Arr
         name = (*expert.observation_names, *actions)[found[1]]
         raise InputError(
             f"expert: {name} is not finite at control step {step} of its episode; train it again, "
-            "or give another with --expert"
+            "or name the run of another with --source"
         )

@@ -12,8 +12,8 @@ from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.parallel.loop import parallel_backend
+from glassgait.studies.common.policies import find_expert
 from glassgait.studies.common.sweep import (
     Gaits,
     Job,
@@ -40,7 +40,8 @@ class Distill(Settings):
         sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
             fitted.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
+            what was trained here.
         output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
             its folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
@@ -54,7 +55,7 @@ class Distill(Settings):
     )
     sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
     robot: str | None = None
-    expert: Path | None = None
+    source: Path | None = None
     output: Path | None = None
     resume: bool = False
 
@@ -62,7 +63,7 @@ class Distill(Settings):
         """Runs the study."""
         # Refused before any job is begun.
         experts = [
-            find_expert(load_gait(name), self.expert, self.robot) for name in gaits_named(self.gait)
+            find_expert(load_gait(name), self.source, self.robot) for name in gaits_named(self.gait)
         ]
         jobs = jobs_of(
             self.gait,
@@ -73,18 +74,18 @@ class Distill(Settings):
         )
         if len(jobs) > 1:
             refuse_taken(jobs, study="distill", resume=self.resume)
-            run_sweep(jobs, partial(_distill_job, self.config, self.expert, self.robot), self.sweep)
+            run_sweep(jobs, partial(_distill_job, self.config, self.source, self.robot), self.sweep)
             return
         (job,) = jobs
         with parallel_backend(self.sweep.backend):
-            table = _distill_job(self.config, self.expert, self.robot, job, resume=self.resume)
+            table = _distill_job(self.config, self.source, self.robot, job, resume=self.resume)
         print_table("R² on held-out data", table)
         console.print(f"students written to {job.folder}")
 
 
 def _distill_job(
     config: DistillationConfig,
-    expert: Path | None,
+    source: Path | None,
     robot: str | None,
     job: Job,
     *,
@@ -93,6 +94,6 @@ def _distill_job(
     """Distils one expert, and returns its R² table."""
     gait = load_gait(job.gait)
     config = replace(config, gait=job.gait, seed=job.seed)
-    own = find_expert(gait, expert, robot)
+    own = find_expert(gait, source, robot)
     r2 = distill(config, gait, own, job.folder, say, resume=resume)
     return write_r2_table(r2, gait.name, job.folder)

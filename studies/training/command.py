@@ -12,7 +12,7 @@ from glassgait.models.robots.robot import load_robot, robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.experts import TRAINING_FOLDER
+from glassgait.studies.common.policies import TRAINING_FOLDER
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME

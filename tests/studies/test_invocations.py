@@ -189,9 +189,9 @@ SOURCES += [["explain", "page", "--source"]]
 @pytest.mark.parametrize("path", FILES)
 @pytest.mark.parametrize("command", TAKES_EXPERT)
 def test_an_expert_that_is_none_is_refused_before_any_work(command, path, places, capsys):
-    check([*command.split(), "--expert", path], capsys)
+    check([*command.split(), "--source", path], capsys)
     with pytest.raises(SystemExit):
-        main([*command.split(), "--expert", path])
+        main([*command.split(), "--source", path])
     assert {path.name for path in places.iterdir()} == {"file", "folder"}
 
 

@@ -41,7 +41,7 @@ ROAD = {
 def test_a_gait_of_a_user_goes_the_whole_road(tmp_path):
     (tmp_path / "gaits").mkdir()
     (tmp_path / "gaits" / "hop.yaml").write_text(HOP)
-    expert = ["--expert", "runs/training/hop/hop.safetensors"]
+    expert = ["--source", "runs/training/hop"]
     more = {
         "distill": ["--students", "statewise_linear", "statewise_symbolic"],
         "importance": ["--policy", "statewise_linear"],

@@ -3,7 +3,6 @@
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_expert,
     load_student,
+    load_student_of,
     recorded_expert,
     shipped_experts,
     shipped_students,
@@ -28,7 +28,6 @@ from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.roll_out import roll_out
 from glassgait.studies.distillation.students.library import (
     default_student,
-    find_student,
     load_students,
 )
 from glassgait.studies.distillation.students.registry import STUDENTS
@@ -75,22 +74,12 @@ def test_a_student_that_does_not_ship_is_refused():
         load_student("trot", "open_loop")
 
 
-def test_a_shipped_student_is_found_where_no_distillation_is(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    expert = load_expert("trot")
-    assert find_student("symbolic", expert).kind == "symbolic"
-    with pytest.raises(
-        InputError, match=f"no student 'symbolic' of the trot: {tmp_path} holds none;"
-    ):
-        find_student("symbolic", expert, tmp_path)
-
-
 def test_a_shipped_student_does_not_walk_behind_another_experts_estimator(
     other_expert, tmp_path, monkeypatch, refused
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="expert"):
-        find_student("symbolic", other_expert)
+        load_student_of(other_expert, STUDENT_DIRECTORY / "trot" / "symbolic.formulas")
     shutil.copytree(STUDENT_DIRECTORY / "trot", tmp_path / "run")
     other_expert.save(tmp_path / "run" / "trot.safetensors")
     # Beside another expert students act with the one that their record names, if it is found.
@@ -107,16 +96,14 @@ def test_a_student_of_a_folder_is_given_the_expert_that_its_record_names(
     expert, other_expert, tmp_path
 ):
     load_student("trot", "sparse_formula").save(tmp_path / "sparse_formula.formulas")
-    # Nothing tells whose it is: a person names its expert.
-    assert (
-        find_student("sparse_formula", other_expert, tmp_path).observes_by == other_expert.digest()
-    )
+    # Without a record, its expert is the one that is given.
+    path = tmp_path / "sparse_formula.formulas"
+    assert load_student_of(other_expert, path).observes_by == other_expert.digest()
     write_record = (tmp_path / "config.yaml").write_text
     write_record(f"inputs: {{expert: {expert.digest()}}}")
-    assert find_student("sparse_formula", expert, tmp_path).estimator is expert.estimator
+    assert load_student_of(expert, path).estimator is expert.estimator
     for load in (
-        lambda: find_student("sparse_formula", other_expert, tmp_path),
-        lambda: find_student(str(tmp_path / "sparse_formula.formulas"), other_expert),
+        lambda: load_student_of(other_expert, path),
         lambda: load_students(tmp_path, other_expert),
     ):
         with pytest.raises(
@@ -130,27 +117,12 @@ def test_folders_without_students_are_refused(expert, tmp_path):
         load_students(tmp_path, expert)
 
 
-def test_a_missing_student_is_refused_with_those_there_are(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    folder = Path("runs/distillation/bound")
-    load_student("bound", "statewise_symbolic").save(folder / "symbolic.formulas")
-    with pytest.raises(InputError) as refusal:
-        find_student("linear", load_expert("bound"))
-    shipped = ", ".join(shipped_students("bound"))
-    assert str(refusal.value).startswith(
-        f"no student 'linear' of the bound: {folder} holds symbolic (shipped: {shipped})"
-    )
-    assert str(refusal.value).endswith(
-        "; make it with 'glassgait distill --gait bound --students linear'"
-    )
-
-
 @pytest.mark.parametrize("gait", [gait for gait in shipped_experts() if shipped_students(gait)])
 def test_where_no_student_is_named_a_shipped_one_can_be_explained(gait, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     kind = default_student(find_policies(load_gait(gait)))
     assert kind in shipped_students(gait)
-    student = find_student(kind, load_expert(gait))
+    student = load_student(gait, kind)
     parts = student.explain(np.zeros(len(student.observation_names)), 0)
     assert len(parts.terms) > 1
 

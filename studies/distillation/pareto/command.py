@@ -17,8 +17,8 @@ from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experts import find_expert
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.policies import find_expert
 from glassgait.studies.common.rollouts.alternation import alternation_cases
 from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.scoring import for_selection, run_rollouts
@@ -61,7 +61,8 @@ class Pareto(Settings):
         rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
             As many robots of a seed of its own choose the smallest formulas, and are not reported.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        expert: Policy file of the expert; by default the shipped one, or what was trained here.
+        source: Folder of a run of train, whose expert is taken; by default the one that ships, or
+            what was trained here.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/pareto/<gait> by default.
     """
@@ -76,14 +77,14 @@ class Pareto(Settings):
         default_factory=lambda: RolloutConfig(n_seeds=1)
     )
     robot: str | None = None
-    expert: Path | None = None
+    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_expert(gait, self.expert, self.robot)
+        expert = find_expert(gait, self.source, self.robot)
         samples = self.samples or samples_folder(
             distillation_folder(gait.name, expert.robot.name), SPARSE_FORMULA.name
         )
