@@ -3,6 +3,7 @@
 import doctest
 import re
 import shlex
+import shutil
 from contextlib import redirect_stdout
 from functools import cache
 from importlib.util import find_spec
@@ -102,8 +103,9 @@ def options():
 
 @pytest.fixture
 def parsed(monkeypatch, tmp_path):
-    """Parses arguments in an empty folder, and returns the command that would have run."""
+    """Parses arguments in a folder with settings of one's own, and returns what would have run."""
     monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "studies" / "reproduction" / "curricula.yaml", "mine.yaml")
     ran = []
 
     def note(command):
@@ -175,7 +177,9 @@ def test_every_option_is_one_of_some_command(parsed, option):
     told = [name for name in everyone if words[0] in help_of(name)]
     # Of a kind that takes a value, one that it may take.
     values = (
-        [["x"], ["loky"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]] if len(words) == 1 else []
+        [["x"], ["gbm"], ["loky"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]]
+        if len(words) == 1
+        else []
     )
     assert any(
         takes(name, *words) or any(takes(name, *words, *value) for value in values)
