@@ -223,7 +223,7 @@ def _run(arguments: list[str]) -> None:
         case [group] | [group, "-h" | "--help", *_] if group not in COMMANDS and _members(group):
             if len(arguments) == 1:
                 raise InputError(f"{group}: name what to do, {_one_of(_members(group))}")
-            print(_help({group: {name: COMMANDS[name] for name in _members(group)}}))
+            print(_help({group: {name: COMMANDS[name] for name in _members(group)}}, f"{group} …"))
         case _:
             name, rest = _command_of(arguments)
             _check_working_folder()
@@ -315,7 +315,7 @@ def _version() -> str:
         raise InputError("the version is not known; install the project with pip") from error
 
 
-def _help(purposes: dict[str, dict[str, tuple[str, str]]]) -> str:
+def _help(purposes: dict[str, dict[str, tuple[str, str]]], command: str = "COMMAND") -> str:
     width = max(len(name) for commands in purposes.values() for name in commands)
     lines = []
     for purpose, commands in purposes.items():
@@ -323,12 +323,12 @@ def _help(purposes: dict[str, dict[str, tuple[str, str]]]) -> str:
         lines += [f"  {name:{width}}  {summary}" for name, (_, summary) in commands.items()]
     return "\n".join(
         [
-            "usage: glassgait COMMAND [SETTINGS]",
+            f"usage: glassgait {command} [SETTINGS]",
             "",
             "Legged-robot controllers that a person can read, check and trust.",
             *lines,
             "",
-            "'glassgait COMMAND --help' lists a command's settings;",
+            f"'glassgait {command} --help' lists a command's settings;",
             "'glassgait --version' prints the version.",
         ]
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
+from glassgait.models.files import write_atomically
 from glassgait.models.robots.quadruped import JOINTS, LEGS
 from glassgait.models.robots.robot import AXES, Inertial, Robot, read_robot
 
@@ -253,5 +254,9 @@ def _triple(values: Triple) -> str:
 
 
 if __name__ == "__main__":
-    for _robot in (read_robot(Path(_path).resolve()) for _path in sys.argv[1:]):
-        _robot.urdf_path.write_text(urdf(_robot))
+    try:
+        for _robot in [read_robot(Path(_path).resolve()) for _path in sys.argv[1:]]:
+            write_atomically(_robot.urdf_path, urdf(_robot))
+            print(f"written to {_robot.urdf_path}")
+    except InputError as _error:
+        sys.exit(f"description: {_error}")

@@ -27,7 +27,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
-from glassgait.models.task.gait import Gait
+from glassgait.models.task.gait import Gait, gait_names
 from glassgait.studies.common.console import note
 
 EXPERT = "expert"
@@ -306,7 +306,8 @@ def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:
     if own.exists():
         return Policies(gait, str(folder), load_expert(gait, own, robot), str(own), files)
     if not files:
-        of = f"--gait {gait.name}"
+        # A gait of one's own is called as its file.
+        of = f"--gait {gait.name}" + ("" if gait.name in gait_names() else ".yaml")
         if robot is not None and robot.name != DEFAULT_ROBOT:
             of += f" --robot {robot.source}"
         raise InputError(

@@ -166,7 +166,7 @@ def _check_holds(folder: Path, study: str, resume: bool) -> dict[str, Any] | Non
     made_with = _read(path, study)
     if not resume:
         raise InputError(
-            f"{folder}: holds a run of 'glassgait {study}' already; continue it with --resume, or "
+            f"{folder}: holds a run of '{study}' already; continue it with --resume, or "
             "name another folder with --output"
         )
     return made_with
@@ -201,7 +201,7 @@ def _read(path: Path, study: str) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged, or not of this version; name another folder")
     if found.get("study") != study:
         raise InputError(
-            f"{path.parent}: holds a run of 'glassgait {shown(found.get('study'))[1:-1]}', not of "
+            f"{path.parent}: holds a run of '{shown(found.get('study'))[1:-1]}', not of "
             f"'glassgait {study}'; name another folder"
         )
     return found

@@ -59,16 +59,20 @@ class Stopping(Experiment):
         moves = np.abs(found.velocity[WALKS:, :, 0]) >= STANDS
         last = len(moves) - moves[::-1].argmax(axis=0)
         seconds = CONTROL_PERIOD * np.where(moves.any(axis=0), last, 0)
-        return pd.DataFrame({"seconds": seconds, "fell": found.failures.any(axis=(0, 2))})
+        fell = found.failures.any(axis=(0, 2))
+        # A robot that moves at the end does not stand within the time, and a fallen one not at all.
+        stands = ~moves[-1] & ~fell
+        return pd.DataFrame({"seconds": np.where(stands, seconds, np.nan), "fell": fell})
 
     def report(self, table: pd.DataFrame) -> Report:
-        """Reports means with 95 % intervals, and falls."""
+        """Reports falls, robots that stand, their mean time, and half of its 95 % interval."""
         groups = table.groupby(["gait", "policy", "scenario"], sort=False)
         means = groups.agg(
             robots=("fell", "size"),
             falls=("fell", "sum"),
-            seconds=("seconds", "mean"),
-            seconds_ci=("seconds", interval),
+            stand=("seconds", "count"),
+            mean=("seconds", "mean"),
+            interval=("seconds", interval),
         ).reset_index()
         return Report(tables={"stopping": means}, shown={"time to stand (s)": means})
 

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-import tyro
 from rich.text import Text
 
 from glassgait.models.certificates.reading import OUTCOME_WORDS
@@ -34,7 +33,7 @@ class ExplainTerms(Settings):
 
     title: ClassVar[str] = "show"
 
-    gait: Annotated[str, tyro.conf.Positional] = "trot"
+    gait: str = "trot"
     policy: str | None = None
     joint: str | None = None
     robot: str | None = None

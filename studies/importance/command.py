@@ -112,10 +112,15 @@ class Importance(Settings):
 
     def _chosen(self, policies: Policies) -> dict[str, Policy]:
         chosen = self.policy or tuple(kind for kind in MEASURED if kind in policies.files)
-        if not chosen or EXPERT in chosen:
+        if EXPERT in chosen:
             raise InputError(
-                f"--policy: no student {', '.join(MEASURED)} of the {policies.gait.name} there, "
-                "and of students alone importances are measured; make one with 'glassgait distill "
+                f"--policy {EXPERT}: importances are those of students, measured against the "
+                "expert; name kinds of students"
+            )
+        if not chosen:
+            raise InputError(
+                f"--policy: no student {', '.join(MEASURED)} of the {policies.gait.name} there; "
+                "make one with 'glassgait distill "
                 f"--gait {self.gait}', or name others"
             )
         return {policy_stem(name): policies.policy(name) for name in chosen}

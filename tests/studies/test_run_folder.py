@@ -75,7 +75,7 @@ def test_what_a_run_is_made_of_is_written(run):
 def test_a_run_is_continued_only_when_asked(run):
     with opened(run):
         pass
-    assert "holds a run of 'glassgait distill' already; continue it with --resume" in refusal(
+    assert "holds a run of 'distill' already; continue it with --resume" in refusal(
         run, resume=False
     )
 
@@ -112,9 +112,7 @@ def test_other_software_is_named(run, monkeypatch):
 
 
 def test_other_studies_and_other_files_are_left_alone(run, tmp_path):
-    assert "holds a run of 'glassgait distill', not of 'glassgait train'" in refusal(
-        run, study="train"
-    )
+    assert "holds a run of 'distill', not of 'glassgait train'" in refusal(run, study="train")
     (tmp_path / "notes.txt").write_text("mine")
     assert "holds files of something else" in refusal(tmp_path)
     assert not (tmp_path / CONFIG_NAME).exists()
