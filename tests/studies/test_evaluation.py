@@ -381,7 +381,7 @@ def test_cost_of_transport_is_work_per_weight_and_distance():
 def test_diagram_rollouts_score_like_batch_rollouts(expert):
     gait, config = load_gait("trot"), RolloutConfig(n_robots=2, n_steps=100)
     cenic = load_scenario("cenic_1e-5")
-    scores = score_rollouts(roll_out(gait, alone(expert), cenic, config))
+    scores = score_rollouts(roll_out(gait, alone(expert), cenic, config), A1.mass)
     assert len(scores) == 1
     assert not scores["fell"].any()
     assert scores["rhythm"].min() > 0.8

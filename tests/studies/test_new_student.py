@@ -171,19 +171,22 @@ def test_it_stands_in_the_report_beside_the_papers(run, folder):
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()
 
 
+RUN = ("--source", "runs/distillation/trot")
+
+
 def test_it_is_explained_by_the_file_alone(run, distilled, folder):
-    run("explain", "--policy", "stiff", "--seconds", "0.4", "--output", "explained")
+    run("explain", "page", *RUN, "--policy", "stiff", "--seconds", "0.4", "--output", "explained")
     assert "DoF Pos FL Hip" in (folder / "explained" / "index.html").read_text()
 
 
 def test_bounds_are_proved_of_it(run, distilled, folder):
-    run("certify", "--policy", "stiff", "--output", "certified")
+    run("verify", "prove", *RUN, "--policy", "stiff", "--output", "certified")
     assert (folder / "certified" / "certificate.json").exists()
 
 
 def test_a_counterfactual_is_found(run, distilled, folder):
     where = ["--joint", "FR_calf", "--step", "10", "--by", "0.01", "--output", "other"]
-    run("counterfactual", "--policy", "stiff", *where)
+    run("explain", "counterfactual", *RUN, "--policy", "stiff", *where)
     assert (folder / "other" / "index.html").exists()
 
 
@@ -192,5 +195,5 @@ def test_it_is_exported(run, distilled, folder, form):
     if form == "onnx":
         pytest.importorskip("onnxruntime")
     short = ["--n-robots", "1", "--n-steps", "20", "--output", form]
-    run("export", "--policy", "stiff", "--format", form, *short)
+    run("export", *RUN, "--policy", "stiff", "--format", form, *short)
     assert (folder / form / f"trot_stiff.{form}").exists()
