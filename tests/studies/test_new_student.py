@@ -80,7 +80,8 @@ class StiffPolicy(Policy):
         parts = self.weights[joint] * observation
         intercepts = np.full((*observation.shape[:-1], 1), self.intercepts[joint])
         values = np.concatenate([intercepts, parts], axis=-1)
-        return contributions_of_action((INTERCEPT, *self.observation_names), values, joint)
+        terms = (INTERCEPT, *self.observation_names)
+        return contributions_of_action(self.robot, terms, values, joint)
 
 
 STUDENTS["stiff"] = Student(
