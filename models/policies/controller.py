@@ -89,8 +89,24 @@ class Controller(Protocol):
         ...
 
 
+class _ExpertSenses:
+    """What a controller has from its expert."""
+
+    expert: Policy
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        return self.expert.robot
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """Maps proprioception to the body state; None where the true one is observed."""
+        return self.expert.estimator
+
+
 @dataclass(frozen=True)
-class AlternatingController:
+class AlternatingController(_ExpertSenses):
     """An expert alone, a student alone, or both by turns (paper, Algorithm 1).
 
     Attributes:
@@ -138,16 +154,6 @@ class AlternatingController:
         return policy
 
     @property
-    def robot(self) -> Robot:
-        """The robot that it is made for."""
-        return self.expert.robot
-
-    @property
-    def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
-        return self.expert.estimator
-
-    @property
     def limits_targets(self) -> bool:
         """Whether joints follow targets within their ranges alone.
 
@@ -184,7 +190,7 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
 
 
 @dataclass(frozen=True)
-class AssuredController:
+class AssuredController(_ExpertSenses):
     """A student under runtime assurance: the expert acts for robots outside of a region.
 
     Attributes:
@@ -216,16 +222,6 @@ class AssuredController:
     def policies(self) -> dict[str, Policy]:
         """Both policies, for both act."""
         return {"expert": self.expert, "student": self.student}
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that it is made for."""
-        return self.expert.robot
-
-    @property
-    def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
-        return self.expert.estimator
 
     @property
     def limits_targets(self) -> bool:

@@ -98,14 +98,14 @@ def push_everywhere(
     """
     world = World.of(gait, scenario, controller)
     walk = _Walk(gait, controller, world, np.random.default_rng(seed))
-    walkers, walks = _walkers(walk, grid.n_phases)
+    robots, walks = _at_phases(walk, grid.n_phases)
     pushes = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), -1).reshape(-1, 3)
     rows = np.flatnonzero(walks[pushes[:, 2]])
     survived = np.zeros(len(pushes), dtype=bool)
     failure = np.full(len(pushes), -1)
     if len(rows):
         direction, speed, phase = pushes[rows].T
-        state = walkers.of_robots(phase)
+        state = robots.of_robots(phase)
         angle = _headings(state.plant) + grid.directions[direction]
         push = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(rows))], axis=1)
         pushed = state.pushed(grid.speeds[speed][:, None] * push)
@@ -150,7 +150,7 @@ class _Caught(Observer):
         return TaskState.from_arrays(self._states | {"steps": steps})
 
 
-def _walkers(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
+def _at_phases(walk: _Walk, n_phases: int) -> tuple[TaskState, NDArray[np.bool_]]:
     """Lets a robot of each phase walk until the instant of its phase.
 
     Returns:

@@ -125,8 +125,8 @@ class View(Settings):
     def _several(self, found: Sequence[Policies]) -> tuple[GaitSwitch, AlternatingController]:
         """Loads the gaits that change, and the controller of each."""
         switch = GaitSwitch([own.gait for own in found])
-        walkers = [own.controller(self.policy) for own in found]
-        return switch, alone(SwitchedPolicy(switch, walkers))
+        controllers = [own.controller(self.policy) for own in found]
+        return switch, alone(SwitchedPolicy(switch, controllers))
 
     def _one(self, found: Policies) -> tuple[Gait, AlternatingController]:
         """Loads the controller of the only gait."""

@@ -28,7 +28,7 @@ from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.drive.connection import open_lcm
 from glassgait.studies.deployment.drive.controller import control
-from glassgait.studies.deployment.drive.packet_loss import COLUMNS, TRIALS, Walkers
+from glassgait.studies.deployment.drive.packet_loss import COLUMNS, TRIALS, LossyRobots
 from glassgait.studies.deployment.drive.simulator import Record, RobotProcess
 from glassgait.studies.view.command import OwnCommand
 from glassgait.studies.view.live import first_interrupt
@@ -204,10 +204,10 @@ class DrivePacketLoss(Settings):
                     progress.update(task, text=trial.title)
                     done = folder / "trials" / f"{number}.json"
                     if not done.exists():
-                        walkers = Walkers(
+                        robots = LossyRobots(
                             gait, policy, scenario, trial, watchdog=self.watchdog, seed=self.seed
                         )
-                        write_metrics(walkers.walk(self.n_robots, self.n_steps), done)
+                        write_metrics(robots.walk(self.n_robots, self.n_steps), done)
                     rows.append(json.loads(done.read_text()))
                     progress.advance(task)
             table = pd.DataFrame(rows, columns=list(COLUMNS))

@@ -117,7 +117,7 @@ class LossyLink:
             self._answers.append((self._due, data))
 
 
-class Walkers:
+class LossyRobots:
     """Lets robots walk one after the other, whose messages are lost as a trial says."""
 
     def __init__(

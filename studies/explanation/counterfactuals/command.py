@@ -110,21 +110,21 @@ class ExplainCounterfactual(Settings):
         name = self.policy or default_student(found)
         if name == "expert":
             raise InputError("--policy expert: a network is not searched; name a student")
-        walker, joint = found.controller(name), joint_index(self.joint)
-        student = walker.policy
+        controller, joint = found.controller(name), joint_index(self.joint)
+        student = controller.policy
         refuse_unsearched(student)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
         folder = self.output or found.output("counterfactuals") / stem
         inputs = {
             "gait": gait.digest(),
-            "expert": walker.expert.digest(),
+            "expert": controller.expert.digest(),
             "policy": student.digest(),
         }
         with open_run(
             folder, study="explain counterfactual", settings=self, inputs=inputs, resume=self.resume
         ):
             say("rolling out")
-            was = self._walk(gait, walker, None)
+            was = self._walk(gait, controller, None)
             self._check_step(was)
             observations = was["observations"]
             names = student.observation_names
@@ -136,7 +136,7 @@ class ExplainCounterfactual(Settings):
             print_table("what would have had to differ", answer_table(question, chosen))
             say(certainty_in_words(chosen))
             offset = chosen.observation - question.observation
-            would_be = self._walk(gait, walker, Intervention(offset, self.step, self.lasting))
+            would_be = self._walk(gait, controller, Intervention(offset, self.step, self.lasting))
             futures = Futures(was, would_be, self.step, joint, question.policy.robot)
             outcome = futures.outcome(self.by)
             _write(folder, question, answers, futures)
@@ -165,10 +165,10 @@ class ExplainCounterfactual(Settings):
         console.print(f"page written to {folder / 'index.html'}")
 
     def _walk(
-        self, gait: Gait, walker: AlternatingController, intervention: Intervention | None
+        self, gait: Gait, controller: AlternatingController, intervention: Intervention | None
     ) -> Rollout:
         scenario = Scenario(command=self.command)
-        diagram = MakeLocomotion(gait, scenario, policy=walker, intervention=intervention)
+        diagram = MakeLocomotion(gait, scenario, policy=controller, intervention=intervention)
         seconds = max(self.seconds, (self.step + AFTER) * CONTROL_PERIOD)
         return roll_one_out(diagram, scenario, seconds=seconds, seed=self.seed)
 

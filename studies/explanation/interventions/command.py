@@ -89,9 +89,9 @@ class ExplainInterventions(Settings):
     def _test(
         self, gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, folder: Path
     ) -> tuple[pd.DataFrame, Walk]:
-        def walk_with(walker: FormulaPolicy) -> Walk:
+        def walk_with(edited: FormulaPolicy) -> Walk:
             robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
-            return walk(gait, expert, walker, **robots)
+            return walk(gait, expert, edited, **robots)
 
         file = policy.to_file()
         say(f"{gait.name}: walking with the formulas as they are")

@@ -86,13 +86,13 @@ def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.Data
     for kind in policies[0]:
         if not all(kind in own for own in policies):
             continue
-        walkers = [
+        controllers = [
             alone(expert) if kind == EXPERT else alone(own[kind], expert)
             for expert, own in zip(experts, policies, strict=True)
         ]
         written = write_controller(
             switch,
-            alone(SwitchedPolicy(switch, walkers)),
+            alone(SwitchedPolicy(switch, controllers)),
             name=controller_name("_".join(names), kind),
             policy_name=kind,
             version=version("glassgait"),
