@@ -5,7 +5,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_expert, load_student
 from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
-from glassgait.studies.common.policies import find_policies, find_policies_of
+from glassgait.studies.common.policies import ORDER, find_policies, find_policies_of
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.study import distill
@@ -108,3 +108,7 @@ def test_of_policies_of_one_name_the_second_is_called_by_its_path(tmp_path, othe
 def test_files_of_one_gait_are_refused_for_several(source, names):
     with pytest.raises(InputError, match="--gait"):
         find_policies_of([TROT, load_gait("pace")], source, names)
+
+
+def test_tables_list_students_in_the_registrys_order():
+    assert tuple(STUDENTS) == ORDER
