@@ -57,7 +57,7 @@ class LinearPolicy(Policy):
         factors=_factors,
         importance=_importance,
         targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.branching:SmoothSearch.of_linear",
+        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code="export.policies:linear_code",
         graph="export.graphs.policies:add_linear",
     )
@@ -100,7 +100,7 @@ class StatewiseLinearPolicy(Policy):
         factors=_statewise_factors,
         importance=_statewise_importance,
         targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.branching:SmoothSearch.of_linear",
+        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code="export.policies:linear_code",
         graph="export.graphs.policies:add_statewise_linear",
     )
