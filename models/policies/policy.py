@@ -21,6 +21,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
 from glassgait.models.task.observation import Group, ObservationLayout, indices_of
+from glassgait.models.task.odometry import Odometry
 
 FORMAT_VERSION = 1
 
@@ -90,7 +91,7 @@ class Policy(ABC):
     """
 
     observes_by: str | None = None
-    _estimator: Callable[[Array], Array] | None = None
+    _estimator: Callable[[Array], Array] | Odometry | None = None
 
     kind: ClassVar[str]
     limits_targets: bool = False
@@ -184,8 +185,16 @@ class Policy(ABC):
         return cls(gait, observation_names, **arrays, **other)
 
     @property
-    def estimator(self) -> Callable[[Array], Array] | None:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7); None without one."""
+    def layout(self) -> ObservationLayout:
+        """The layout of what it observes."""
+        return ObservationLayout.of(self.observation_names)
+
+    @property
+    def estimator(self) -> Callable[[Array], Array] | Odometry | None:
+        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7).
+
+        None without one.
+        """
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:
