@@ -108,7 +108,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Prove what a policy can never do, or find the observation where it does.",
         ),
         "verify check": (
-            "verification.check_command:Check",
+            "verification.command:Check",
             "Check a certificate by arithmetic of its own, without the program that proved it.",
         ),
     },

@@ -1,22 +1,28 @@
-"""`glassgait verify prove`: proves what a policy can never do."""
+"""`glassgait verify`: proves what a policy can never do, and checks such proofs."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import pandas as pd
 import tyro
 
 from glassgait.diagrams.scenario import load_scenarios
-from glassgait.models.certificates.certificate import certificate, certificate_text
+from glassgait.models.certificates.certificate import (
+    certificate,
+    certificate_text,
+    shipped_certificates,
+)
 from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
 from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
 from glassgait.models.robots import quadruped
-from glassgait.models.settings import Settings
+from glassgait.models.settings import FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.policies import Policies, find_policies
@@ -24,12 +30,9 @@ from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.certificates import (
-    CERTIFICATE_NAME,
-)
+from glassgait.studies.distillation.students.certificates import CERTIFICATE_NAME
 from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.verification.measurement import measure_box
-from glassgait.studies.verification.tables import bounds_table, claims_table
 
 BOX_NAME = "box.yaml"
 
@@ -120,7 +123,7 @@ class Prove(Settings):
         if not self.measure:
             return operating_box(gait, policies.expert.robot)
         if not (self.resume and measured.exists()):
-            found = measure_box(
+            box, how = measure_box(
                 gait,
                 policies.expert,
                 policies.students,
@@ -128,17 +131,17 @@ class Prove(Settings):
                 self.rollouts,
                 processes=self.workers.processes,
             )
-            found.box.save(measured, gait, found.measured)
+            box.save(measured, gait, how)
         return load_box(measured, gait, policies.expert.robot)
 
 
 def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
     """Bounds every target over both boxes, and decides every claim."""
     states, joints = range(prover.gait.n_states), range(quadruped.N_JOINTS)
-    ranges = [(s, j, box) for box in prover.boxes for s in states for j in joints]
+    ranges = list(product(prover.boxes, states, joints))
     verdicts = []
     with progress_bar(len(ranges) + len(claims)) as (progress, bar):
-        for state, joint, box in ranges:
+        for box, state, joint in ranges:
             prover.range_of(state, joint, box)
             progress.update(bar, advance=1, text=f"targets in the {box} box")
         for claim in claims:
@@ -148,10 +151,38 @@ def _proved(prover: Prover, claims: Sequence[Claim]) -> list[Verdict]:
     return verdicts
 
 
+def _claims_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
+    """Returns a row a claim: whether it holds, and what comes closest to breaking it."""
+    columns = ["outcome", "worst", "claimed", "where"]
+    rows = [[own.claim.name, *(getattr(own, name) for name in columns)] for own in verdicts]
+    return pd.DataFrame(rows, columns=["claim", *columns])
+
+
+def _bounds_table(prover: Prover) -> pd.DataFrame:
+    """Returns a row a box, state and joint: how far the target can go, and how sure that is."""
+    rows, robot = [], prover.policy.robot
+    places = product(prover.boxes, enumerate(prover.gait.states), enumerate(quadruped.JOINTS))
+    for box, (state, name), (joint, title) in places:
+        above, below = prover.range_of(state, joint, box)
+        width = robot.upper_limits[joint] - robot.lower_limits[joint]
+        rows.append(
+            {
+                "box": box,
+                "state": name,
+                "joint": title,
+                "least (rad)": -below.bound,
+                "greatest (rad)": above.bound,
+                "gap (% of range)": 100.0 * max(above.gap, below.gap) / width,
+                "cells": above.found.n_cells + below.found.n_cells,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
 def _write(
     prover: Prover, verdicts: Sequence[Verdict], path: Path, folder: Path, seconds: float
 ) -> None:
-    claims, bounds = claims_table(verdicts), bounds_table(prover)
+    claims, bounds = _claims_table(verdicts), _bounds_table(prover)
     write_table(claims, folder / "claims")
     write_table(bounds, folder / "bounds")
     counts = {outcome: int((claims["outcome"] == outcome).sum()) for outcome in OUTCOMES}
@@ -164,3 +195,50 @@ def _write(
     print_table(f"{prover.gait.name}: what {path.name} can never do", claims)
     found = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
     console.print(f"{found}; bounds of targets within {worst:.2g} % of the joint's range")
+
+
+@dataclass(frozen=True)
+class Check(Settings):
+    """Check a certificate by arithmetic of its own, without the program that proved it.
+
+    Attributes:
+        certificates: Files of certificates, or folders that hold one; those that ship by default.
+        policy: The policy's file, of a certificate of one that does not ship.
+        gait: The gait's file, of a certificate of one that does not ship.
+        robot: The robot's file, of a certificate of one that does not ship.
+    """
+
+    title: ClassVar[str] = "check"
+
+    certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
+    policy: Path | None = None
+    gait: Path | None = None
+    robot: Path | None = None
+
+    def run(self) -> None:
+        """Checks each, and reports what holds."""
+        try:
+            # Imported here: no other command needs what the checker computes with.
+            from glassgait.models.certificates.checker import (  # noqa: PLC0415
+                RefusedError,
+                check,
+            )
+        except ImportError as error:
+            raise InputError(str(error)) from error
+        given = {"--policy": self.policy, "--gait": self.gait, "--robot": self.robot}
+        for option, file in given.items():
+            if file and len(self.certificates) != 1:
+                raise InputError(f"{option}: is of one certificate; name one")
+        named = self.certificates or shipped_certificates()
+        paths = [path / CERTIFICATE_NAME if path.is_dir() else path for path in named]
+        if missing := [path for path in paths if not path.exists()]:
+            raise InputError(f"{missing[0]}: no such file; 'glassgait verify prove' writes one")
+        with progress_bar(len(paths)) as (progress, bar):
+            for path in paths:
+                progress.update(bar, text=f"checking {path.name}")
+                try:
+                    found = check(path, self.policy, self.gait, self.robot)
+                except RefusedError as error:
+                    raise InputError(f"{path}: {error}") from error
+                console.print(f"{path}: {found}")
+                progress.update(bar, advance=1)

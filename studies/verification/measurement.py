@@ -1,7 +1,6 @@
 """Measuring the operating box: what robots sense in all worlds while they do not fall."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from joblib import delayed
@@ -30,19 +29,6 @@ MARGIN = 0.1
 """Share of its width that a measured range is widened by, on both sides."""
 
 
-@dataclass(frozen=True)
-class MeasuredBox:
-    """A box, and what it was measured with.
-
-    Attributes:
-        box: The operating box.
-        measured: How, in words.
-    """
-
-    box: ObservationBox
-    measured: str
-
-
 def measure_box(
     gait: Gait,
     expert: NeuralPolicy,
@@ -51,7 +37,7 @@ def measure_box(
     config: RolloutConfig,
     *,
     processes: int | None = None,
-) -> MeasuredBox:
+) -> tuple[ObservationBox, str]:
     """Rolls out the expert and the students alone in every world, and bounds what robots sense.
 
     A robot that falls counts no more: what it senses while it falls is no operation. Worlds of
@@ -64,6 +50,9 @@ def measure_box(
         scenarios: The worlds by name.
         config: How robots are rolled out, in each world with each policy.
         processes: Rollouts at once; by default as many as there are cores.
+
+    Returns:
+        The operating box, and in words how it was measured.
 
     Raises:
         InputError: if no robot stayed up.
@@ -87,7 +76,7 @@ def measure_box(
         f"{', '.join(students)} (seed {config.seed}); each range widened by {MARGIN:.0%} of its "
         "width on both sides; commands, counts and machine state at their true ranges"
     )
-    return MeasuredBox(rounded_outward(commanded(box.widened(MARGIN), gait)), measured)
+    return rounded_outward(commanded(box.widened(MARGIN), gait)), measured
 
 
 def _corners(jobs: Sequence[Case], processes: int | None) -> Iterator[tuple[Array, Array] | None]:
