@@ -59,6 +59,7 @@ class Formulas:
         self.written: dict[tuple[int, str], Node] = {}
         self.weights: dict[tuple[int, str], dict[str, float]] = {}
         self.known: dict[Node, fmpq_mpoly] = {}
+        self.listed: dict[str, list] = {}
 
     @classmethod
     def read(cls, robot: Robot, text: FormulaText) -> "Formulas":
@@ -225,19 +226,33 @@ class Formulas:
             for powers, number in formula.to_dict().items()
         ]
 
+    def inner_terms(self, name: str) -> list:
+        """Lists the terms of what a function is of, once."""
+        if name not in self.listed:
+            self.listed[name] = self.terms(self.inner[name][1])
+        return self.listed[name]
+
     def planned(self, terms: list) -> tuple[list, list]:
-        """Chooses the factors whose ends are tried, and groups what is affine in the others."""
+        """Chooses the factors whose ends are tried, and groups what is affine in the others.
+
+        Returns:
+            These factors; and by the factors that it holds, what is affine in which others.
+        """
         factors, corners = sorted({factor for _, term in terms for factor in term}), []
         while len(corners) < MOST_CORNERS:
             meeting = [[own for own in term if own not in corners] for _, term in terms]
             if not (meeting := [own for own in meeting if len(own) > 1]):
                 break
             corners.append(max(factors, key=lambda own: (sum(own in m for m in meeting), own)))
-        groups: dict = {}
+        affine: dict = {}
         for number, term in terms:
             rest = tuple(own for own in term if own not in corners)
             held = [corners.index(own) for own in term if own in corners]
-            groups.setdefault(rest, []).append((number, held))
+            affine.setdefault(rest, []).append((number, held))
+        groups: dict = {}
+        for rest, own in affine.items():
+            places = tuple(sorted({place for _, held in own for place in held}))
+            groups.setdefault(places, []).append((rest, own))
         return corners, list(groups.items())
 
     def greatest(self, plan: tuple[list, list], box: Box, splits: list, counted: set[str]) -> arb:
@@ -254,16 +269,32 @@ class Formulas:
         """Bounds a sum over a cell, its factors taken for independent: affine in each."""
         corners, groups = plan
         self.spans: dict[str, Span] = {}
-        spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in groups]
+        ends = [self.power(own, box) for own in corners]
+        # What a group adds depends on the few factors that it holds alone.
+        added = []
+        for places, members in groups:
+            spans = [(own, spanned([self.power(f, box) for f in rest])) for rest, own in members]
+            choices = ways((0, 1), repeat=len(places))
+            tried = (dict(zip(places, choice, strict=True)) for choice in choices)
+            added.append(
+                (places, {tuple(at.values()): self.summed(spans, ends, at) for at in tried})
+            )
         greatest = arb("-inf")
-        for ends in ways(*(self.power(own, box) for own in corners)):
-            whole = arb(0)
-            for own, (low, high) in spans:
-                sums = (math.prod([ends[i] for i in held], start=number) for number, held in own)
-                coefficient = sum(sums, arb(0))
-                whole += (coefficient * low).max(coefficient * high)
-            greatest = greatest.max(whole)
+        for choice in ways((0, 1), repeat=len(corners)):
+            parts = (found[tuple(choice[place] for place in places)] for places, found in added)
+            greatest = greatest.max(sum(parts, arb(0)))
         return greatest
+
+    def summed(self, spans: list, ends: list[Span], at: dict[int, int]) -> arb:
+        """Bounds a sum where the factors that it holds are each at one end."""
+        whole = arb(0)
+        for own, (low, high) in spans:
+            parts = (
+                math.prod([ends[i][at[i]] for i in held], start=number) for number, held in own
+            )
+            coefficient = sum(parts, arb(0))
+            whole += (coefficient * low).max(coefficient * high)
+        return whole
 
     def power(self, factor: tuple[str, int], box: Box) -> Span:
         span, power = self.ranged(factor[0], box), factor[1]
@@ -280,10 +311,10 @@ class Formulas:
     def bounded(self, name: str, box: Box) -> Span:
         if name not in self.inner:
             return arb(box[name][0]), arb(box[name][1])
-        function, inner = self.inner[name]
+        function = self.inner[name][0]
         parts = [
             spanned([(number, number), *(self.power(own, box) for own in term)])
-            for number, term in self.terms(inner)
+            for number, term in self.inner_terms(name)
         ]
         low, high = (sum((part[end] for part in parts), arb(0)) for end in (0, 1))
         holds_zero = not (low > 0 or high < 0)
