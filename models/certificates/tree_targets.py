@@ -110,14 +110,8 @@ class TreeTargets:
     def _values(self, question: BoundQuery, quantities: Array) -> Array:
         """Evaluates what is asked (m,), of quantities (m, n), for the joint alone."""
         policy, joint = self._policy, question.joint
-        observed, row = self._observed(quantities), np.arange(len(quantities))[:, None]
-        tree = np.arange(policy.features.shape[1])
-        node = np.zeros((len(quantities), len(tree)), dtype=np.intp)
-        for _ in range(policy.depth):
-            asked = policy.features[joint, tree, node]
-            node = 2 * node + 1 + (observed[row, asked] > policy.thresholds[joint, tree, node])
-        leaves = policy.leaves[joint, tree, node - (2**policy.depth - 1)]
-        action = leaves.sum(axis=-1) + policy.intercepts[joint]
+        added = policy.tree_values(self._observed(quantities), joint)
+        action = added.sum(axis=-1) + policy.intercepts[joint]
         values = self._policy.robot.default_stance[joint] + self._policy.robot.action_scale * action
         if question.of == "offset":
             values = values - quantities[..., self._positions[joint]]

@@ -4,12 +4,17 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.counterfactuals.cells import Chosen, cells_of, nearest_pair, nearest_single
-from glassgait.models.counterfactuals.program import SLACK, Program
-from glassgait.models.counterfactuals.question import Answer, Question, answered
+from glassgait.models.counterfactuals.cells import (
+    SLACK,
+    CellSearch,
+    Indices,
+    Program,
+    nearest_pair,
+    nearest_single,
+)
+from glassgait.models.counterfactuals.question import Answer, Question
 from glassgait.models.policies.additive import AdditivePolicy
 
 _PRICES = 14
@@ -31,19 +36,16 @@ class _Pair:
 
     places: tuple[int, int]
     table: Array
-    bins: tuple[NDArray[np.intp], NDArray[np.intp]]
+    bins: tuple[Indices, Indices]
 
 
-class AdditiveSearch:
-    """Looks for the nearest answer of an additive model.
-
-    Where no observation leaves its cell no target changes, so it is a choice of a cell for each.
-    """
+class AdditiveSearch(CellSearch):
+    """Looks for the nearest answer of an additive model."""
 
     def __init__(self, question: Question) -> None:
-        policy, self._question = cast(AdditivePolicy, question.policy), question
+        policy = cast(AdditivePolicy, question.policy)
         cuts = [np.concatenate(own) for own in zip(policy.cuts, policy.pair_cuts, strict=True)]
-        self._cells = cells_of(question, cuts)
+        super().__init__(question, cuts)
         scale = question.sign * question.policy.robot.action_scale
         self._gains = [
             scale
@@ -57,7 +59,6 @@ class AdditiveSearch:
         for number in np.flatnonzero(policy.pair_joints == question.joint):
             table = scale * policy.pair_tables[number]
             self._add_pair(policy, policy.pairs[number].tolist(), table, place_of)
-        self._here = [own.here for own in self._cells]
         for place, own in enumerate(self._here):
             self._gains[place] = self._gains[place] - self._gains[place][own]
         self._before = sum(self._of_pair(pair, self._here) for pair in self._pairs)
@@ -66,13 +67,13 @@ class AdditiveSearch:
         """Returns the nearest answer, with a bound of how near another might be; None if none."""
         if self._most() < self._question.need:
             return None
-        chosen = self._descended()
+        chosen = self._priced(self._descended, 1e-2, _PRICES)
+        if chosen is None and self._does(most := self._farthest()):
+            chosen = most
         found, bound = self._solved(np.inf if chosen is None else self._squared(chosen))
         if found is not None and (chosen is None or self._squared(found) < self._squared(chosen)):
             chosen = found
-        if chosen is None:
-            return None
-        return self._answer(dict(enumerate(chosen)), float(np.sqrt(max(bound, 0.0))))
+        return None if chosen is None else self._answered(chosen, float(np.sqrt(max(bound, 0.0))))
 
     def fewest(self) -> Answer | None:
         """Returns the nearest answer that changes one observation, or else two; None if none."""
@@ -88,11 +89,7 @@ class AdditiveSearch:
                     first, second, joint = second, first, joint.T
                 extra[first, second] = extra.get((first, second), 0.0) + joint
             chosen = nearest_pair(self._cells, gains, need, extra)
-        return None if chosen is None else self._answer(chosen, np.inf)
-
-    def reach(self) -> float:
-        """Returns the greatest rise that is found (rad)."""
-        return self._rise(self._descend(self._here, np.inf))
+        return None if chosen is None else self._answered(self._with(chosen), np.inf)
 
     def _add_pair(
         self, policy: AdditivePolicy, indices: list[int], table: Array, place_of: dict[int, int]
@@ -112,17 +109,7 @@ class AdditiveSearch:
             case [None, int() as place]:
                 self._gains[place] = self._gains[place] + table[bins[0], bins[1]]
 
-    def _answer(self, chosen: Chosen, bound: float) -> Answer | None:
-        observation = self._question.observation.copy()
-        for place, cell in chosen.items():
-            own = self._cells[place]
-            observation[own.index] = own.values[cell]
-        return answered(self._question, observation, bound)
-
-    def _squared(self, chosen: list[int]) -> float:
-        return float(sum(own.squared[c] for own, c in zip(self._cells, chosen, strict=True)))
-
-    def _rise(self, chosen: list[int]) -> float:
+    def _rise(self, chosen: Indices) -> float:
         alone = sum(gain[cell] for gain, cell in zip(self._gains, chosen, strict=True))
         return float(alone + sum(self._of_pair(p, chosen) for p in self._pairs) - self._before)
 
@@ -133,11 +120,11 @@ class AdditiveSearch:
         return single + pairs - self._before
 
     @staticmethod
-    def _of_pair(pair: _Pair, chosen: list[int]) -> float:
+    def _of_pair(pair: _Pair, chosen: Indices) -> float:
         (first, second), (rows, columns) = pair.places, pair.bins
         return float(pair.table[rows[chosen[first]], columns[chosen[second]]])
 
-    def _alone(self, place: int, chosen: list[int] | None = None) -> Array:
+    def _alone(self, place: int, chosen: Indices | None = None) -> Array:
         """Returns what each cell of an observation gains while the others are as chosen."""
         chosen = self._here if chosen is None else chosen
         gain = self._gains[place].copy()
@@ -156,36 +143,22 @@ class AdditiveSearch:
         row, column = self._here[first], self._here[second]
         return own - own[[row]] - own[:, [column]] + own[row, column]
 
-    def _descended(self) -> list[int] | None:
-        """Finds a near answer: the cheapest in distance less gain, at several prices."""
-        best: list[int] | None = None
-        low, high = 1e-2, 1e3
-        for _ in range(_PRICES):
-            price = float(np.sqrt(low * high))
-            chosen = self._descend(self._here, price)
-            if self._rise(chosen) < self._question.need:
-                low = price
-                continue
-            high = price
-            if best is None or self._squared(chosen) < self._squared(best):
-                best = chosen
-        if best is None:
-            most = self._descend(self._here, np.inf)
-            best = most if self._rise(most) >= self._question.need else None
-        return best
+    def _farthest(self) -> Indices:
+        return self._descended(np.inf)
 
-    def _descend(self, start: list[int], price: float) -> list[int]:
-        chosen = list(start)
+    def _descended(self, price: float) -> Indices:
+        """Chooses one cell after another by its distance and gain at a price, again and again."""
+        chosen = self._here.copy()
         for _ in range(_SWEEPS):
-            before = list(chosen)
+            before = chosen.copy()
             for place, own in enumerate(self._cells):
                 squared = 0.0 if np.isinf(price) else own.squared / price
-                chosen[place] = int(np.argmax(self._alone(place, chosen) - squared))
-            if chosen == before:
+                chosen[place] = np.argmax(self._alone(place, chosen) - squared)
+            if np.array_equal(chosen, before):
                 break
         return chosen
 
-    def _solved(self, farthest: float) -> tuple[list[int] | None, float]:
+    def _solved(self, farthest: float) -> tuple[Indices | None, float]:
         """Solves the mixed-integer program over the cells that are no farther.
 
         Each cell, and each pair of bins, is a variable of 0 or 1; pairs of bins need no constraint
@@ -224,5 +197,5 @@ class AdditiveSearch:
         if solution is None:
             return None, bound
         own = zip(kept, numbers[: len(kept)], strict=True)
-        chosen = [int(mine[np.argmax(solution[number])]) for mine, number in own]
-        return (chosen if self._rise(chosen) >= self._question.need else None), bound
+        chosen = np.array([mine[np.argmax(solution[number])] for mine, number in own])
+        return (chosen if self._does(chosen) else None), bound

@@ -169,13 +169,14 @@ class BoostedTreesPolicy(Policy):
             own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
         return super().from_arrays(gait, observation_names, own, values, robot)
 
-    def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
-        """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""
-        features, thresholds = self.features[joint, tree], self.thresholds[joint, tree]
-        node = np.zeros(len(observations), dtype=np.intp)
-        row = np.arange(len(observations))
+    def tree_values(self, observations: Array, joint: int) -> Array:
+        """Returns what each tree adds to a joint's action (m, n_trees), of observations (m, n)."""
+        features, thresholds = self.features[joint], self.thresholds[joint]
+        row, tree = np.arange(len(observations))[:, None], np.arange(len(features))
+        node = np.zeros((len(observations), len(tree)), dtype=np.intp)
         for _ in range(self.depth):
-            node = 2 * node + 1 + (observations[row, features[node]] > thresholds[node])
+            asked = features[tree, node]
+            node = 2 * node + 1 + (observations[row, asked] > thresholds[tree, node])
         return self.leaves[joint, tree, node - (2**self.depth - 1)]
 
 

@@ -34,7 +34,7 @@ def tree_figure(
         depth: Questions to draw on a branch, at most.
     """
     depth = min(depth, policy.depth)
-    added = policy.tree_values(observations, joint, tree)
+    added = policy.tree_values(observations, joint)[:, tree]
     figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
     axes.set_axis_off()
     axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))

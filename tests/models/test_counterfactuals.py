@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.models.counterfactuals.forest import Forest
-from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
-from glassgait.models.counterfactuals.search import answer, search_of
+from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room, answer, search_of
 from glassgait.models.counterfactuals.smooth import FormulaTarget, SmoothSearch, shortest_steps
+from glassgait.models.counterfactuals.trees import Forest
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.interval import Interval, bounds_of
 from glassgait.models.formulas.tape import Tape

@@ -101,7 +101,7 @@ def test_trees_are_drawn_with_their_questions(generator):
     model = GradientBoostingRegressor(n_estimators=4, max_depth=3, random_state=0)
     model.fit(observations, np.where(observations[:, 7] > 0.2, 1.0, -1.0) + observations[:, 9])
     policy = BoostedTreesPolicy.compile("trot", NAMES, [model] * 12)
-    added = sum(policy.tree_values(observations, 2, tree) for tree in range(4))
+    added = policy.tree_values(observations, 2).sum(axis=-1)
     np.testing.assert_allclose(added + policy.intercepts[2], policy(observations)[:, 2])
     figure = tree_figure(policy, 2, observations)
     boxes = [text.get_text() for text in figure.axes[0].texts]

@@ -2,6 +2,7 @@
 
 import math
 import operator
+from collections.abc import Mapping
 from itertools import product as ways
 from typing import Any
 
@@ -285,7 +286,7 @@ class Formulas:
             greatest = greatest.max(sum(parts, arb(0)))
         return greatest
 
-    def summed(self, spans: list, ends: list[Span], at: dict[int, int]) -> arb:
+    def summed(self, spans: list, ends: list[Span], at: Mapping[int, int]) -> arb:
         """Bounds a sum where the factors that it holds are each at one end."""
         whole = arb(0)
         for own, (low, high) in spans:
@@ -337,7 +338,7 @@ class Formulas:
 
 def spanned(spans: list[Span]) -> Span:
     """Multiplies intervals."""
-    whole = (arb(1), arb(1))
-    for span in spans:
+    whole, *others = spans or [(arb(1), arb(1))]
+    for span in others:
         whole = hull([a * b for a in whole for b in span])
     return whole

@@ -12,8 +12,15 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.pair_replay import ReplayedRobot, save_pair_replay
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.counterfactuals.question import Answer, Intervention, Question, Room
-from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
+from glassgait.models.counterfactuals.question import (
+    Answer,
+    Answers,
+    Intervention,
+    Question,
+    Room,
+    answer,
+    refuse_unsearched,
+)
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController

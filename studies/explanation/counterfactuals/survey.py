@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from glassgait.models.arrays import Array
-from glassgait.models.counterfactuals.question import Question, Room
-from glassgait.models.counterfactuals.search import search_of
+from glassgait.models.counterfactuals.question import Question, Room, search_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.studies.common.console import progress_bar
