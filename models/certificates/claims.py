@@ -25,22 +25,16 @@ Names = Annotated[tuple[str, ...], FEW, DISTINCT]
 
 ClaimKind = Literal["limits", "torque", "never", "effect", "independent", "mirror", "change"]
 
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "never": ("observations", "never"),
-    "effect": ("observations", "most"),
-    "independent": ("observations",),
-    "change": ("changes",),
+_KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "limits": ((), ("least", "most", "stuck")),
+    "torque": ((), ("most", "stuck")),
+    "never": (("observations", "never"), ("most", "stuck")),
+    "effect": (("observations", "most"), ("stuck",)),
+    "independent": (("observations",), ()),
+    "mirror": ((), ()),
+    "change": (("changes",), ("most",)),
 }
-_ALLOWED: dict[str, tuple[str, ...]] = {
-    "limits": ("least", "most", "stuck"),
-    "torque": ("most", "stuck"),
-    "never": ("observations", "never", "most", "stuck"),
-    "effect": ("observations", "most", "stuck"),
-    "independent": ("observations",),
-    "mirror": (),
-    "change": ("changes", "most"),
-}
-"""Keys of each kind of claim, besides name, kind, joints, states and box."""
+"""Keys that a claim of each kind needs, and that it may have, besides those of all claims."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +86,12 @@ class Claim(Settings):
         super().__post_init__()
         for joint in self.joints:
             quadruped.joint_index(joint)
-        for key in _NEEDED.get(self.kind, ()):
-            if not getattr(self, key):
-                raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
+        needed, allowed = _KEYS[self.kind]
         for key in ("stuck", "observations", "never", "least", "most", "changes"):
-            if getattr(self, key) not in ((), None, {}) and key not in _ALLOWED[self.kind]:
+            given = getattr(self, key) not in ((), None, {})
+            if key in needed and not given:
+                raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
+            if given and key not in (*needed, *allowed):
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
 
         if self.kind != "limits" and self.most is not None and self.most < 0.0:

@@ -7,9 +7,8 @@ from functools import cache
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Box, Maximum, maximize
-from glassgait.models.certificates.question import BoundQuery, with_copy
-from glassgait.models.certificates.relaxation import Relaxation
+from glassgait.models.certificates.maximum import Relaxation, maximize
+from glassgait.models.certificates.question import BoundQuery, Box, Maximum, with_copy
 from glassgait.models.certificates.rounding import formula_error, sum_error
 from glassgait.models.formulas.expression import Expression, constant, variable
 from glassgait.models.formulas.polynomial import (
@@ -23,7 +22,7 @@ from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
-from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection
+from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
 
 
 class FormulaTargets:
@@ -47,7 +46,7 @@ class FormulaTargets:
         self._weights = weights
         self._units = units
         self._formulas = formulas
-        self._n = len(names)
+        self._names, self._n = names, len(names)
         self._positions = indices_of("joint position", names)
         self._ring = PolynomialRing()
         # The machine's state is held: formulas that serve all states have parts that are gone.
@@ -93,13 +92,23 @@ class FormulaTargets:
             formula = self._formulas[state][joint]
             return formula_error(formula, joint, region, self._units)
         weights, intercept = self._weights[0][state, joint], self._weights[1][state, joint]
-        ends = (np.stack([region.lower, region.upper]) - self._units.offset) * self._units.scale
+        ends = self._units.observed(np.stack([region.lower, region.upper]))
         sizes = np.abs(weights) * np.abs(ends).max(axis=0)
         return sum_error(self._units.robot, [abs(float(intercept)), *sizes.tolist()], joint)
 
-    def polynomial(self, state: int, joint: int) -> Polynomial:
-        """Returns a joint's target, multiplied out; equal formulas have equal ones."""
-        return self._polynomial(BoundQuery("target", state, joint, 1))
+    def are_mirrored(self, images: Sequence[int]) -> bool:
+        """Returns whether the targets, multiplied out, are mirror images of one another.
+
+        Args:
+            images: State that each state of the machine is in the mirror.
+        """
+        reflection = reflect_observation(self._names, images)
+        return all(
+            self._polynomial(BoundQuery("target", state, joint, 1))
+            == self._image(image, int(REFLECT_JOINTS.index[joint]), reflection)
+            for state, image in enumerate(images)
+            for joint in range(quadruped.N_JOINTS)
+        )
 
     def answer(
         self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
@@ -116,14 +125,8 @@ class FormulaTargets:
             threshold=threshold,
         )
 
-    def image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
-        """Returns what a joint's target is in the mirror, multiplied out.
-
-        Args:
-            state: The state.
-            joint: The joint whose image is returned.
-            reflection: The reflection of the observations.
-        """
+    def _image(self, state: int, joint: int, reflection: Reflection) -> Polynomial:
+        """Returns what a joint's target is in the mirror of observations, multiplied out."""
         seen = [variable(index) for index in reflection.index.tolist()]
         images = {
             index: image if sign > 0.0 else Expression("neg", (image,))

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.certificates.certificate import claimed_joint
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.certificates.prover import Observed, Verdict
 from glassgait.models.certificates.question import Targets
-from glassgait.models.certificates.reading import claimed_joint
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.assurance import Region
@@ -105,9 +105,8 @@ def overruns(box: ObservationBox, observations: Array) -> Array:
 
 def observation_of(robot: Robot, witness: Observed, names: tuple[str, ...]) -> Array:
     """Returns a witness, whose quantities are in the robot's units, as it is observed (n)."""
-    units = RobotUnits.of(robot, names)
     quantities = np.array([witness[entry.symbol] for entry in entries_of(names)])
-    return (quantities - units.offset) * units.scale
+    return RobotUnits.of(robot, names).observed(quantities)
 
 
 def _inputs(

@@ -94,9 +94,8 @@ class ObservationBox:
         for symbol in symbols:
             if symbol not in ranges:
                 raise InputError(f"the box lacks {symbol!r}; give its least and greatest value")
-        units = RobotUnits.of(robot, names)
         corners = np.array([ranges[symbol] for symbol in symbols], dtype=float).T
-        lower, upper = (corners - units.offset) * units.scale
+        lower, upper = RobotUnits.of(robot, names).observed(corners)
         return cls(robot, names, lower, upper)
 
     @property

@@ -1,21 +1,16 @@
 """Deciding claims: each is proved, refuted by a witness, or left undecided with its best bounds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import cache
+from itertools import product
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.changes import (
-    asymmetry,
-    largest_change,
-    mirrored_exactly,
-    widest_change,
-)
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.formula_targets import FormulaTargets
-from glassgait.models.certificates.maximum import Box
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
     operating_box,
@@ -23,6 +18,7 @@ from glassgait.models.certificates.observation_box import (
 )
 from glassgait.models.certificates.question import (
     BoundQuery,
+    Box,
     Of,
     Place,
     Statement,
@@ -31,11 +27,13 @@ from glassgait.models.certificates.question import (
     targets_of,
 )
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
+from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of
-from glassgait.models.task.symmetry import mirrored_states
+from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 
 GAPS = {"operating": 0.008, "physical": 0.05}
 """Share of a joint's range that a bound over each box may be away from its witness.
@@ -53,6 +51,13 @@ REFUTED = 1e-8
 SLACK = 1e-11
 """Added to bounds: a checker computes them in its own way, and widens bins by a tenth of it."""
 
+SAMPLES = 1000
+"""Observations among which a policy is compared with its mirror image."""
+
+PAIRS = 512
+SWEEPS = 3
+"""A wide change is sought among random pairs at the ends, then quantity by quantity."""
+
 UNASKED = "nothing of theirs asks for it"
 
 Outcome = Literal["proved", "refuted", "undecided"]
@@ -64,7 +69,7 @@ Observed = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Settings):
     """What became of a claim.
 
     Attributes:
@@ -76,6 +81,8 @@ class Verdict:
         where: Joint, state and observation of `worst`, in words.
         witnesses: Observations that refute it; two where a change does.
     """
+
+    title: ClassVar[str] = "verdict"
 
     claim: Claim
     outcome: Outcome
@@ -113,7 +120,7 @@ class Prover:
             "physical": physical_box(gait, operating),
         }
         self.statements: dict[tuple[BoundQuery, Place], Statement] = {}
-        self._errors: dict[tuple[int, int, Place], float] = {}
+        self._rounding = cache(self._rounded)
         self.targets = targets_of(policy)
         self.symbols = [entry.symbol for entry in entries_of(policy.observation_names)]
 
@@ -128,15 +135,14 @@ class Prover:
         self, question: BoundQuery, place: Place, threshold: float | None = None
     ) -> Statement:
         """Answers a question over a box, once, and again where a threshold is not yet decided."""
-        key = question, place
-        kept = self.statements.get(key)
+        kept = self.statements.get((question, place))
         if kept is None:
             robot = self.policy.robot
             width = robot.upper_limits[question.joint] - robot.lower_limits[question.joint]
             kept = self._asked(question, place, GAPS[place.box] * width, threshold)
         elif threshold is not None and kept.found.reached <= threshold < kept.bound:
             kept = self._asked(question, place, FINE, threshold)
-        self.statements[key] = kept
+        self.statements[question, place] = kept
         return kept
 
     def decide(self, claim: Claim) -> Verdict | None:
@@ -179,12 +185,6 @@ class Prover:
         error = self._rounding(question.state, question.joint, place)
         return Statement(question, place, found, errors * error + SLACK)
 
-    def _rounding(self, state: int, joint: int, place: Place) -> float:
-        key = state, joint, place
-        if key not in self._errors:
-            self._errors[key] = self._rounded(state, joint, place)
-        return self._errors[key]
-
     def _rounded(self, state: int, joint: int, place: Place) -> float:
         try:
             return self.targets.rounding(state, joint, self.region(place, state))
@@ -194,29 +194,32 @@ class Prover:
 
     def _bounded(self, claim: Claim) -> Verdict:
         """Decides a claim that bounds what is asked of every joint and state."""
-        place = Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
+        place = self._place(claim)
         found: list[tuple[Statement, float]] = []
-        for state in claim.state_indices(self.gait):
-            for joint in claim.joint_indices():
-                for question, limit in self._questions(claim, state, joint):
-                    statement = self.statement(question, place)
-                    if statement.found.reached <= limit < statement.bound:
-                        statement = self.statement(question, place, limit)
-                    found.append((statement, limit))
+        for state, joint in product(claim.state_indices(self.gait), claim.joint_indices()):
+            for question, limit in self._questions(claim, place, state, joint):
+                statement = self.statement(question, place)
+                if statement.found.reached <= limit < statement.bound:
+                    statement = self.statement(question, place, limit)
+                found.append((statement, limit))
         if not found:
             return Verdict(claim, "proved", 0.0, claim.most or 0.0, UNASKED)
         unit = self.policy.robot.stiffness if claim.kind == "torque" else 1.0
         reached, allowed = max(found, key=lambda own: own[0].found.reached - own[1])
         if reached.found.reached > allowed + REFUTED:
-            witnesses = self._witnesses(reached)
             value = unit * reached.question.sign * reached.found.reached
-            return self._verdict(claim, "refuted", value, unit * allowed, reached, witnesses)
+            return self._verdict(claim, "refuted", value, unit * allowed, reached)
         tightest, allowed = max(found, key=lambda own: own[0].bound - own[1])
         outcome: Outcome = "proved" if tightest.bound <= allowed else "undecided"
         value = unit * tightest.question.sign * tightest.bound
-        return self._verdict(claim, outcome, value, unit * allowed, tightest, ())
+        return self._verdict(claim, outcome, value, unit * allowed, tightest)
 
-    def _questions(self, claim: Claim, state: int, joint: int) -> list[tuple[BoundQuery, float]]:
+    def _place(self, claim: Claim) -> Place:
+        return Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
+
+    def _questions(
+        self, claim: Claim, place: Place, state: int, joint: int
+    ) -> list[tuple[BoundQuery, float]]:
         """Lists what must not be greater than what, for a claim to hold."""
         match claim.kind:
             case "limits":
@@ -234,7 +237,6 @@ class Prover:
         limit = 0.0 if steps else claim.most or 0.0
         used = self.targets.used(state, joint)
         if claim.kind == "never":
-            place = Place(claim.box, tuple(self.symbols.index(name) for name in claim.stuck))
             region = self.region(place, state)
             used &= frozenset(np.flatnonzero(region.lower < region.upper).tolist())
         return [
@@ -244,15 +246,10 @@ class Prover:
         ]
 
     def _verdict(
-        self,
-        claim: Claim,
-        outcome: Outcome,
-        value: float,
-        allowed: float,
-        statement: Statement,
-        witnesses: tuple[Observed, ...],
+        self, claim: Claim, outcome: Outcome, value: float, allowed: float, statement: Statement
     ) -> Verdict:
         question = statement.question
+        witnesses = self._witnesses(statement) if outcome == "refuted" else ()
         where = f"{quadruped.JOINTS[question.joint]}, {self.gait.states[question.state]}"
         if question.observation is not None:
             where += f", {self.symbols[question.observation]}"
@@ -269,28 +266,26 @@ class Prover:
         return first, {**first, self.symbols[index]: float(witness[n])}
 
     def _independent(self, claim: Claim) -> Verdict:
-        place = Place(claim.box)
-        for state in claim.state_indices(self.gait):
-            for joint in claim.joint_indices():
-                used = self.targets.used(state, joint)
-                for index in claim.observations_of(joint, self.symbols):
-                    if index not in used:
-                        continue
-                    question = BoundQuery("effect", state, joint, 1, index)
-                    found = self.statement(question, place)
-                    reached = found.found.reached
-                    broken = reached > REFUTED
-                    outcome: Outcome = "refuted" if broken else "undecided"
-                    witnesses = self._witnesses(found) if broken else ()
-                    value = reached if broken else found.bound
-                    return self._verdict(claim, outcome, value, 0.0, found, witnesses)
-        return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
+        depends = (
+            BoundQuery("effect", state, joint, 1, index)
+            for state, joint in product(claim.state_indices(self.gait), claim.joint_indices())
+            for index in claim.observations_of(joint, self.symbols)
+            if index in self.targets.used(state, joint)
+        )
+        question = next(depends, None)
+        if question is None:
+            return Verdict(claim, "proved", 0.0, 0.0, UNASKED)
+        found = self.statement(question, Place(claim.box))
+        reached = found.found.reached
+        if reached > REFUTED:
+            return self._verdict(claim, "refuted", reached, 0.0, found)
+        return self._verdict(claim, "undecided", found.bound, 0.0, found)
 
     def _mirrored(self, claim: Claim) -> Verdict | None:
         images = mirrored_states(self.gait)
         if images is None:
             return None
-        if mirrored_exactly(self.targets, images, self.policy.observation_names):
+        if isinstance(self.targets, FormulaTargets) and self.targets.are_mirrored(images):
             return Verdict(claim, "proved", 0.0, 0.0, "each formula is its image's image")
         box = self.boxes[claim.box]
         difference, joint, quantities = asymmetry(self.policy, images, box)
@@ -304,24 +299,105 @@ class Prover:
         box, most = self.boxes[claim.box], claim.greatest(self.policy.robot, 0)
         changes = np.array([claim.change_of(symbol) for symbol in self.symbols])
         states = claim.state_indices(self.gait)
-        joints = np.array(claim.joint_indices())
+        joints = claim.joint_indices()
         regions = {state: region_of(box, state) for state in states}
         bounds = {
-            state: largest_change(self.policy.robot, self.targets, state, joints, changes, region)
+            state: sum(self._squared_change(state, joint, changes, region) for joint in joints)
             for state, region in regions.items()
         }
         worst = max(bounds, key=lambda state: bounds[state])
-        where = f"state {self.gait.states[worst]}"
         if bounds[worst] <= most:
-            return Verdict(claim, "proved", bounds[worst], most, where)
+            return Verdict(claim, "proved", bounds[worst], most, self._in_words(worst))
         reached = {
             state: widest_change(self.policy, joints, changes, box.in_state(state), region)
             for state, region in regions.items()
         }
         worst = max(reached, key=lambda state: reached[state][0])
         value, *pair = reached[worst]
-        where = f"state {self.gait.states[worst]}"
         if value > most:
             witnesses = tuple(self.observed(one) for one in pair)
-            return Verdict(claim, "refuted", value, most, where, witnesses)
-        return Verdict(claim, "undecided", max(bounds.values()), most, where)
+            return Verdict(claim, "refuted", value, most, self._in_words(worst), witnesses)
+        return Verdict(claim, "undecided", max(bounds.values()), most, self._in_words(worst))
+
+    def _squared_change(self, state: int, joint: int, changes: Array, region: Box) -> float:
+        """Bounds the squared change of an action, as the sum of what each observation can do.
+
+        Both observations are in the box, and quantities change by `changes` (n) at most.
+        """
+        targets = self.targets
+        used = sorted(targets.used(state, joint) & {*np.flatnonzero(changes).tolist()})
+        most = sum(targets.change(state, joint, i, float(changes[i]), region) for i in used)
+        most += 2.0 * targets.rounding(state, joint, region)
+        return (most / self.policy.robot.action_scale) ** 2
+
+    def _in_words(self, state: int) -> str:
+        return f"state {self.gait.states[state]}"
+
+
+def widest_change(
+    policy: Policy,
+    joints: Sequence[int],
+    changes: Array,
+    box: ObservationBox,
+    region: Box,
+) -> tuple[float, Array, Array]:
+    """Seeks two observations of a box between which the action changes most.
+
+    Returns:
+        The squared change of the action, and both observations in the robot's units (n, n).
+    """
+    generator, units = np.random.default_rng(0), RobotUnits.of(box.robot, box.names)
+    counted = np.isin(np.arange(len(changes)), list(region.counted))
+    # A hair less, so that two witnesses are not a rounding further apart than is claimed.
+    changes = np.where(counted, np.floor(changes), (1.0 - 1e-12) * changes)
+    first = units.quantities(box.random(PAIRS, generator))
+    first = np.clip(first, region.lower, region.upper)
+    signs = generator.choice([-1.0, 1.0], first.shape)
+    second = np.clip(first + signs * changes, region.lower, region.upper)
+
+    def squared(one: Array, other: Array) -> Array:
+        moved = [policy(units.observed(own))[..., list(joints)] for own in (one, other)]
+        return np.sum(np.square(moved[1] - moved[0]), axis=-1)
+
+    values = squared(first, second)
+    best = int(np.argmax(values))
+    one, other, value = first[best], second[best], float(values[best])
+    for _ in range(SWEEPS):
+        for index in range(len(changes)):
+            pairs = _pairs(one, other, index, changes[index], region)
+            values = squared(*pairs)
+            if values.max() > value:
+                best = int(np.argmax(values))
+                one, other, value = pairs[0][best], pairs[1][best], float(values[best])
+    return value, one, other
+
+
+def _pairs(one: Array, other: Array, index: int, change: float, region: Box) -> tuple[Array, Array]:
+    """Returns pairs that differ from one in one quantity."""
+    low, high = region.lower[index], region.upper[index]
+    values = np.array([low, high, 0.5 * (low + high), one[index]])
+    if index in region.counted:
+        values = np.floor(values)
+    ends = [np.clip(values + shift, low, high) for shift in (-change, 0.0, change)]
+    starts = np.tile(one, (3 * len(values), 1))
+    starts[:, index] = np.tile(values, 3)
+    goals = np.tile(other, (3 * len(values), 1))
+    goals[:, index] = np.concatenate(ends)
+    return starts, goals
+
+
+def asymmetry(
+    policy: Policy, images: Sequence[int], box: ObservationBox
+) -> tuple[float, int, Array]:
+    """Finds where a policy differs most from its mirror image, among random observations.
+
+    Returns:
+        The difference of the target (rad), the joint, and the observation in the robot's units (n).
+    """
+    observations = box.random(SAMPLES, np.random.default_rng(0))
+    reflection = reflect_observation(policy.observation_names, images)
+    image = REFLECT_JOINTS(policy(reflection(observations)))
+    difference = policy.robot.action_scale * np.abs(policy(observations) - image)
+    row, joint = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    quantities = RobotUnits.of(box.robot, box.names).quantities(observations[row])
+    return float(difference[row, joint]), int(joint), quantities

@@ -1,17 +1,54 @@
 """What is asked of a joint's target: its greatest value, slope or change over a box."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Box, Maximum
 from glassgait.models.certificates.observation_box import COUNTED, ObservationBox
 from glassgait.models.errors import InputError
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.observation import entries_of
+
+Tree = list
+"""A split: [quantity, cut, tree below, tree above]; an empty list where nothing is split."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of quantities, in the robot's units.
+
+    Attributes:
+        lower: Least quantities (n).
+        upper: Greatest quantities (n).
+        counted: Quantities that are whole numbers.
+    """
+
+    lower: Array
+    upper: Array
+    counted: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """What is known of the greatest value of a function over a box.
+
+    Attributes:
+        bound: No value is greater.
+        reached: Value at the witness.
+        witness: Quantities in the box (n).
+        splits: The cells that the bound was found over.
+        n_cells: Number of these cells.
+    """
+
+    bound: float
+    reached: float
+    witness: Array
+    splits: Tree = field(default_factory=list)
+    n_cells: int = 1
+
 
 Of = Literal["target", "offset", "slope", "effect"]
 
@@ -102,12 +139,8 @@ def counted_of(names: Sequence[str]) -> frozenset[int]:
 def with_copy(region: Box, index: int) -> Box:
     """Returns a box with another value of one quantity behind all others."""
     counted = region.counted | ({len(region.lower)} if index in region.counted else frozenset())
-    lower, upper = (_appended(corner, index) for corner in (region.lower, region.upper))
+    lower, upper = (np.append(own, own[index]) for own in (region.lower, region.upper))
     return Box(lower, upper, counted)
-
-
-def _appended(corner: Array, index: int) -> Array:
-    return np.append(corner, corner[index])
 
 
 @dataclass(frozen=True)

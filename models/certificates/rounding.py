@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from glassgait.models.certificates.maximum import Box
+from glassgait.models.certificates.question import Box
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.interval import OPERATORS, Interval

@@ -36,16 +36,24 @@ Each of these stands at the beginning of a line. What is defined is of observed 
 and is given once, as is each target. What a formula is, `text.py` says.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from keyword import iskeyword
 
-from glassgait.models.errors import InputError
+from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror, Place
-from glassgait.models.formulas.quantities import Vocabulary
-from glassgait.models.formulas.text import written_lines
+from glassgait.models.formulas.quantities import Definition, Vocabulary
+from glassgait.models.formulas.text import (
+    TextError,
+    parse_formula,
+    refuse_unprintable,
+    written_lines,
+)
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout, entries_of
 
 FORMAT = 1
@@ -56,6 +64,21 @@ LIMITED = "limited"
 
 EVERY_STATE = "every state"
 DEFINITIONS = "definitions"
+
+MAX_TEXT = 1_000_000
+"""Greatest number of characters of a file."""
+
+MAX_DEFINITIONS = 200
+
+HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
+"""Keys of a file's header."""
+
+_SECTION = re.compile(r"state (\d{1,3})")
+_STATEMENT = re.compile(r"([A-Za-z_][\w.]*) *=(?!=)(.*)", re.DOTALL)
+_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)?")
+
+
+_SAID = {"format": f"'format: {FORMAT}'", "gait": "'gait: trot'", "states": "'states: 2'"}
 
 
 @dataclass(frozen=True)
@@ -175,3 +198,214 @@ _LEGEND = {
     "base velocity": "v: estimated velocity of the trunk, forward, left and up, m/s.",
     "foot height": "h: estimated height of a foot, m.",
 }
+
+
+def read_formulas(text: str) -> FormulaFile:
+    """Reads a formula file.
+
+    Raises:
+        InputError: if the text is none; the message begins with line and column.
+    """
+    try:
+        return _Reader().read(text)
+    except TextError as error:
+        raise InputError(f"line {error.line}, column {error.column}: {error}") from error
+
+
+@dataclass
+class _Reader:
+    """Takes a text line by line."""
+
+    header: dict[str, str] = field(default_factory=dict)
+    lines: dict[str, int] = field(default_factory=dict)
+    definitions: list[Definition] = field(default_factory=list)
+    formulas: dict[Place, Expression] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    observed: tuple[str, ...] = ()
+    mirror: tuple[int, ...] | None = None
+    section: str = ""
+
+    def read(self, text: str) -> FormulaFile:
+        if len(text) > MAX_TEXT:
+            raise TextError(f"holds more than {MAX_TEXT} characters; write less", 1, 1)
+        refuse_unprintable(text, "a formula file")
+        number = 1
+        for number, statement in _statements(text):
+            self._take(statement, number)
+        return self._finished(number)
+
+    def _take(self, statement: str, line: int) -> None:
+        bare, *more = (part.partition("#")[0].rstrip() for part in statement.split("\n"))
+        key, colon, value = bare.partition(":")
+        is_header = colon and key in HEADER and not self.section
+        if (is_header or _is_title(bare)) and any(more):
+            raise TextError("nothing goes on from the line above; do not indent this", line + 1, 1)
+        if is_header:
+            if key in self.header:
+                raise TextError(f"{key!r} is said twice; leave one out", line, 1)
+            self.header[key] = value.strip()
+            self.lines[key] = line
+        elif _is_title(bare):
+            self._begin(bare, line)
+        elif assigned := _STATEMENT.fullmatch(statement):
+            self._assign(assigned, line)
+        else:
+            raise TextError(
+                f"{shown(bare)} is no line of a formula file; write 'FL_hip = …', 'state 0', "
+                "'every state', 'definitions', or a header such as 'gait: trot'",
+                line,
+                1,
+            )
+
+    def _begin(self, title: str, line: int) -> None:
+        if not self.section:
+            self._take_header(line)
+        elif title == DEFINITIONS:
+            raise TextError("definitions stand before all formulas; move them up", line, 1)
+        state = _SECTION.fullmatch(title)
+        if state and int(state[1]) >= self._n_states:
+            raise TextError(f"there are states 0 to {self._n_states - 1}; name one", line, 7)
+        shared = {len(place) == 1 for place in self.formulas}
+        if shared and shared != {title == EVERY_STATE}:
+            raise TextError(
+                f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
+            )
+        self.section = title
+
+    @property
+    def _n_states(self) -> int:
+        return int(self.header["states"])
+
+    def _take_header(self, line: int) -> None:
+        for key in ("format", "gait", "states"):
+            if not self.header.get(key):
+                raise TextError(
+                    f"the header lacks {key!r}; add a line such as {_SAID[key]}", line, 1
+                )
+        if self.header["format"] != str(FORMAT):
+            raise TextError(
+                f"is of format {shown(self.header['format'])}, not {FORMAT}",
+                self.lines["format"],
+                1,
+            )
+        if not re.fullmatch(r"\d{1,3}", self.header["states"]) or not (
+            1 <= self._n_states <= MOST_STATES
+        ):
+            raise TextError(
+                f"states: must be a number from 1 to {MOST_STATES}", self.lines["states"], 1
+            )
+        self.names = ObservationLayout(self._n_states).names
+        self.observed = Vocabulary(self.names).symbols
+        if "mirror" in self.header:
+            self.mirror = self._mirror(self.header["mirror"], self.lines["mirror"])
+        if self.header.get("targets", LIMITED) != LIMITED:
+            raise TextError(
+                f"targets: must be {LIMITED!r}, or be left out", self.lines["targets"], 1
+            )
+
+    def _mirror(self, text: str, line: int) -> tuple[int, ...]:
+        images = text.split()
+        if all(re.fullmatch(r"\d{1,3}", image) for image in images):
+            states = tuple(int(image) for image in images)
+            # Whose image is the state itself: the mirror of the mirror is the robot.
+            if len(states) == self._n_states and all(
+                image < len(states) and states[image] == state for state, image in enumerate(states)
+            ):
+                return states
+        raise TextError(
+            "mirror: must name for each state the one that it is in the mirror, such as 1 0",
+            line,
+            1,
+        )
+
+    def _assign(self, assigned: re.Match[str], line: int) -> None:
+        name = assigned[1]
+        if not self.section:
+            raise TextError("a formula stands under 'state 0' or 'every state'", line, 1)
+        # What is defined is defined by what the robot senses, not by other definitions.
+        known = [] if self.section == DEFINITIONS else self.definitions
+        symbols = (*self.observed, *(definition.symbol for definition in known))
+        formula = _located(assigned, line, symbols)
+        if self.section == DEFINITIONS:
+            self._define(name, formula, assigned[2], line)
+            return
+        place = self._place(name, line)
+        if place in self.formulas:
+            raise TextError(f"{name} has a formula above; leave one out", line, 1)
+        self.formulas[place] = formula
+
+    def _define(self, name: str, formula: Expression, text: str, line: int) -> None:
+        defined = (definition.symbol for definition in self.definitions)
+        taken = {*self.observed, *defined, *quadruped.JOINTS}
+        if name in taken or not _NAME.fullmatch(name) or any(map(iskeyword, name.split("."))):
+            raise TextError(f"{shown(name)} cannot be defined; choose another name", line, 1)
+        if len(self.definitions) >= MAX_DEFINITIONS:
+            raise TextError(f"there are more than {MAX_DEFINITIONS} definitions", line, 1)
+        note = text.rstrip().rsplit("\n", maxsplit=1)[-1].partition("#")[2].strip()
+        self.definitions.append(Definition(name, formula, note))
+
+    def _place(self, name: str, line: int) -> Place:
+        if name not in quadruped.JOINTS:
+            raise TextError(
+                f"{shown(name)} is no joint; the joints are {', '.join(quadruped.JOINTS)}", line, 1
+            )
+        joint = quadruped.JOINTS.index(name)
+        state = _SECTION.fullmatch(self.section)
+        return (int(state[1]), joint) if state else (joint,)
+
+    def _finished(self, last: int) -> FormulaFile:
+        vocabulary = Vocabulary(self.names, tuple(self.definitions))
+        formulas = self.formulas
+        if formulas and self.mirror is not None:
+            try:
+                formulas = FormulaMirror.of(vocabulary, self.mirror).complete(formulas)
+            except InputError as error:
+                raise TextError(str(error), last, 1) from error
+        shared = any(len(place) == 1 for place in formulas)
+        joints = range(quadruped.N_JOINTS)
+        states = range(self._n_states if self.names else 0)
+        wanted = [(j,) for j in joints] if shared else [(s, j) for s in states for j in joints]
+        for place in wanted or [(0,)]:
+            if place not in formulas:
+                where = "" if len(place) == 1 else f" in state {place[0]}"
+                joint = quadruped.JOINTS[place[-1]]
+                raise TextError(f"the file ends without a formula of {joint}{where}", last, 1)
+        ordered = {place: formulas[place] for place in wanted}
+        limited = "targets" in self.header
+        robot = self.header.get("robot", DEFAULT_ROBOT)
+        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited, robot)
+
+
+def _is_title(line: str) -> bool:
+    return line in (DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
+
+
+def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:
+    """Reads the right side of a statement, and locates its errors in the file."""
+    try:
+        return parse_formula(assigned[2], symbols)
+    except TextError as error:
+        shift = assigned.start(2) if error.line == 1 else 0
+        raise TextError(str(error), error.line + line - 1, error.column + shift) from error
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Joins lines with the indented ones that follow; yields the number of the first of each."""
+    number, statement = 0, ""
+    for index, line in enumerate(text.split("\n"), start=1):
+        bare = line.partition("#")[0].strip()
+        if line.startswith(" ") and bare:
+            if not statement:
+                raise TextError("nothing stands before this line; do not indent it", index, 1)
+            statement += f"\n{line}"
+            continue
+        if statement and bare:
+            yield number, statement
+            statement = ""
+        if bare:
+            number, statement = index, line
+        elif statement:
+            # Comments and empty lines within a formula keep its lines in step with the file's.
+            statement += "\n"
+    if statement:
+        yield number, statement

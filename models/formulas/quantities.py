@@ -54,6 +54,10 @@ class RobotUnits:
         """Maps observations (..., n) to quantities (..., n)."""
         return observation / self.scale + self.offset
 
+    def observed(self, quantities: Array) -> Array:
+        """Maps quantities (..., n) to observations (..., n)."""
+        return (quantities - self.offset) * self.scale
+
 
 def actions_of(robot: Robot, target: Array) -> Array:
     """Maps joint targets (..., 12; rad) to actions (..., 12)."""

@@ -66,7 +66,7 @@ class AdditivePolicy(Policy):
     capabilities = Capabilities(
         factors=_factors,
         importance=_importance,
-        targets="certificates.additive_targets:AdditiveTargets",
+        targets="certificates.sum_targets:AdditiveTargets",
         search="counterfactuals.tables:AdditiveSearch",
         code="export.policies:additive_code",
         graph="export.graphs.policies:add_additive",

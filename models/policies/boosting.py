@@ -43,7 +43,7 @@ class BoostedTreesPolicy(Policy):
     kind = "boosted_trees"
     capabilities = Capabilities(
         importance=lambda policy, _: ("impurity", policy.importances),
-        targets="certificates.tree_targets:TreeTargets",
+        targets="certificates.sum_targets:TreeTargets",
         search="counterfactuals.trees:TreeSearch",
         code="export.policies:trees_code",
         graph="export.graphs.policies:add_trees",

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.certificate import shipped_certificates
-from glassgait.models.certificates.nearness import nearness, overruns
-from glassgait.models.certificates.observation_box import ObservationBox
-from glassgait.models.certificates.prover import Outcome, Verdict
-from glassgait.models.certificates.question import Targets, targets_of
-from glassgait.models.certificates.reading import (
+from glassgait.models.certificates.certificate import (
     OUTCOME_WORDS,
     Certificate,
     box_in_words,
     claimed_joint,
     finding_in_words,
+    shipped_certificates,
 )
+from glassgait.models.certificates.nearness import nearness, overruns
+from glassgait.models.certificates.observation_box import ObservationBox
+from glassgait.models.certificates.prover import Outcome, Verdict
+from glassgait.models.certificates.question import Targets, targets_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from rich.text import Text
 
-from glassgait.models.certificates.reading import OUTCOME_WORDS
+from glassgait.models.certificates.certificate import OUTCOME_WORDS
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait

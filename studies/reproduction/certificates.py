@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from glassgait.models.certificates.prover import OUTCOMES
-from glassgait.models.certificates.reading import (
+from glassgait.models.certificates.certificate import (
     OUTCOME_WORDS,
     Certificate,
     box_in_words,
     finding_in_words,
 )
+from glassgait.models.certificates.prover import OUTCOMES
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
 from glassgait.models.task.gait import Gait, load_gait

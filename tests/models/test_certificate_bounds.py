@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glassgait.models.certificates.additive_targets import greatest_sum
 from glassgait.models.certificates.observation_box import (
     ObservationBox,
     operating_box,
     physical_box,
 )
 from glassgait.models.certificates.question import BoundQuery, region_of, targets_of
+from glassgait.models.certificates.sum_targets import greatest_sum
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
@@ -90,7 +90,7 @@ def test_a_witness_is_in_the_box_and_reaches_what_is_said(kind):
     for of, joint in (("target", 0), ("offset", 3), ("target", 8)):
         found = targets.answer(BoundQuery(of, 1, joint, -1), region, gap=0.005 * WIDTHS[joint])
         assert np.all((region.lower <= found.witness) & (found.witness <= region.upper))
-        action = policy((found.witness - units.offset) * units.scale)
+        action = policy(units.observed(found.witness))
         value = A1.joint_targets(action)[joint]
         value -= found.witness[2 + joint] if of == "offset" else 0.0
         assert -value == pytest.approx(found.reached, abs=1e-8)
@@ -179,7 +179,7 @@ def test_values_that_others_beat_or_equal_change_nothing(seed):
 
 
 def test_labels_that_meet_too_many_are_tried_one_by_one(monkeypatch):
-    monkeypatch.setattr("glassgait.models.certificates.additive_targets.LARGEST", 9)
+    monkeypatch.setattr("glassgait.models.certificates.sum_targets.LARGEST", 9)
     generator = np.random.default_rng(5)
     unary = [generator.normal(size=3) for _ in range(5)]
     pairs = [(a, b, generator.normal(size=(3, 3))) for a in range(5) for b in range(a)]

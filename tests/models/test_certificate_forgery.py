@@ -178,7 +178,7 @@ class Truth:
             changes = np.array([claim.change_of(symbol) for symbol in SYMBOLS])
             signs = self.generator.choice([-1.0, 0.0, 1.0], seen.shape)
             other = np.clip(quantities + signs * changes, low, high)
-            action = self.policy((other - UNITS.offset) * UNITS.scale) - self.policy(seen)
+            action = self.policy(UNITS.observed(other)) - self.policy(seen)
             assert np.square(action[:, joints]).sum(axis=-1).max() <= claim.greatest(A1, 0)
 
     def _corners(self, box: str, state: int) -> tuple[np.ndarray, np.ndarray]:

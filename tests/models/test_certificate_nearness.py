@@ -131,7 +131,6 @@ def test_the_ends_of_the_box_are_inside_of_it():
     box = BOXES["operating"]
     for corner in (box.lower, box.upper):
         one = box.in_state(0).clipped(corner)
-        quantities = RobotUnits.of(A1, NAMES).quantities(one)
         units = RobotUnits.of(A1, NAMES)
-        again = (quantities - units.offset) * units.scale
+        again = units.observed(units.quantities(one))
         assert not overruns(box, again[None]).any()

@@ -5,19 +5,17 @@ import json
 import pytest
 
 from glassgait.models.certificates.certificate import (
+    box_in_words,
     certificate_text,
+    claimed_joint,
     content_digest,
+    finding_in_words,
+    read_certificate,
     shipped_certificates,
 )
 from glassgait.models.certificates.claims import Claim
 from glassgait.models.certificates.observation_box import operating_box, physical_box
 from glassgait.models.certificates.prover import Verdict
-from glassgait.models.certificates.reading import (
-    box_in_words,
-    claimed_joint,
-    finding_in_words,
-    read_certificate,
-)
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.policies.library import STUDENT_DIRECTORY

@@ -27,7 +27,7 @@ from glassgait.models.export.controller import (
 from glassgait.models.export.language import CArray, commented, is_identifier, number
 from glassgait.models.export.reference import PythonController
 from glassgait.models.export.reward_machine import cases, state_constants
-from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import StatewiseLinearPolicy

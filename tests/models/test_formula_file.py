@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import canonical
-from glassgait.models.formulas.file import SUFFIX
+from glassgait.models.formulas.file import MAX_DEFINITIONS, SUFFIX, read_formulas
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.quantities import Definition, Vocabulary, known_definitions
-from glassgait.models.formulas.reader import MAX_DEFINITIONS, read_formulas
 from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.symbolic import (

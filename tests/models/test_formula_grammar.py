@@ -9,7 +9,7 @@ from glassgait.models.certificates.checker.robot import RefusedError
 from glassgait.models.certificates.checker.text import FormulaText, Node
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression, canonical, constant, variable
-from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots import quadruped
 

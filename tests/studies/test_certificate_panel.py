@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.certificates.certificate import shipped_certificates
+from glassgait.models.certificates.certificate import read_certificate, shipped_certificates
 from glassgait.models.certificates.observation_box import operating_box
-from glassgait.models.certificates.reading import read_certificate
 from glassgait.models.policies.library import STUDENT_DIRECTORY, load_policy
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait

@@ -2,7 +2,7 @@
 
 import pytest
 
-from glassgait.models.formulas.reader import read_formulas
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.policies.library import load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from glassgait.models.formulas.file import read_formulas
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot

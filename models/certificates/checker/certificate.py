@@ -9,8 +9,7 @@ from typing import Any
 
 import yaml
 
-from .claims import BOXES, check_keys, is_point, observations
-from .document import SLACK, Document
+from .document import BOXES, OUTCOMES, SLACK, Document, check_keys, is_point, observations
 from .robot import (
     ABRUPT,
     COUNTED,
@@ -53,7 +52,7 @@ class Check(Document):
         for statement in statements:
             self.check_statement(statement)
         outcomes = [self.check_claim(claim) for claim in claims]
-        counts = [f"{outcomes.count(own)} {own}" for own in ("proved", "refuted", "undecided")]
+        counts = [f"{outcomes.count(own)} {own}" for own in OUTCOMES]
         return (
             f"{len(statements)} bounds hold; claims: {', '.join(counts)}; its operating box "
             f"{'is the one that ships' if self.box_ships() else 'is its own, taken on trust'}"

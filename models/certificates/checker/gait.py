@@ -8,7 +8,6 @@ from itertools import product as ways
 from pathlib import Path
 from typing import Any
 
-from .files import read_yaml
 from .robot import (
     ANGLE_OVERRUN,
     FASTEST_JOINT,
@@ -20,6 +19,7 @@ from .robot import (
     Box,
     RefusedError,
     Robot,
+    read_yaml,
     refuse_unless,
     symbols,
 )

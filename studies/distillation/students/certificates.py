@@ -3,8 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from glassgait.models.certificates.certificate import shipped_certificates
-from glassgait.models.certificates.reading import Certificate, read_certificate
+from glassgait.models.certificates.certificate import (
+    Certificate,
+    read_certificate,
+    shipped_certificates,
+)
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder

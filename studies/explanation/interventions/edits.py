@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 from glassgait.models.formulas.expression import Expression, canonical, constant, plus
-from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.file import FormulaFile, read_formulas
 from glassgait.models.formulas.mirror import FormulaMirror
-from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.studies.explanation.interventions.terms import Term
 

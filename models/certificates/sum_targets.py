@@ -1,27 +1,44 @@
-"""Exact bounds of targets that are sums of tables of one or two observations.
+"""Bounds of targets that are sums of tables of one or two observations, or sums of trees.
 
-Within a coarse bin of each observation the fine ones count by their greatest value alone. What is
-left is a sum of tables over pairs of coarse bins, whose maximum is found by eliminating one
-observation after another: few pairs meet in each, so that no table grows large.
+Bounds of tables are exact. Within a coarse bin of each observation the fine ones count by their
+greatest value alone. What is left is a sum of tables over pairs of coarse bins, whose maximum is
+found by eliminating one observation after another: few pairs meet in each, so that no table grows
+large.
+
+A bound of trees is no maximum: trees are bounded each by itself, though they ask for the same
+observations.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.certificates.maximum import Box, Maximum
-from glassgait.models.certificates.question import BoundQuery
+from glassgait.models.certificates.question import BoundQuery, Box, Maximum
 from glassgait.models.certificates.rounding import sum_error
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.task.observation import indices_of
+
+P = TypeVar("P", AdditivePolicy, BoostedTreesPolicy)
 
 INSIDE = 1e-9
 """Share of a bin by which a witness stays away from its end, where rounding could leave it."""
+
+
+SLACK = 1e-12
+"""Boxes are wider by it, in the observation's units."""
+
+SAMPLES = 256
+SWEEPS = 2
+VALUES = 7
+"""A witness is sought among random corners, from the best of them quantity by quantity."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +63,29 @@ class _Cells:
         return 0.5 * (self.first + self.last)
 
 
-class AdditiveTargets:
+class _SumTargets(ABC, Generic[P]):
+    """Targets whose actions are sums of doubles."""
+
+    def __init__(self, policy: P) -> None:
+        self._policy = policy
+        self._units = RobotUnits.of(policy.robot, policy.observation_names)
+        self._positions = indices_of("joint position", policy.observation_names)
+
+    @abstractmethod
+    def _sizes(self, joint: int) -> list[float]:
+        """Returns the greatest size of each summand, in actions."""
+
+    def rounding(self, state: int, joint: int, region: Box) -> float:
+        # As much again, twice, for the sums of bounds: here, and in a checker.
+        return 3.0 * sum_error(self._policy.robot, self._sizes(joint), joint)
+
+    def _constant(self, joint: int) -> float:
+        """Returns the target (rad) where the rest of the sum is 0."""
+        robot = self._policy.robot
+        return robot.default_stance[joint] + robot.action_scale * self._policy.intercepts[joint]
+
+
+class AdditiveTargets(_SumTargets[AdditivePolicy]):
     """Targets of an additive policy."""
 
     def __init__(self, policy: AdditivePolicy) -> None:
@@ -56,9 +95,8 @@ class AdditiveTargets:
         """
         if np.any(policy.pairs[:, 0] == policy.pairs[:, 1]):
             raise InputError("a pair of the policy is of one observation; nothing is proved of it")
-        self._policy = policy
-        self._units = RobotUnits.of(policy.robot, policy.observation_names)
-        self._positions = indices_of("joint position", policy.observation_names)
+        super().__init__(policy)
+        self._n_labels = policy.pair_cuts.shape[1] + 1
 
     def used(self, state: int, joint: int) -> frozenset[int]:
         policy = self._policy
@@ -66,12 +104,7 @@ class AdditiveTargets:
         mine = policy.pair_joints == joint
         return frozenset(single.tolist()) | frozenset(policy.pairs[mine].ravel().tolist())
 
-    def rounding(self, state: int, joint: int, region: Box) -> float:
-        # As much again, twice, for the sums of bounds: here, and in a checker.
-        return 3.0 * sum_error(self._policy.robot, self._sizes(joint), joint)
-
     def _sizes(self, joint: int) -> list[float]:
-        """Returns the greatest size of each summand, in actions."""
         policy = self._policy
         single = np.abs(policy.tables[joint]).max(axis=-1).tolist()
         paired = [float(np.abs(table).max()) for _, _, table in self._pairs_of(joint)]
@@ -94,32 +127,27 @@ class AdditiveTargets:
             if question.of == "offset" and index == self._positions[joint]:
                 # The angle counts by itself: the least of a bin for the greatest offset.
                 end = own.first if sign > 0 else own.last
-                values = values - sign * self._angle(index, end) / self._policy.robot.action_scale
+                angle = end / self._units.scale[index] + self._units.offset[index]
+                values = values - sign * angle / self._policy.robot.action_scale
                 at = end + INSIDE * (own.middle - end)
                 lost = INSIDE * float(np.max(own.last - own.first) / self._units.scale[index])
-            best = np.full(len(self._labels(index)), -np.inf)
+            best = np.full(self._n_labels, -np.inf)
             np.maximum.at(best, own.coarse, values)
-            pick = np.array([_pick(values, own.coarse == label) for label in range(len(best))])
+            inside = own.coarse == np.arange(self._n_labels)[:, None]
+            pick = np.argmax(np.where(inside, values, -np.inf), axis=1)
             unary.append(best)
             chosen.append(at[pick])
         pairs = [(first, second, sign * table) for first, second, table in self._pairs_of(joint)]
         value, labels = greatest_sum(unary, pairs)
         observation = np.array([own[label] for own, label in zip(chosen, labels, strict=True)])
-        robot = self._policy.robot
-        constant = sign * (
-            robot.default_stance[joint] + robot.action_scale * self._policy.intercepts[joint]
-        )
-        found = float(constant + robot.action_scale * value)
+        found = float(sign * self._constant(joint) + self._policy.robot.action_scale * value)
         return Maximum(found, found - lost, self._witness(observation, region))
 
     def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
         cells = [self._cells(i, joint, region) for i in range(len(region.lower))]
         apart = most * self._units.scale[index]
-        found = [
-            self._change(question, cells, region, apart).bound
-            for question in (BoundQuery("effect", state, joint, sign, index) for sign in (1, -1))
-        ]
-        return max(found)
+        queries = (BoundQuery("effect", state, joint, sign, index) for sign in (1, -1))
+        return max(self._change(query, cells, region, apart).bound for query in queries)
 
     def _change(
         self, question: BoundQuery, cells: Sequence[_Cells], region: Box, apart: float = np.inf
@@ -136,8 +164,7 @@ class AdditiveTargets:
         if index is None:
             raise AssertionError(f"{question.of} asks for an observation")
         own, sign = cells[index], float(question.sign)
-        size = len(self._labels(index))
-        best, partners = np.zeros((size, size)), []
+        best, partners = np.zeros((self._n_labels, self._n_labels)), []
         for first, second, table in self._pairs_of(question.joint):
             if index not in (first, second):
                 continue
@@ -183,12 +210,6 @@ class AdditiveTargets:
         mine = np.flatnonzero(policy.pair_joints == joint)
         return [(*policy.pairs[number].tolist(), policy.pair_tables[number]) for number in mine]
 
-    def _labels(self, index: int) -> Array:
-        return np.arange(self._policy.pair_cuts.shape[1] + 1)
-
-    def _angle(self, index: int, observed: Array) -> Array:
-        return observed / self._units.scale[index] + self._units.offset[index]
-
     def _cells(self, index: int, joint: int, region: Box) -> _Cells:
         policy, units = self._policy, self._units
         ends = np.array([region.lower[index], region.upper[index]])
@@ -205,8 +226,89 @@ class AdditiveTargets:
         return _Cells(first, last, policy.tables[joint, index, fine], coarse)
 
 
-def _pick(values: Array, mask: NDArray[np.bool_]) -> int:
-    return int(np.argmax(np.where(mask, values, -np.inf)))
+class TreeTargets(_SumTargets[BoostedTreesPolicy]):
+    """Targets of a policy of boosted trees."""
+
+    def used(self, state: int, joint: int) -> frozenset[int]:
+        policy = self._policy
+        asked = np.isfinite(policy.thresholds[joint])
+        return frozenset(policy.features[joint][asked].tolist())
+
+    def _sizes(self, joint: int) -> list[float]:
+        leaves = np.abs(self._policy.leaves[joint]).max(axis=-1)
+        return [float(self._policy.intercepts[joint]), *leaves.tolist()]
+
+    def answer(
+        self, question: BoundQuery, region: Box, *, gap: float, threshold: float | None = None
+    ) -> Maximum:
+        joint, sign = question.joint, float(question.sign)
+        least, most = self._ends_of_trees(joint, region)
+        if question.of in ("slope", "effect"):
+            return self._change(question, region, most - least)
+        ends = most if sign > 0 else -least
+        bound = sign * self._constant(joint) + self._policy.robot.action_scale * ends.sum()
+        if question.of == "offset":
+            angle = region.lower if sign > 0 else -region.upper
+            bound -= angle[self._positions[joint]]
+        witness, reached = self._witness(question, region)
+        return Maximum(float(max(bound, reached)), reached, witness)
+
+    def change(self, state: int, joint: int, index: int, most: float, region: Box) -> float:
+        question = BoundQuery("effect", state, joint, 1, index)
+        return self.answer(question, region, gap=0.0).bound
+
+    def _change(self, question: BoundQuery, region: Box, spans: Array) -> Maximum:
+        """Bounds an effect by the trees that ask for the observation; it bounds steps too."""
+        policy, joint = self._policy, question.joint
+        asks = policy.features[joint] == question.observation
+        asks &= np.isfinite(policy.thresholds[joint])
+        bound = self._policy.robot.action_scale * float(spans[asks.any(axis=-1)].sum())
+        return Maximum(bound, 0.0, np.append(region.lower, region.lower[question.observation]))
+
+    def _ends_of_trees(self, joint: int, region: Box) -> tuple[Array, Array]:
+        """Returns the least and the greatest leaf that each tree can reach (n_trees, n_trees)."""
+        policy = self._policy
+        lower, upper = self._units.observed(np.array([region.lower, region.upper]))
+        lower, upper = lower - SLACK, upper + SLACK
+        features, thresholds = policy.features[joint], policy.thresholds[joint]
+        reached = np.ones((len(features), 1), dtype=bool)
+        # A box is one of nodes, so that a leaf below two questions of one observation may be
+        # counted in though no observation of the box falls into it.
+        for level in range(policy.depth):
+            nodes = slice(2**level - 1, 2 ** (level + 1) - 1)
+            left = reached & (lower[features[:, nodes]] <= thresholds[:, nodes])
+            right = reached & (upper[features[:, nodes]] > thresholds[:, nodes])
+            reached = np.stack([left, right], axis=-1).reshape(len(features), -1)
+        leaves = policy.leaves[joint]
+        least = np.where(reached, leaves, np.inf).min(axis=-1)
+        return least, np.where(reached, leaves, -np.inf).max(axis=-1)
+
+    def _witness(self, question: BoundQuery, region: Box) -> tuple[Array, float]:
+        generator = np.random.default_rng(question.joint)
+        shape = (SAMPLES, len(region.lower))
+        points = np.where(generator.integers(0, 2, shape) == 1, region.upper, region.lower)
+        values = self._values(question, points)
+        point, value = points[np.argmax(values)], float(values.max())
+        for _ in range(SWEEPS):
+            for index in sorted(self.used(question.state, question.joint)):
+                tried = np.linspace(region.lower[index], region.upper[index], VALUES)
+                tried = np.unique(np.floor(tried)) if index in region.counted else tried
+                moved = np.tile(point, (len(tried), 1))
+                moved[:, index] = tried
+                values = self._values(question, moved)
+                if values.max() > value:
+                    point, value = moved[np.argmax(values)], float(values.max())
+        return point, value
+
+    def _values(self, question: BoundQuery, quantities: Array) -> Array:
+        """Evaluates what is asked (m,), of quantities (m, n), for the joint alone."""
+        policy, joint = self._policy, question.joint
+        added = policy.tree_values(self._units.observed(quantities), joint)
+        action = added.sum(axis=-1) + policy.intercepts[joint]
+        values = self._policy.robot.default_stance[joint] + self._policy.robot.action_scale * action
+        if question.of == "offset":
+            values = values - quantities[..., self._positions[joint]]
+        return question.sign * values
 
 
 LARGEST = 2**23
@@ -272,50 +374,34 @@ def _unbeaten(
 
 
 def _solve(tables: list[Table], sizes: Sequence[int]) -> tuple[float, dict[int, int]]:
-    constant, steps = 0.0, []
-    left = set(range(len(sizes)))
-    while left:
-        label = min(left, key=lambda own: (_cost(own, tables, sizes), own))
-        if _cost(label, tables, sizes) > LARGEST:
+    """Returns the greatest sum of tables, and the labels that they are of."""
+    steps = []
+    while labels := {label for axes, _ in tables for label in axes}:
+        cost, label = min((_cost(own, tables, sizes), own) for own in labels)
+        if cost > LARGEST:
             value, chosen = _tried(tables, sizes)
             break
-        left.discard(label)
-        met = [table for table in tables if label in table[0]]
-        tables = [table for table in tables if label not in table[0]]
-        axes, whole = _summed(met, label)
+        axes, whole = _summed([table for table in tables if label in table[0]], label)
         steps.append((label, axes, np.argmax(whole, axis=0)))
-        if axes:
-            tables.append((axes, whole.max(axis=0)))
-        else:
-            constant += float(whole.max())
+        tables = [table for table in tables if label not in table[0]]
+        tables.append((axes, whole.max(axis=0)))
     else:
-        value, chosen = 0.0, {}
+        value, chosen = float(sum(values for _, values in tables)), {}
     for label, axes, best in reversed(steps):
         chosen[label] = int(best[tuple(chosen[axis] for axis in axes)])
-    return constant + value, chosen
+    return value, chosen
 
 
 def _tried(tables: list[Table], sizes: Sequence[int]) -> tuple[float, dict[int, int]]:
     """Tries each value of the label that meets most others."""
     labels = {label for axes, _ in tables for label in axes}
     most = max(labels, key=lambda own: (sum(own in axes for axes, _ in tables), -own))
-    best, chosen = -np.inf, {}
-    for value in range(sizes[most]):
-        cut = [_cut(table, most, value) for table in tables]
-        constant = sum(float(own) for axes, own in cut if not axes)
-        found, others = _solve_left([table for table in cut if table[0]], sizes)
-        if constant + found > best:
-            best, chosen = constant + found, {**others, most: value}
-    return best, chosen
-
-
-def _solve_left(tables: list[Table], sizes: Sequence[int]) -> tuple[float, dict[int, int]]:
-    """Solves for the labels that tables are of."""
-    labels = sorted({label for axes, _ in tables for label in axes})
-    places = {label: place for place, label in enumerate(labels)}
-    renamed = [(tuple(places[axis] for axis in axes), values) for axes, values in tables]
-    value, chosen = _solve(renamed, [sizes[label] for label in labels])
-    return value, {labels[place]: own for place, own in chosen.items()}
+    found = [
+        _solve([_cut(table, most, value) for table in tables], sizes)
+        for value in range(sizes[most])
+    ]
+    best = max(range(len(found)), key=lambda value: found[value][0])
+    return found[best][0], {**found[best][1], most: best}
 
 
 def _cut(table: Table, label: int, value: int) -> Table:
