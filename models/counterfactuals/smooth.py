@@ -12,7 +12,7 @@ from glassgait.models.counterfactuals.intervals import bounds_of, with_values
 from glassgait.models.counterfactuals.question import Question
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import indices_of
 
@@ -52,7 +52,7 @@ class AffineTarget(SmoothTarget):
     """The target of a linear law: no observation is curved."""
 
     def __init__(self, question: Question) -> None:
-        policy, room = cast(LinearPolicy | StatewiseLinearPolicy, question.policy), question.room
+        policy, room = cast(LinearPolicy, question.policy), question.room
         if policy.weights.ndim == 3:
             one_hot = list(indices_of("machine state", policy.observation_names))
             state = int(np.argmax(question.observation[one_hot]))

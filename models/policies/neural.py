@@ -199,23 +199,16 @@ class NeuralPolicy(Policy):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
-        layers = cls._taken(arrays, observation_names)
+        layers = cls._taken(arrays, names["observation_names"])
         actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
         return cls(
-            gait,
-            observation_names,
-            actor,
-            estimator,
-            values.get("mirrored_states"),
+            **names,
+            actor=actor,
+            estimator=estimator,
+            mirrored_states=values.get("mirrored_states"),
             limits_targets=values.get("limits_targets", False),
-            robot=robot,
         )
 
     def _checked_limits(self, limits: bool) -> bool:
