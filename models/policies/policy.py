@@ -194,8 +194,9 @@ class Policy(ABC):
 
     def with_arrays(self, **changed: NDArray[Any]) -> Self:
         """Returns the policy with some arrays changed, and no estimator from elsewhere."""
-        own = {name: getattr(self, name) for name in self.array_specs}
-        return type(self)(self.gait, self.observation_names, robot=self.robot, **(own | changed))
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_specs}
+        arrays |= changed
+        return type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
 
     @cached_property
     def _one_hot(self) -> slice:
