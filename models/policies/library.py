@@ -242,7 +242,8 @@ def load_expert(
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
     if policy.gait != gait:
         raise InputError(f"{path}: is an expert for gait {policy.gait!r}, not {gait!r}")
-    if policy.observation_names != ObservationLayout(machine.n_states).names:
+    layout = ObservationLayout(machine.n_states, imu=policy.layout.imu)
+    if policy.observation_names != layout.names:
         raise InputError(
             f"{path}: was trained for a {gait} of other states than the gait's file has now; train "
             "it anew"

@@ -27,6 +27,7 @@ from glassgait.models.task.observation import (
     indices_of,
     machine_state_entries,
 )
+from glassgait.models.task.odometry import Odometry
 
 FORMAT_VERSION = 1
 
@@ -96,7 +97,7 @@ class Policy(ABC):
     """
 
     observes_by: str | None = None
-    _estimator: Callable[[Array], Array] | None = None
+    _estimator: Callable[[Array], Array] | Odometry | None = None
 
     kind: ClassVar[str]
     limits_targets: bool = False
@@ -190,7 +191,7 @@ class Policy(ABC):
         if "robot" in names and names["robot"].name == DEFAULT_ROBOT:
             # A class of one's own may know of the default robot alone.
             del names["robot"]
-        return cls(**names, **arrays)
+        return cls(**(names | dict(arrays)))
 
     def with_arrays(self, **changed: NDArray[Any]) -> Self:
         """Returns the policy with some arrays changed, and no estimator from elsewhere."""
@@ -207,8 +208,16 @@ class Policy(ABC):
         return np.argmax(observation[..., self._one_hot], axis=-1)
 
     @property
-    def estimator(self) -> Callable[[Array], Array] | None:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7); None without one."""
+    def layout(self) -> ObservationLayout:
+        """The layout of what it observes."""
+        return ObservationLayout.of(self.observation_names)
+
+    @property
+    def estimator(self) -> Callable[[Array], Array] | Odometry | None:
+        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7).
+
+        None without one.
+        """
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:

@@ -15,6 +15,7 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.rollouts.config import distilled_speeds
 from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
@@ -119,11 +120,19 @@ class RefinementRun(LearningRun):
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
-        estimator = _Frozen(self._expert.estimator)
+        own = self._expert.estimator
+        estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
         # Commanded to go as the students of a distillation: few terms cannot serve every speed.
         speeds = distilled_speeds(self.gait)
-        environment = TrainingEnvironment(self.config, self.gait, estimator, generator, speeds)
+        environment = TrainingEnvironment(
+            self.config,
+            self.gait,
+            estimator,
+            generator,
+            observes_imu=self._policy.layout.imu,
+            speed_range=speeds,
+        )
         self._network = FormulaNetwork(self._policy)
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()

@@ -91,7 +91,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
 
 
 def _both(policy: Policy, expert: NeuralPolicy) -> Callable[[Array], Array]:
-    return lambda own: policy(np.concatenate([own, expert.estimator(own)]))
+    return lambda own: policy(np.concatenate([own, expert.learned_estimator(own)]))
 
 
 def _graph(deployment: Deployment) -> Callable[[Array], Any] | None:
