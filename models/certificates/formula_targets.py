@@ -124,7 +124,12 @@ class FormulaTargets:
             joint: The joint whose image is returned.
             reflection: The reflection of the observations.
         """
-        mirrored = _mirrored(self._formulas[state][joint], reflection)
+        seen = [variable(index) for index in reflection.index.tolist()]
+        images = {
+            index: image if sign > 0.0 else Expression("neg", (image,))
+            for index, (image, sign) in enumerate(zip(seen, reflection.sign, strict=True))
+        }
+        mirrored = self._formulas[state][joint].replaced(images)
         sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
         return combined(self._ring.polynomial(mirrored), factor=sign)
 
@@ -152,7 +157,7 @@ class FormulaTargets:
             case "slope":
                 return formula.derivative(_observation_of(question))
             case "effect":
-                other = _renamed(formula, _observation_of(question), self._n)
+                other = formula.replaced({_observation_of(question): variable(self._n)})
                 return Expression("sub", (formula, other))
 
 
@@ -164,23 +169,6 @@ def _observation_of(question: BoundQuery) -> int:
     if question.observation is None:
         raise AssertionError(f"{question.of} asks for an observation")
     return question.observation
-
-
-def _renamed(formula: Expression, old: int, new: int) -> Expression:
-    if formula.operator == "variable":
-        return variable(new) if formula.variable == old else formula
-    operands = tuple(_renamed(operand, old, new) for operand in formula.operands)
-    return Expression(formula.operator, operands, formula.value)
-
-
-def _mirrored(formula: Expression, reflection: Reflection) -> Expression:
-    """Puts, for each quantity, its image into a formula; angles turn about zero."""
-    if formula.operator == "variable":
-        image = variable(int(reflection.index[formula.variable]))
-        negative = reflection.sign[formula.variable] < 0.0
-        return Expression("neg", (image,)) if negative else image
-    operands = tuple(_mirrored(operand, reflection) for operand in formula.operands)
-    return Expression(formula.operator, operands, formula.value)
 
 
 def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:

@@ -41,7 +41,7 @@ class LinearPolicy(Policy):
         factors=_factors,
         importance=_importance,
         targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.branching:SmoothSearch.of_linear",
+        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code="export.policies:linear_code",
         graph="export.graphs.policies:add_linear",
     )

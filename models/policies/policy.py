@@ -191,7 +191,8 @@ class Policy(ABC):
         if "robot" in names and names["robot"].name == DEFAULT_ROBOT:
             # A class of one's own may know of the default robot alone.
             del names["robot"]
-        return cls(**(names | dict(arrays)))
+        parts: dict[str, Any] = names | dict(arrays)
+        return cls(**parts)
 
     def with_arrays(self, **changed: NDArray[Any]) -> Self:
         """Returns the policy with some arrays changed, and no estimator from elsewhere."""

@@ -80,7 +80,7 @@ class FormulaPolicy(Policy):
         factors=_factors,
         importance=_importance,
         targets="certificates.formula_targets:FormulaTargets.of_formulas",
-        search="counterfactuals.branching:SmoothSearch.of_formula",
+        search="counterfactuals.smooth:SmoothSearch.of_formula",
         code="export.formulas:formula_code",
         graph="export.graphs.formulas:add_formulas",
     )
