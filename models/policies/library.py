@@ -94,10 +94,10 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
             f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
             "register the class of one of your own in POLICY_CLASSES"
         )
-    names = tuple(header["observation_names"])
+    names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
     try:
-        return policy.from_arrays(header["gait"], names, arrays, header["values"], robot)
+        return policy.from_arrays(arrays, header["values"], robot=robot, **names)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -232,25 +232,18 @@ class NeuralPolicy(Policy):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         odometry = values.get("odometry")
         with cls._naming_this_kind():
             estimator = None if odometry is None else Odometry.from_plain(odometry, "odometry")
-        layers = cls._taken(arrays, observation_names, estimator=estimator is None)
+        layers = cls._taken(arrays, names["observation_names"], estimator=estimator is None)
         return cls(
-            gait,
-            observation_names,
-            Network.from_arrays(layers, "actor"),
-            estimator or Network.from_arrays(layers, "estimator"),
-            values.get("mirrored_states"),
+            **names,
+            actor=Network.from_arrays(layers, "actor"),
+            estimator=estimator or Network.from_arrays(layers, "estimator"),
+            mirrored_states=values.get("mirrored_states"),
             limits_targets=values.get("limits_targets", False),
-            robot=robot,
         )
 
     def _checked_limits(self, limits: bool) -> bool:
