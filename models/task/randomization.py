@@ -40,6 +40,7 @@ class Randomization(Settings):
         encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
         imu: What is wrong with the IMU's readings in an episode, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
+        straight: Share of the commands that ask for no turn.
         latency: Least and greatest time from an observation until its action reaches the joints
             (s), drawn for each episode.
     """
@@ -55,6 +56,7 @@ class Randomization(Settings):
     encoder_bias: Annotated[NotNegative, Le(1.0)] = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
+    straight: Annotated[NotNegative, Le(1.0)] = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
     def initial_states(self, robot: Robot, count: int, generator: np.random.Generator) -> Array:
