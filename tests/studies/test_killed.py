@@ -5,9 +5,7 @@ import multiprocessing
 import os
 import random
 import runpy
-import signal
 import time
-from contextlib import suppress
 
 import pytest
 
@@ -26,8 +24,6 @@ import sys
 
 os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
 os.environ["OMP_NUM_THREADS"] = "1"
-
-from joblib.externals.loky import get_reusable_executor
 
 from glassgait.studies import cli
 from glassgait.studies.distillation.config import DistillationConfig
@@ -52,14 +48,10 @@ demo.QUICK = DistillationConfig(
 )
 
 if __name__ == "run":
-    # In a group of its own, so that a kill leaves no process behind.
-    os.setsid()
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    try:
-        cli.main(ARGUMENTS)
-    finally:
-        # A fork would wait for its idle workers, which would end after five minutes.
-        get_reusable_executor(reuse=True).shutdown()
+    # Cases run here: workers would import everything anew.
+    os.cpu_count = lambda: 1
+    cli.main(ARGUMENTS)
 """
 
 LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2"]
@@ -166,8 +158,7 @@ def test_a_killed_run_resumes_to_the_same_end(command, start, tmp_path):
     seconds = time.monotonic() - began
     process = start(command, killed)
     time.sleep(moments.uniform(0.1, 1.0) * seconds)
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
     process.join()
     finish(start(command, killed, "--resume"))
     assert results(killed) == results(whole)
