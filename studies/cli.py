@@ -29,7 +29,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Distil an expert into glass-box students by DAgger with alternation.",
         ),
         "distill --sweep terms": (
-            "distillation.pareto.command:Pareto",
+            "distillation.pareto:Pareto",
             "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
         ),
         "refine": (

@@ -23,8 +23,7 @@ from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.play import Seconds, play
 from glassgait.studies.common.run_folder import refuse_run
 from glassgait.studies.common.serialization import to_plain
-from glassgait.studies.distillation.students.certificates import find_certificate
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import default_student, find_certificate
 from glassgait.studies.distillation.students.registry import sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page

@@ -12,8 +12,7 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.distillation.students.certificates import find_certificate
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import default_student, find_certificate
 from glassgait.studies.distillation.students.registry import student_title
 
 

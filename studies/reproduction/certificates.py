@@ -19,7 +19,7 @@ from glassgait.models.files import read_yaml
 from glassgait.models.robots.robot import Robot, robot_folder
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
-from glassgait.studies.distillation.students.certificates import certificates_of
+from glassgait.studies.distillation.students.library import certificates_of
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.explanation.command import CONFIG, DIGEST
 from glassgait.studies.reproduction.page import Section, Table

@@ -18,10 +18,12 @@ from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.serialization import to_plain
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EbmSettings
-from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.distillation.students.registry import paper_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.boosting import (
+    EbmSettings,
+    GbmSettings,
+    HistogramGbmSettings,
+)
+from glassgait.studies.distillation.students.registry import StudentsSettings, paper_students
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,

@@ -14,9 +14,8 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import EXPERT, find_policies
 from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
-from glassgait.studies.distillation.refinement.study import RefinementRun
+from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
