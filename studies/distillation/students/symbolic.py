@@ -69,7 +69,6 @@ class FormulaFit:
     ) -> None:
         """
         Args:
-            robot: The robot.
             names: Names of the observations (n).
             gates: Returns what says where in the gait the robot is.
         """
@@ -113,7 +112,6 @@ def settled(formula: Expression, names: Sequence[str], state: int) -> Expression
     """Puts what is known in a state of the machine, which state it is, into a formula.
 
     Args:
-        formula: The formula.
         names: Names of the observations, of the formula's first variables.
         state: Index of the state.
     """
