@@ -39,7 +39,7 @@ class BatchStep(NamedTuple):
     Attributes:
         reward: Reward with the machine's factor (n,).
         plain_reward: Reward without it (n,).
-        terms: Weighted terms of the reward (n, 9).
+        terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
         failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 6).
@@ -93,6 +93,8 @@ class BatchSimulator:
         self.generator = generator
         self.estimator = estimator
         self.difficulty = difficulty
+        self.push_share = 1.0
+        """Share of the pushes' speed that they have."""
         self.machine = RewardMachine(task.gait)
         self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
         self._has_imu = task.observes_imu or isinstance(estimator, Odometry)
@@ -192,7 +194,7 @@ class BatchSimulator:
         steps = s.steps + 1
         joint_noise = task.randomization.joint_noise(self.n_robots, self.generator)
         joint_noise[:, : quadruped.N_JOINTS] += s.bias[:, : quadruped.N_JOINTS]
-        push = task.randomization.pushes(self.n_robots, self.generator)
+        push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
         touching = np.where(lost[:, None], s.touching, moved.touching)
@@ -207,6 +209,7 @@ class BatchSimulator:
             previous_action=s.action,
             command=command.velocity,
             foot_contact=feet.contact,
+            foot_height=feet.height,
             air_time=s.air_time,
             tracked=s.tracked,
             weights=self._weights,
@@ -269,7 +272,10 @@ class BatchSimulator:
             case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
                 return Command(np.tile([speed, yaw_rate], (count, 1)), np.full(count, float(dwell)))
             case DrawnCommands(speed_range=speed_range):
-                return sample_commands(self.task.gait, count, self.generator, speed_range)
+                straight = self.task.randomization.straight
+                return sample_commands(
+                    self.task.gait, count, self.generator, speed_range, straight=straight
+                )
 
     def _fresh(self, index: NDArray[np.int64]) -> TaskState:
         count = len(index)

@@ -18,7 +18,7 @@ from glassgait.models.formulas.polynomial import (
 )
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
@@ -65,7 +65,7 @@ class FormulaTargets:
         return cls(rows if len(rows) > 1 else rows * n_states, units, names)
 
     @classmethod
-    def of_linear(cls, policy: LinearPolicy | StatewiseLinearPolicy) -> "FormulaTargets":
+    def of_linear(cls, policy: LinearPolicy) -> "FormulaTargets":
         """Writes weighted sums of observations as formulas of quantities."""
         n_states = _n_states(policy.observation_names)
         shape = (-1, quadruped.N_JOINTS)

@@ -16,7 +16,7 @@ from glassgait.models.formulas.expression import Expression, constant, plus, tim
 from glassgait.models.formulas.interval import Interval, bounds_of
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.observation import indices_of
 
@@ -64,7 +64,7 @@ class AffineTarget(SmoothTarget):
     """The target of a linear law: no observation is curved."""
 
     def __init__(self, question: Question) -> None:
-        policy, room = cast(LinearPolicy | StatewiseLinearPolicy, question.policy), question.room
+        policy, room = cast(LinearPolicy, question.policy), question.room
         by_state = policy.weights if policy.weights.ndim == 3 else policy.weights[None]
         weights = by_state[_state(question, len(by_state)), question.joint]
         scale = question.sign * question.policy.robot.action_scale

@@ -161,7 +161,6 @@ class NeuralPolicy(Policy):
     ) -> None:
         """
         Args:
-            gait: Name of the gait.
             observation_names: Names of the observations, in order.
             actor: Network from the observation to the action.
             estimator: Network from proprioception to the last seven entries of the observation, or
@@ -232,25 +231,18 @@ class NeuralPolicy(Policy):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         odometry = values.get("odometry")
         with cls._naming_this_kind():
             estimator = None if odometry is None else Odometry.from_plain(odometry, "odometry")
-        layers = cls._taken(arrays, observation_names, estimator=estimator is None)
+        layers = cls._taken(arrays, names["observation_names"], estimator=estimator is None)
         return cls(
-            gait,
-            observation_names,
-            Network.from_arrays(layers, "actor"),
-            estimator or Network.from_arrays(layers, "estimator"),
-            values.get("mirrored_states"),
+            **names,
+            actor=Network.from_arrays(layers, "actor"),
+            estimator=estimator or Network.from_arrays(layers, "estimator"),
+            mirrored_states=values.get("mirrored_states"),
             limits_targets=values.get("limits_targets", False),
-            robot=robot,
         )
 
     def _checked_limits(self, limits: bool) -> bool:

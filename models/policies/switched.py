@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn
+from collections.abc import Callable, Sequence
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,6 @@ class SwitchedPolicy(Policy):
     ) -> None:
         """
         Args:
-            switch: The gaits.
             controllers: The controller of each, in their order: one policy alone.
             greatest_change: Greatest squared change of the action in a control step.
 
@@ -128,20 +127,6 @@ class SwitchedPolicy(Policy):
             InputError: always; each gait's policy has a file of its own.
         """
         raise InputError("switched policy: has no file; save the policy of each gait")
-
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> NoReturn:
-        """
-        Raises:
-            InputError: always; each gait's policy has a file of its own.
-        """
-        raise InputError("switched policy: has no file; load the policy of each gait")
 
     def digest(self) -> str:
         """Returns a digest that differs between policies that would not act alike."""

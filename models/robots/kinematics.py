@@ -13,6 +13,13 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def rotation_matrix(quaternion: Array) -> Array:
     """Converts quaternions (..., 4; w, x, y, z) of any length to rotation matrices (..., 3, 3)."""
     w, x, y, z = _unit_components(quaternion)

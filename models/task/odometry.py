@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics
+from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -118,10 +119,3 @@ class Odometry(Settings):
         above = feet - state.footholds.mean(axis=-2, keepdims=True)
         heights = np.sum(above * normal[..., None, :], axis=-1)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

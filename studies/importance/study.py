@@ -23,8 +23,7 @@ from glassgait.studies.common.tables import to_latex, write_table
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import student_title
-from glassgait.studies.distillation.students.settings import StudentKind
+from glassgait.studies.distillation.students.registry import StudentKind, student_title
 from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
 from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.interpret_model import interpret_model

@@ -4,8 +4,7 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.rounds import rounds
+from glassgait.studies.distillation.config import DistillationConfig, rounds
 from glassgait.studies.reproduction.curricula import (
     CURRICULA,
     TICKS,
@@ -24,7 +23,8 @@ def test_every_curriculum_has_as_many_episodes():
         for config in budgets.values()
         for kind in ("linear", "symbolic")
     }
-    assert list(budgets) == list(CURRICULA) == list(TICKS)
+    assert list(budgets) == list(CURRICULA)
+    assert len(TICKS) == len(CURRICULA)
     assert last == {62}
     for config in budgets.values():
         assert {own.steps for own in rounds(config, "linear")} == {config.episode_steps}

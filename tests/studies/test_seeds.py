@@ -16,7 +16,7 @@ from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import selection
 from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.rollouts.scoring import for_selection, rollout_cases
-from glassgait.studies.distillation.pareto.command import smallest_that_walk
+from glassgait.studies.distillation.pareto import smallest_that_walk
 from glassgait.studies.evaluation.assurance.command import Assurance
 
 GAIT = load_gait("trot")
