@@ -14,7 +14,7 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import default_student

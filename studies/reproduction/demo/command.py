@@ -23,13 +23,12 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.play import play
-from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.play import play
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig

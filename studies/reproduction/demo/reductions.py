@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import ratio_title
-from glassgait.studies.common.rollouts.alternation import PERIODS
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.cases import PERIODS
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.registry import STUDENTS
 
