@@ -12,13 +12,13 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS, command_class
+from glassgait.studies.common import selection
 from glassgait.studies.common.cases import for_selection, rollout_cases
 from glassgait.studies.common.observers import RolloutLog
 from glassgait.studies.common.rollouts import (
     REPORTED_SEEDS,
     SELECTION_SEEDS,
     RolloutConfig,
-    selection,
 )
 from glassgait.studies.distillation.pareto.command import smallest_that_walk
 from glassgait.studies.evaluation.assurance import Assurance
