@@ -4,7 +4,6 @@ Physics runs in C++ threads; the task is the same batch-first functions of
 `glassgait.models.task` that the systems diagram calls for one robot.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,16 +15,19 @@ from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
-from glassgait.models.task import COMMAND_STEPS
+from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.contact import FootSense, sense_feet
+from glassgait.models.task.imu import N_IMU, measure_imu
 from glassgait.models.task.observation import (
     N_ESTIMATED,
     ObservationLayout,
     body_state,
     proprioception,
 )
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import step_reward, tracked_speeds
 from glassgait.models.task.reward_machine import MachineStep, RewardMachine
 from glassgait.models.task.termination import FAILURES, failures
@@ -37,7 +39,7 @@ class BatchStep(NamedTuple):
     Attributes:
         reward: Reward with the machine's factor (n,).
         plain_reward: Reward without it (n,).
-        terms: Weighted terms of the reward (n, 9).
+        terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
         failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 6).
@@ -69,7 +71,7 @@ class BatchSimulator:
         *,
         n_robots: int,
         generator: np.random.Generator,
-        estimator: Callable[[Array], Array] | None,
+        estimator: Estimator | None,
         difficulty: float = 1.0,
     ) -> None:
         """
@@ -78,10 +80,10 @@ class BatchSimulator:
             physics: The stepper.
             n_robots: Number of robots.
             generator: Source of all randomness.
-            estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7), which is
-                then what is observed and, a step later, what the reward machine takes the feet's
-                heights from: the loop is closed on sensors only. None for the true ones; a
-                policy's own is `estimator_in_loop`.
+            estimator: Odometry, or what maps proprioception (n, 40 + n_states) to the body state
+                (n, 7), which is then what is observed and, a step later, what the reward machine
+                takes the feet's heights from: the loop is closed on sensors only. None for the true
+                ones; a policy's own is `estimator_in_loop`.
             difficulty: Factor on what the reward machine's transitions ask for; see
                 `RewardMachine`.
         """
@@ -91,12 +93,15 @@ class BatchSimulator:
         self.generator = generator
         self.estimator = estimator
         self.difficulty = difficulty
+        self.push_share = 1.0
+        """Share of the pushes' speed that they have."""
         self.machine = RewardMachine(task.gait)
-        self.layout = ObservationLayout(self.machine.n_states)
+        self.layout = ObservationLayout(self.machine.n_states, imu=task.observes_imu)
+        self._has_imu = task.observes_imu or isinstance(estimator, Odometry)
         self._weights = task.weights
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
-        self._state: TaskState = self._fresh(n_robots)
+        self._state: TaskState = self._fresh(self._all_robots)
         self.resample_friction()
 
     @property
@@ -114,6 +119,11 @@ class BatchSimulator:
         self.friction = self.generator.uniform(low, high, size=self.physics.n_groups)
         self.physics.set_friction(self.friction)
 
+    @property
+    def gravity(self) -> Array:
+        """Acceleration by gravity where each robot stands (n, 3; m/s²)."""
+        return self.physics.gravity(self.n_robots)
+
     def friction_of_robots(self) -> Array:
         """Returns the friction under each robot (n,)."""
         members = self.physics.members(self.n_robots)
@@ -129,7 +139,7 @@ class BatchSimulator:
         if index is None:
             index = self._all_robots
         if len(index):
-            self._state = self._state.with_robots(index, self._fresh(len(index)))
+            self._state = self._state.with_robots(index, self._fresh(index))
 
     def start_at(self, plant: Array, command: Command) -> None:
         """Starts a new episode for all robots in given states and with given commands.
@@ -138,7 +148,7 @@ class BatchSimulator:
             plant: Plant states x (n, 37).
             command: Velocities (n, 2) and dwells (n,).
         """
-        self._state = self._begin(plant, command)
+        self._state = self._begin(self._all_robots, plant, command)
 
     def set_command(self, command: Command) -> None:
         """Gives every robot a command: from then on episodes alone begin with drawn ones."""
@@ -165,11 +175,14 @@ class BatchSimulator:
     def step(self, action: Array) -> BatchStep:
         """Holds actions (n, 12) for one control step and moves the task on."""
         s, task, robot = self._state, self.task, self.task.robot
+        very_late = s.latency > CONTROL_PERIOD
+        coming = np.where(very_late[:, None], s.action, action)
+        held = np.where(very_late[:, None], s.action_before, s.action)
         moved = self.physics.step(
             s.plant,
-            robot.joint_targets(action, limited=task.limit_targets),
-            previous_targets=robot.joint_targets(s.action, limited=task.limit_targets),
-            latency=s.latency,
+            robot.joint_targets(coming, limited=task.limit_targets),
+            previous_targets=robot.joint_targets(held, limited=task.limit_targets),
+            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
         )
         plant = moved.states
         shown = failures(robot, plant, action=action, previous_action=s.action, limits=task.limits)
@@ -180,12 +193,14 @@ class BatchSimulator:
 
         steps = s.steps + 1
         joint_noise = task.randomization.joint_noise(self.n_robots, self.generator)
-        push = task.randomization.pushes(self.n_robots, self.generator)
+        joint_noise[:, : quadruped.N_JOINTS] += s.bias[:, : quadruped.N_JOINTS]
+        push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
         touching = np.where(lost[:, None], s.touching, moved.touching)
         feet = sense_feet(robot, plant, s.touching, touching)
-        machine = self._step_machine(s, feet, command)
+        wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
+        machine = self._step_machine(s, feet, feet.contact ^ wrong, command)
         reward = step_reward(
             robot,
             state=plant,
@@ -194,6 +209,7 @@ class BatchSimulator:
             previous_action=s.action,
             command=command.velocity,
             foot_contact=feet.contact,
+            foot_height=feet.height,
             air_time=s.air_time,
             tracked=s.tracked,
             weights=self._weights,
@@ -208,13 +224,20 @@ class BatchSimulator:
             air_time=reward.air_time,
             tracked=reward.tracked,
             action=action,
+            action_before=s.action,
             joint_noise=joint_noise,
+            bias=s.bias,
+            imu=s.imu,
+            sensed=feet.touching ^ wrong,
             latency=s.latency,
             estimate=s.estimate,
+            odometry=s.odometry,
             steps=steps,
         )
         # A push comes between two steps: the next observation shows it.
-        self._state = self._estimated(after.pushed(push))
+        self._state = self._estimated(
+            self._sensed(after.pushed(push), self._all_robots, before=s.plant)
+        )
         return BatchStep(
             reward=plain * machine.multiplier,
             plain_reward=plain,
@@ -226,10 +249,12 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
-    def _step_machine(self, s: TaskState, feet: FootSense, command: Command) -> MachineStep:
+    def _step_machine(
+        self, s: TaskState, feet: FootSense, contact: BoolArray, command: Command
+    ) -> MachineStep:
         return self.machine.step(
             s.machine,
-            foot_contact=self.task.randomization.sensed_contact(feet.contact, self.generator),
+            foot_contact=contact,
             foot_height=self._sensed_height(feet, s.estimate),
             commanded_dwell=command.dwell,
             difficulty=self.difficulty,
@@ -247,25 +272,34 @@ class BatchSimulator:
             case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
                 return Command(np.tile([speed, yaw_rate], (count, 1)), np.full(count, float(dwell)))
             case DrawnCommands(speed_range=speed_range):
-                return sample_commands(self.task.gait, count, self.generator, speed_range)
+                straight = self.task.randomization.straight
+                return sample_commands(
+                    self.task.gait, count, self.generator, speed_range, straight=straight
+                )
 
-    def _fresh(self, count: int) -> TaskState:
+    def _fresh(self, index: NDArray[np.int64]) -> TaskState:
+        count = len(index)
         plant = self.task.randomization.initial_states(self.task.robot, count, self.generator)
-        return self._begin(plant, self._draw_commands(count))
+        return self._begin(index, plant, self._draw_commands(count))
 
-    def _begin(self, plant: Array, command: Command) -> TaskState:
+    def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
         count = len(plant)
         randomization = self.task.randomization
         untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
         feet = sense_feet(self.task.robot, plant, untouched)
+        wrong = randomization.wrong_contacts(count, self.generator)
         nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(
             self.machine.initial((count,)),
-            foot_contact=randomization.sensed_contact(feet.contact, self.generator),
+            foot_contact=feet.contact ^ wrong,
             foot_height=self._sensed_height(feet, nothing),
             commanded_dwell=command.dwell,
             difficulty=self.difficulty,
         )
+        bias = randomization.biases(count, self.generator)
+        joint_noise = randomization.joint_noise(count, self.generator)
+        joint_noise[:, : quadruped.N_JOINTS] += bias[:, : quadruped.N_JOINTS]
+        measured = plant[:, quadruped.JOINT_POSITION] + joint_noise[:, : quadruped.N_JOINTS]
         begun = TaskState(
             plant=plant,
             command=command,
@@ -274,12 +308,17 @@ class BatchSimulator:
             air_time=np.zeros((count, quadruped.N_LEGS)),
             tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
             action=np.zeros((count, quadruped.N_JOINTS)),
-            joint_noise=randomization.joint_noise(count, self.generator),
+            action_before=np.zeros((count, quadruped.N_JOINTS)),
+            joint_noise=joint_noise,
+            bias=bias,
+            imu=np.zeros((count, 1 + randomization.imu.delay, N_IMU)),
+            sensed=feet.touching ^ wrong,
             latency=randomization.latencies(count, self.generator),
             estimate=nothing,
+            odometry=Odometry().begin(self.task.robot, measured),
             steps=np.zeros(count, dtype=np.int64),
         )
-        return self._estimated(begun)
+        return self._estimated(self._sensed(begun, index))
 
     def _proprioception(self, s: TaskState) -> Array:
         return proprioception(
@@ -292,13 +331,64 @@ class BatchSimulator:
             rm_iterations=s.machine.iterations,
             commanded_dwell=s.command.dwell,
             joint_noise=s.joint_noise,
+            imu=s.imu[:, -1] if self.layout.imu else None,
         )
+
+    def _sensed(
+        self, state: TaskState, index: NDArray[np.int64], before: Array | None = None
+    ) -> TaskState:
+        """Returns a state that is about to be observed, with what the IMU and odometry then give.
+
+        Args:
+            state: The state.
+            index: Its robots.
+            before: Plant states one control step before (n, 37); None at an episode's start.
+        """
+        if not self._has_imu:
+            return state
+        earlier = state.plant if before is None else before
+        reading = measure_imu(
+            state.plant,
+            earlier[:, quadruped.LINEAR_VELOCITY],
+            self.gravity[index],
+        )
+        reading += self.task.randomization.imu_noise(len(index), self.generator)
+        reading += state.bias[:, quadruped.N_JOINTS :]
+        if before is None:
+            return replace(state, imu=np.repeat(reading[:, None], state.imu.shape[1], axis=1))
+        readings = np.concatenate([reading[:, None], state.imu[:, :-1]], axis=1)
+        state = replace(state, imu=readings)
+        if not isinstance(self.estimator, Odometry):
+            return state
+        position, velocity = self._measured_joints(state)
+        odometry = self.estimator.advance(
+            self.task.robot,
+            state.odometry,
+            joint_position=position,
+            joint_velocity=velocity,
+            imu=readings[:, -1],
+            touching=state.sensed,
+        )
+        return replace(state, odometry=odometry)
+
+    def _measured_joints(self, state: TaskState) -> tuple[Array, Array]:
+        position = (
+            state.plant[:, quadruped.JOINT_POSITION] + state.joint_noise[:, : quadruped.N_JOINTS]
+        )
+        velocity = state.plant[:, quadruped.JOINT_VELOCITY]
+        return position, velocity + state.joint_noise[:, quadruped.N_JOINTS :]
 
     def _estimated(self, state: TaskState) -> TaskState:
         """Returns a state that is about to be observed, with what the estimator then gives."""
-        if self.estimator is None:
-            return state
-        return replace(state, estimate=self.estimator(self._proprioception(state)))
+        match self.estimator:
+            case None:
+                return state
+            case Odometry() as odometry:
+                position, _ = self._measured_joints(state)
+                estimate = odometry.body_state(self.task.robot, state.odometry, position)
+            case network:
+                estimate = network(self._proprioception(state))
+        return replace(state, estimate=estimate)
 
     def _sensed_height(self, feet: FootSense, estimate: Array) -> Array:
         # The estimator sees the machine's state, so the machine reads what it estimated before.

@@ -39,6 +39,7 @@ class BatchPhysics(Physics):
             InputError: if a plant's period does not divide the control period.
         """
         self._robot = robot
+        self.stations = stations
         self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         # Drake releases the interpreter's lock, so groups run side by side, each on its share of

@@ -70,7 +70,7 @@ def MakeLocomotion(  # noqa: N802
     actions (12), only where no policy is given. requested_gait (1), only of several gaits
     without buttons; see `GaitSwitchSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
-    and plain_reward (1) of the step that ends now, reward_terms (9). rm_state (n_states, one-hot),
+    and plain_reward (1) of the step that ends now, reward_terms (12). rm_state (n_states, one-hot),
     rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
     failures (6). command (2) and commanded_dwell (1), by which the robot goes. state (37), the
     plant's. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
@@ -237,6 +237,7 @@ def _add_judges(
         connect(hold.get_previous_action_output_port(), system.get_previous_action_input_port())
     connect(command, reward.get_command_input_port())
     connect(foot_sensor.get_foot_contact_output_port(), reward.get_foot_contact_input_port())
+    connect(foot_sensor.get_foot_height_output_port(), reward.get_foot_height_input_port())
     connect(machine.get_reward_multiplier_output_port(), reward.get_reward_multiplier_input_port())
     return {
         "reward": reward.get_reward_output_port(),

@@ -3,7 +3,6 @@
 MuJoCo is an optional package: `pip install "glassgait[mujoco]"`.
 """
 
-import math
 from xml.etree import ElementTree
 
 import mujoco
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
 from glassgait.diagrams.physics import Physics, PhysicsStep
-from glassgait.diagrams.station import GRAVITY, PAYLOAD_BOX, StationConfig
+from glassgait.diagrams.station import PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
@@ -44,6 +43,7 @@ class MujocoPhysics(Physics):
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
+        self.stations = stations
         self._n_steps = [station.plant_steps() for station in stations]
         self._models = [make_model(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
@@ -145,8 +145,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     spec.option.impratio = 10.0
     # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    angle = math.radians(station.slope)
-    spec.option.gravity = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
+    spec.option.gravity = station.gravity()
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
         geometry.contype, geometry.conaffinity = 1, 0

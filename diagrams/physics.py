@@ -1,10 +1,12 @@
 """What the batch simulator asks of a physics engine."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 
 
@@ -23,6 +25,9 @@ class PhysicsStep(NamedTuple):
 class Physics(Protocol):
     """Advances many robots by control periods; they stand in groups, each on its own ground."""
 
+    stations: Sequence[StationConfig]
+    """Physics of each group."""
+
     @property
     def n_groups(self) -> int:
         """Number of groups."""
@@ -31,6 +36,12 @@ class Physics(Protocol):
     def members(self, n_robots: int) -> list[NDArray[np.int64]]:
         """Returns the robots of each group: they are split evenly, in order."""
         return np.array_split(np.arange(n_robots), self.n_groups)
+
+    def gravity(self, n_robots: int) -> Array:
+        """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
+        members = self.members(n_robots)
+        vectors = [station.gravity() for station in self.stations]
+        return np.repeat(vectors, [len(group) for group in members], axis=0)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""

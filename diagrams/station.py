@@ -31,11 +31,13 @@ from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction, set_ground
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.randomization import NOMINAL, Friction
 
 Engine = Literal["drake", "mujoco"]
@@ -53,9 +55,6 @@ foot is in the ground."""
 
 MOST_STEPS = 2000
 """Greatest number of a discrete plant's steps in a control period; of 10 µs each."""
-
-GRAVITY = 9.81
-"""Acceleration by gravity (m/s²)."""
 
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
 """Settings of a station that MuJoCo has no counterpart of."""
@@ -145,6 +144,11 @@ class StationConfig(Settings):
             )
         return n_steps
 
+    def gravity(self) -> Array:
+        """Returns the acceleration by gravity in the ground's frame (3; m/s²)."""
+        angle = math.radians(self.slope)
+        return GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
+
     def gains(self, robot: Robot) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints, without the motors' factor."""
         stiffness = robot.stiffness if self.stiffness is None else self.stiffness
@@ -192,7 +196,7 @@ def AddStation(  # noqa: N802
         plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
     )
     _set_motors(plant, robot, config)
-    _lean_gravity(plant, config.slope)
+    plant.mutable_gravity_field().set_gravity_vector(config.gravity())
     plant.Finalize()
     _set_initial_poses(plant, robot)
     _exclude_self_collision(plant, scene_graph, instance)
@@ -257,12 +261,6 @@ def _set_motors(plant: MultibodyPlant, robot: Robot, config: StationConfig) -> N
         actuator.set_controller_gains(gains)
         actuator.set_effort_limit(strength * effort[actuator.joint().name()])
         actuator.set_default_rotor_inertia(config.armature)
-
-
-def _lean_gravity(plant: MultibodyPlant, slope: float) -> None:
-    angle = math.radians(slope)
-    vector = GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
-    plant.mutable_gravity_field().set_gravity_vector(vector)
 
 
 def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:

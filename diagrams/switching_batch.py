@@ -1,16 +1,13 @@
 """The batch simulator for robots that change their gait while they walk."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from glassgait.diagrams.batch import BatchSimulator
 from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.task_config import TaskConfig
-from glassgait.diagrams.task_state import TaskState
-from glassgait.models.arrays import Array
-from glassgait.models.policies.controller import Controller
+from glassgait.diagrams.task_state import BoolArray, TaskState
+from glassgait.models.policies.controller import Controller, Estimator
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import FootSense
@@ -35,7 +32,7 @@ class SwitchingSimulator(BatchSimulator):
         *,
         n_robots: int,
         generator: np.random.Generator,
-        estimator: Callable[[Array], Array] | None,
+        estimator: Estimator | None,
         policy: Controller | Policy | None = None,
     ) -> None:
         """
@@ -45,8 +42,7 @@ class SwitchingSimulator(BatchSimulator):
             physics: The stepper.
             n_robots: Number of robots.
             generator: Source of all randomness.
-            estimator: Maps proprioception (n, 40 + n_states) to the body state (n, 7); as
-                `BatchSimulator` takes it.
+            estimator: What estimates the body state, as `BatchSimulator` takes it.
             policy: The controller, as `TaskConfig.of_scenario` takes it.
 
         Raises:
@@ -67,11 +63,13 @@ class SwitchingSimulator(BatchSimulator):
         """Numbers of the gaits that run (n,)."""
         return self.switch.gait_of(self.state.machine.state)
 
-    def _step_machine(self, s: TaskState, feet: FootSense, command: Command) -> MachineStep:
+    def _step_machine(
+        self, s: TaskState, feet: FootSense, contact: BoolArray, command: Command
+    ) -> MachineStep:
         return self.switch.step(
             s.machine,
             requested=self.requested,
-            foot_contact=self.task.randomization.sensed_contact(feet.contact, self.generator),
+            foot_contact=contact,
             foot_height=self._sensed_height(feet, s.estimate),
             commanded_dwell=command.dwell,
         )

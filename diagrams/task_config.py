@@ -8,7 +8,7 @@ from annotated_types import Ge
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand, SliderCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import Controller
+from glassgait.models.policies.controller import Controller, expert_of
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Settings
@@ -37,6 +37,7 @@ class TaskConfig(Settings):
         command: Where commands come from.
         limit_targets: Whether joints follow targets within their ranges alone.
         robot: What robots they are.
+        observes_imu: Whether gravity's direction and the angular velocity are observed.
     """
 
     title: ClassVar[str] = "task"
@@ -49,6 +50,7 @@ class TaskConfig(Settings):
     command: FixedCommand | DrawnCommands = field(default_factory=DrawnCommands)
     limit_targets: bool = False
     robot: Robot = field(default_factory=load_robot)
+    observes_imu: bool = False
 
     @classmethod
     def of_scenario(
@@ -84,4 +86,5 @@ class TaskConfig(Settings):
             command=command,
             limit_targets=scenario.limits_targets(policy),
             robot=scenario.robot_of(policy),
+            observes_imu=policy is not None and expert_of(policy).layout.imu,
         )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.command import Command
+from glassgait.models.task.odometry import OdometryState
 from glassgait.models.task.reward_machine import MachineState
 
 BoolArray = NDArray[np.bool_]
@@ -27,7 +28,12 @@ class TaskState:
         air_time: Time each foot has been in the air (n, 4; s).
         tracked: Speeds that were compared with the command (n, 2; m/s, rad/s).
         action: Actions of the last step (n, 12).
-        joint_noise: Noise on joint positions, then velocities (n, 24; rad, rad/s).
+        action_before: Actions of the step before that (n, 12).
+        joint_noise: Errors of measured joint positions, then velocities (n, 24; rad, rad/s).
+        bias: Constant errors of measured joint positions and of the IMU (n, 21; rad, then as in a
+            reading).
+        imu: Readings of the IMU, the latest first, as many as it is late and one (n, k, 9).
+        sensed: Which feet seem to press on the ground (n, 4).
         latency: Time from an observation until its action reaches the joints (n,; s).
         estimate: Body state that the estimator gave at the last observation (n, 7; m/s, m); zeros
             where there is none.
@@ -41,9 +47,14 @@ class TaskState:
     air_time: Array
     tracked: Array
     action: Array
+    action_before: Array
     joint_noise: Array
+    bias: Array
+    imu: Array
+    sensed: BoolArray
     latency: Array
     estimate: Array
+    odometry: OdometryState
     steps: NDArray[np.int64]
 
     def as_arrays(self) -> dict[str, NDArray]:
@@ -59,9 +70,14 @@ class TaskState:
             "air_time": self.air_time,
             "tracked": self.tracked,
             "action": self.action,
+            "action_before": self.action_before,
             "joint_noise": self.joint_noise,
+            "bias": self.bias,
+            "imu": self.imu,
+            "sensed": self.sensed,
             "latency": self.latency,
             "estimate": self.estimate,
+            **{f"odometry_{part}": own for part, own in self.odometry._asdict().items()},
             "steps": self.steps,
         }
 
@@ -78,9 +94,14 @@ class TaskState:
             air_time=arrays["air_time"],
             tracked=arrays["tracked"],
             action=arrays["action"],
+            action_before=arrays["action_before"],
             joint_noise=arrays["joint_noise"],
+            bias=arrays["bias"],
+            imu=arrays["imu"],
+            sensed=arrays["sensed"],
             latency=arrays["latency"],
             estimate=arrays["estimate"],
+            odometry=OdometryState(*(arrays[f"odometry_{part}"] for part in OdometryState._fields)),
             steps=arrays["steps"],
         )
 

@@ -29,7 +29,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Distil an expert into glass-box students by DAgger with alternation.",
         ),
         "distill --sweep terms": (
-            "distillation.pareto.command:Pareto",
+            "distillation.pareto:Pareto",
             "Fit formulas of growing size, let each walk alone, and name the smallest that walk.",
         ),
         "refine": (
@@ -85,7 +85,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Roll a student out alone and write a page that explains its every action.",
         ),
         "explain terms": (
-            "explanation.terms_command:ExplainTerms",
+            "explanation.command:ExplainTerms",
             "Print the formulas of a policy: the lines that its file holds, and that act.",
         ),
         "explain interventions": (

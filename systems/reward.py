@@ -30,6 +30,7 @@ class RewardSystem(LeafSystem):
         - action
         - previous_action
         - foot_contact
+        - foot_height
         - reward_multiplier
         output_ports:
         - reward
@@ -37,8 +38,9 @@ class RewardSystem(LeafSystem):
         - reward_terms
 
     Inputs: state (37), the plant's. command (2; m/s, rad/s). action (12), held during the step.
-    previous_action (12). foot_contact (4, {0, 1}). reward_multiplier (1), the reward machine's.
-    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (9),
+    previous_action (12). foot_contact (4, {0, 1}). foot_height (4, m), above the ground.
+    reward_multiplier (1), the reward machine's.
+    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (12),
     weighted, in the order of `REWARD_TERMS`.
     They mean something from the end of the first control step on.
     State: joint velocities, the feet's air times, and the speeds that were compared with the
@@ -73,6 +75,7 @@ class RewardSystem(LeafSystem):
         self._action_port = declare("action", quadruped.N_JOINTS)
         self._previous_action_port = declare("previous_action", quadruped.N_JOINTS)
         self._foot_contact_port = declare("foot_contact", quadruped.N_LEGS)
+        self._foot_height_port = declare("foot_height", quadruped.N_LEGS)
         self._reward_multiplier_port = declare("reward_multiplier", 1)
         step_ports = (
             self._state_port,
@@ -80,6 +83,7 @@ class RewardSystem(LeafSystem):
             self._action_port,
             self._previous_action_port,
             self._foot_contact_port,
+            self._foot_height_port,
         )
         # All outputs and the update come from one evaluation; the factor is not part of it.
         self._evaluation = self.DeclareCacheEntry(
@@ -136,6 +140,10 @@ class RewardSystem(LeafSystem):
         """Takes which feet touch."""
         return self._foot_contact_port
 
+    def get_foot_height_input_port(self) -> InputPort:
+        """Takes how high the feet are."""
+        return self._foot_height_port
+
     def get_reward_multiplier_input_port(self) -> InputPort:
         """Takes the reward machine's factor."""
         return self._reward_multiplier_port
@@ -161,6 +169,7 @@ class RewardSystem(LeafSystem):
             previous_action=self._previous_action_port.Eval(context),
             command=self._command_port.Eval(context),
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
+            foot_height=self._foot_height_port.Eval(context),
             air_time=context.get_discrete_state(self._air_time).value(),
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,

@@ -12,7 +12,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.quantities import RobotUnits
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
@@ -88,13 +88,9 @@ def _actions(policy: Policy, variables: Symbols) -> list[drake.Expression]:
             by_state = [
                 _formulas(policy.robot, row, _quantities(policy, variables)) for row in expanded
             ]
-        case LinearPolicy(weights=weights, intercepts=intercepts):
-            by_state = [_weighted(weights, intercepts, variables)]
-        case StatewiseLinearPolicy(weights=weights, intercepts=intercepts):
-            by_state = [
-                _weighted(rows, own, variables)
-                for rows, own in zip(weights, intercepts, strict=True)
-            ]
+        case LinearPolicy():
+            weights = zip(*policy.by_state(), strict=True)
+            by_state = [_weighted(rows, intercepts, variables) for rows, intercepts in weights]
         case OpenLoopPolicy(table=table):
             (at,) = indices_of("iterations", policy.observation_names)
             iterations = variables[at]

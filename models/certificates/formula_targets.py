@@ -19,7 +19,7 @@ from glassgait.models.formulas.polynomial import (
 )
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import indices_of
@@ -66,7 +66,7 @@ class FormulaTargets:
         return cls(rows if len(rows) > 1 else rows * n_states, units, names)
 
     @classmethod
-    def of_linear(cls, policy: LinearPolicy | StatewiseLinearPolicy) -> "FormulaTargets":
+    def of_linear(cls, policy: LinearPolicy) -> "FormulaTargets":
         """Writes weighted sums of observations as formulas of quantities."""
         n_states = _n_states(policy.observation_names)
         shape = (-1, quadruped.N_JOINTS)
@@ -124,7 +124,12 @@ class FormulaTargets:
             joint: The joint whose image is returned.
             reflection: The reflection of the observations.
         """
-        mirrored = _mirrored(self._formulas[state][joint], reflection)
+        seen = [variable(index) for index in reflection.index.tolist()]
+        images = {
+            index: image if sign > 0.0 else Expression("neg", (image,))
+            for index, (image, sign) in enumerate(zip(seen, reflection.sign, strict=True))
+        }
+        mirrored = self._formulas[state][joint].replaced(images)
         sign = Fraction(int(REFLECT_JOINTS.sign[joint]))
         return combined(self._ring.polynomial(mirrored), factor=sign)
 
@@ -152,7 +157,7 @@ class FormulaTargets:
             case "slope":
                 return formula.derivative(_observation_of(question))
             case "effect":
-                other = _renamed(formula, _observation_of(question), self._n)
+                other = formula.replaced({_observation_of(question): variable(self._n)})
                 return Expression("sub", (formula, other))
 
 
@@ -164,23 +169,6 @@ def _observation_of(question: BoundQuery) -> int:
     if question.observation is None:
         raise AssertionError(f"{question.of} asks for an observation")
     return question.observation
-
-
-def _renamed(formula: Expression, old: int, new: int) -> Expression:
-    if formula.operator == "variable":
-        return variable(new) if formula.variable == old else formula
-    operands = tuple(_renamed(operand, old, new) for operand in formula.operands)
-    return Expression(formula.operator, operands, formula.value)
-
-
-def _mirrored(formula: Expression, reflection: Reflection) -> Expression:
-    """Puts, for each quantity, its image into a formula; angles turn about zero."""
-    if formula.operator == "variable":
-        image = variable(int(reflection.index[formula.variable]))
-        negative = reflection.sign[formula.variable] < 0.0
-        return Expression("neg", (image,)) if negative else image
-    operands = tuple(_mirrored(operand, reflection) for operand in formula.operands)
-    return Expression(formula.operator, operands, formula.value)
 
 
 def _weighted_sum(weights: Array, intercept: float, units: RobotUnits, joint: int) -> Expression:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.branch_and_bound import Cells, greatest_bound
 from glassgait.models.certificates.relaxation import Relaxation
 
 MOST_CELLS = 20_000
@@ -63,28 +64,6 @@ class Maximum:
     n_cells: int = 1
 
 
-@dataclass
-class _Cells:
-    """Cells of a search, one a row, with the place in the tree where each hangs."""
-
-    lower: Array
-    upper: Array
-    bound: Array
-    leaves: list[Tree]
-
-    def kept(self, mask: NDArray[np.bool_]) -> "_Cells":
-        leaves = [leaf for leaf, keep in zip(self.leaves, mask, strict=True) if keep]
-        return _Cells(self.lower[mask], self.upper[mask], self.bound[mask], leaves)
-
-    def with_others(self, other: "_Cells") -> "_Cells":
-        return _Cells(
-            np.concatenate([self.lower, other.lower]),
-            np.concatenate([self.upper, other.upper]),
-            np.concatenate([self.bound, other.bound]),
-            self.leaves + other.leaves,
-        )
-
-
 def maximize(
     function: Callable[[Array], Array],
     relaxation: Relaxation,
@@ -92,7 +71,6 @@ def maximize(
     *,
     gap: float,
     threshold: float | None = None,
-    seed: int = 0,
 ) -> Maximum:
     """Bounds the greatest value of a function over a box.
 
@@ -103,88 +81,97 @@ def maximize(
         gap: Distance of bound and witness that is near enough.
         threshold: A number of interest: the search ends once the bound is at most, or the witness
             above it.
-        seed: Seed of the starts of the search for a witness.
     """
-    generator = np.random.default_rng(seed)
-    starts = np.concatenate(
-        [_starts(region, region, generator, STARTS), _gate_starts(relaxation, region)]
-    )
-    witness, reached = _ascended(function, relaxation, region, starts)
-    root: Tree = []
+    search = _Maximization(function, relaxation, region, gap, threshold)
     lower, upper = region.lower[None], region.upper[None]
-    cells = _Cells(lower, upper, relaxation.upper(lower, upper), [root])
-    closed, n_cells = -np.inf, 1
-    while True:
-        enough = reached + gap if threshold is None else max(threshold, reached + gap)
-        done = cells.bound <= enough
-        closed = max(closed, cells.bound[done].max(initial=-np.inf))
-        cells = cells.kept(~done)
-        refuted = threshold is not None and reached > threshold
-        if not len(cells.bound) or n_cells >= MOST_CELLS or refuted:
-            break
-        first = np.zeros(len(cells.bound), dtype=bool)
-        first[np.argsort(-cells.bound, kind="stable")[:SPLIT_AT_ONCE]] = True
-        parents, cells = cells.kept(first), cells.kept(~first)
-        best = Box(parents.lower[0], parents.upper[0], region.counted)
-        found, value = _ascended(
-            function, relaxation, region, _starts(best, region, generator, STARTS // 4)
-        )
-        if value > reached:
-            witness, reached = found, value
-        children, stuck = _split(parents, relaxation, region.counted)
-        closed = max(closed, stuck)
-        cells = cells.with_others(children)
-        n_cells += len(children.bound) // 2
-    bound = max(closed, cells.bound.max(initial=-np.inf), reached)
-    return Maximum(float(bound), float(reached), witness, root, n_cells)
+    root = Cells(lower, upper, relaxation.upper(lower, upper), np.zeros(1, dtype=np.intp))
+    bound = greatest_bound(search, root, at_once=SPLIT_AT_ONCE)
+    return Maximum(bound, float(search.reached), search.witness, search.leaves[0], search.n_cells)
 
 
-def _split(
-    parents: _Cells, relaxation: Relaxation, counted: Collection[int]
-) -> tuple[_Cells, float]:
-    """Halves each cell where that lowers its bound most.
+class _Maximization:
+    """The search for a greatest value: its witness, and the tree of cells that bounds it.
 
-    Returns:
-        The halves, and the greatest bound of the cells that cannot be split.
+    Attributes:
+        reached: Value at the witness.
+        witness: Quantities in the box (n).
+        leaves: Place of each cell in the tree of splits, by the cell's label; the root first.
+        n_cells: Number of cells.
     """
-    m, n = parents.lower.shape
-    tried = [_halves(parents, index, index in counted) for index in relaxation.shared]
-    gain = np.full((len(tried), m), -np.inf)
-    bounds = []
-    for place, (below, above, splits) in enumerate(tried):
-        pair = np.stack(
-            [
-                relaxation.upper(parents.lower, below),
-                relaxation.upper(above, parents.upper),
-            ]
+
+    def __init__(
+        self,
+        function: Callable[[Array], Array],
+        relaxation: Relaxation,
+        region: Box,
+        gap: float,
+        threshold: float | None,
+    ) -> None:
+        self._function, self._relaxation, self._region = function, relaxation, region
+        self._gap, self._threshold = gap, threshold
+        self._generator = np.random.default_rng(0)
+        starts = _starts(region, region.counted, self._generator, STARTS)
+        starts = np.concatenate([starts, _gate_starts(relaxation, region)])
+        self.witness, self.reached = _ascended(function, relaxation, region, starts)
+        self.leaves: list[Tree] = [[]]
+        self.n_cells = 1
+
+    def enough(self, greatest: float) -> float:
+        near = self.reached + self._gap
+        if self._threshold is None:
+            return np.inf if self.n_cells >= MOST_CELLS else near
+        refuted = self.reached > self._threshold
+        return np.inf if refuted or self.n_cells >= MOST_CELLS else max(self._threshold, near)
+
+    def split(self, cells: Cells) -> tuple[Cells, float]:
+        """Halves each cell where that lowers its bound most, and climbs from points in one."""
+        relaxation, counted = self._relaxation, self._region.counted
+        best = Box(cells.lower[0], cells.upper[0])
+        starts = _starts(best, counted, self._generator, STARTS // 4)
+        witness, value = _ascended(self._function, relaxation, self._region, starts)
+        if value > self.reached:
+            self.witness, self.reached = witness, value
+        if not relaxation.shared:
+            return cells[np.zeros(len(cells), dtype=bool)], float(cells.bound.max())
+        halves = [_halves(cells, index, index in counted) for index in relaxation.shared]
+        bounds, gains = [], []
+        for index, (below, above, splits) in zip(relaxation.shared, halves, strict=True):
+            ends = ((cells.lower, below), (above, cells.upper))
+            bounds.append(np.stack([relaxation.upper(*own) for own in ends]))
+            lowered = cells.bound - bounds[-1]
+            width = (cells.upper - cells.lower)[:, index]
+            gain = lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width
+            gains.append(np.where(splits, gain, -np.inf))
+        place, row = np.argmax(gains, axis=0), np.arange(len(cells))
+        splits = np.max(gains, axis=0) > -np.inf
+        stuck = cells.bound[~splits].max(initial=-np.inf)
+        place, row = place[splits], row[splits]
+        below = np.array([own for own, _, _ in halves])[place, row]
+        above = np.array([own for _, own, _ in halves])[place, row]
+        index = np.array(relaxation.shared)[place]
+        cuts = 0.5 * (below + above)[np.arange(len(row)), index]
+        labels = [
+            self._cut(label, int(i), float(cut))
+            for label, i, cut in zip(cells.label[row], index, cuts, strict=True)
+        ]
+        parts = Cells(
+            np.stack([cells.lower[row], above], axis=1).reshape(-1, cells.lower.shape[1]),
+            np.stack([below, cells.upper[row]], axis=1).reshape(-1, cells.lower.shape[1]),
+            np.array(bounds)[place, :, row].ravel(),
+            np.array(labels, dtype=np.intp).ravel(),
         )
-        bounds.append(pair)
-        lowered = parents.bound - pair
-        width = (parents.upper - parents.lower)[:, relaxation.shared[place]]
-        gain[place] = np.where(
-            splits, lowered.min(0) + 0.3 * lowered.max(0) + 1e-9 * width, -np.inf
-        )
-    stuck = -np.inf
-    lower, upper, bound, leaves = [], [], [], []
-    for row in range(m):
-        place = int(np.argmax(gain[:, row])) if tried else 0
-        if not tried or gain[place, row] == -np.inf:
-            stuck = max(stuck, float(parents.bound[row]))
-            continue
-        below, above, _ = tried[place]
-        index = relaxation.shared[place]
-        children: tuple[Tree, Tree] = ([], [])
-        cut = 0.5 * (below[row, index] + above[row, index])
-        parents.leaves[row][:] = [index, float(cut), *children]
-        lower += [parents.lower[row], above[row]]
-        upper += [below[row], parents.upper[row]]
-        bound += bounds[place][:, row].tolist()
-        leaves += children
-    low, high = (np.array(own).reshape(-1, n) for own in (lower, upper))
-    return _Cells(low, high, np.array(bound), leaves), stuck
+        self.n_cells += len(row)
+        return parts, float(stuck)
+
+    def _cut(self, label: int, index: int, cut: float) -> tuple[int, int]:
+        """Splits a cell in the tree, and returns the labels of its parts."""
+        below, above = [], []
+        self.leaves[label][:] = [index, cut, below, above]
+        self.leaves += [below, above]
+        return len(self.leaves) - 2, len(self.leaves) - 1
 
 
-def _halves(cells: _Cells, index: int, counted: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _halves(cells: Cells, index: int, counted: bool) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Returns upper corners of lower halves, lower corners of upper ones, and which can be."""
     low, high = cells.lower[:, index], cells.upper[:, index]
     middle = 0.5 * (low + high)
@@ -195,12 +182,15 @@ def _halves(cells: _Cells, index: int, counted: bool) -> tuple[Array, Array, NDA
     return below, above, splits
 
 
-def _starts(of: Box, region: Box, generator: np.random.Generator, count: int) -> Array:
+def _starts(of: Box, counted: Collection[int], generator: np.random.Generator, count: int) -> Array:
     ends = generator.integers(0, 3, (count, len(of.lower))) / 2.0
     points = of.lower + ends * (of.upper - of.lower)
     points[0] = 0.5 * (of.lower + of.upper)
-    for index in region.counted:
-        points[:, index] = np.floor(points[:, index])
+    return _whole(points, counted)
+
+
+def _whole(points: Array, counted: Collection[int]) -> Array:
+    points[:, list(counted)] = np.floor(points[:, list(counted)])
     return points
 
 
@@ -209,8 +199,7 @@ def _gate_starts(relaxation: Relaxation, region: Box) -> Array:
     gates = relaxation.gates[:MOST_GATES]
     ways = np.array(list(product((0.0, 1.0), repeat=len(gates)))).reshape(2 ** len(gates), -1)
     points = np.tile(0.5 * (region.lower + region.upper), (len(ways), 1))
-    for index in region.counted:
-        points[:, index] = np.floor(points[:, index])
+    points = _whole(points, region.counted)
     points[:, gates] = region.lower[gates] + ways * (region.upper - region.lower)[gates]
     return points
 

@@ -16,6 +16,7 @@ from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder, robot_of
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.imu import IMU_NOISE
 from glassgait.models.task.observation import (
     JOINT_POSITION_NOISE,
     OVERDUE,
@@ -28,6 +29,12 @@ from glassgait.models.task.observation import (
 from glassgait.models.task.termination import TerminationLimits
 
 BOX_DIRECTORY = Path(__file__).parent / "boxes"
+
+FASTEST_TURN = 20.0
+"""Greatest angular velocity that the gyroscope gives, about any axis (rad/s), stated."""
+
+ATTITUDE_NOISE = float(IMU_NOISE[-1])
+"""Half-width of the noise on each coordinate of gravity's direction."""
 
 FASTEST_JOINT = 50.0
 """Greatest joint velocity that the encoders measure (rad/s), stated; the motors reach 21."""
@@ -258,6 +265,10 @@ def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[
             return _outward(low - reach, high + reach)
         case "previous action":
             return _outward(*_joint_range(entry, robot))
+        case "gravity":
+            return -1.0 - ATTITUDE_NOISE, 1.0 + ATTITUDE_NOISE
+        case "angular velocity":
+            return -FASTEST_TURN, FASTEST_TURN
         case "joint velocity":
             return -FASTEST_JOINT, FASTEST_JOINT
         case "machine state":

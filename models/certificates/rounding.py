@@ -12,7 +12,7 @@ import numpy as np
 from glassgait.models.certificates.maximum import Box
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.interval import FUNCTIONS, Interval
+from glassgait.models.formulas.interval import OPERATORS, Interval
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.robots.robot import Robot
 
@@ -117,52 +117,40 @@ class _Rounding:
         return values, error
 
 
-def _applied(operator: str, a: Ranged, b: Ranged | None = None) -> Ranged:
+def _applied(operator: str, *operands: Ranged) -> Ranged:
     """Returns exact values and the error that operands bring along."""
-    if operator in _APPLIED:
-        return _of_function(operator, *a)
-    (x, x_error), (y, y_error) = a, b or a
+    first, last = operands[0], operands[-1]
+    (x, x_error), (y, y_error) = first, last
+    values = OPERATORS[operator](*(own for own, _ in operands))
     match operator:
         case "add" | "sub":
-            return x + y if operator == "add" else x - y, x_error + y_error
-        case "mul":
-            return x * y, _product_error(a, (y, y_error))
-        case "square":
-            return x.power(2), _product_error(a, a)
+            return values, x_error + y_error
+        case "mul" | "square":
+            return values, _product_error(first, last)
         case "cube":
-            squared, error = x * x, _product_error(a, a)
+            # The first product is rounded, too.
+            squared, error = x * x, _product_error(first, first)
             error += 2.0 * UNIT * (_size(squared) + error)
-            return x.power(3), _product_error((squared, error), a)
+            return values, _product_error((squared, error), first)
         case "div":
             away = float(max(y.lower, -y.upper))
             if not away > y_error:
                 raise _without_value("a divisor may be 0")
-            values = x * y.inverse()
             return values, (x_error + _size(values) * y_error) / (away - y_error)
-    raise AssertionError(operator)
-
-
-def _of_function(function: str, x: Interval, x_error: float) -> Ranged:
-    match function:
         case "log" | "sqrt":
-            low = float(x.lower)
-            if not low > x_error:
-                raise _without_value(f"{function} may be of what is not positive")
-            away = low - x_error
-            slope = away if function == "log" else float(np.sqrt(away))
-            return FUNCTIONS[function](x), x_error / slope
+            away = float(x.lower) - x_error
+            if not away > 0.0:
+                raise _without_value(f"{operator} may be of what is not positive")
+            return values, x_error / (away if operator == "log" else float(np.sqrt(away)))
         case "exp":
             most = float(x.upper) + x_error
             if not most < LARGEST_EXPONENT:
                 raise _without_value("exp may overflow")
-            return x.exp(), float(np.exp(most)) * x_error
+            return values, float(np.exp(most)) * x_error
         case "sin" | "cos":
             return Interval(np.asarray(-1.0), np.asarray(1.0)), x_error
-        case "tanh":
-            return x.tanh(), x_error
-        case "abs":
-            return x.abs(), x_error
-    raise AssertionError(function)
+        case _:
+            return values, x_error
 
 
 def _product_error(a: Ranged, b: Ranged) -> float:

@@ -185,7 +185,9 @@ def _gait_code(
         cases=cases(gait, real, own),
         places=_places(policy.robot, layout),
         n_observations=layout.size,
-        estimator=network_code(network.estimator, f"{own}estimator", f"{own}estimate", real),
+        estimator=network_code(
+            network.learned_estimator, f"{own}estimator", f"{own}estimate", real
+        ),
         policy=policy_code(policy, Style(constants, real, own)),
     )
 

@@ -7,7 +7,7 @@ from glassgait.models.export.language import CArray, Real, rendered
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.arrays import lower_neighbours
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.linear import LinearPolicy, StatewiseLinearPolicy
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.task.symmetry import Reflection
@@ -16,7 +16,7 @@ ABREAST = 10
 """Greatest number of trees that are walked down side by side, so that a processor need not wait."""
 
 
-def linear_code(policy: LinearPolicy | StatewiseLinearPolicy, style: Style) -> Code:
+def linear_code(policy: LinearPolicy, style: Style) -> Code:
     """Writes weighted sums of the observations, the same always or others in each state."""
     begin, real = style.begin, style.real
     statewise = policy.weights.ndim == 3

@@ -44,7 +44,7 @@ class PythonController:
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
         estimator = estimator_in_loop(controller)
-        assert estimator is not None
+        assert callable(estimator)
         self._estimator = estimator
         self._limits_targets = controller.limits_targets
 

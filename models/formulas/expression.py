@@ -1,6 +1,7 @@
 """Formulas as trees, and their canonical form: the one way in which minus signs stand."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -103,6 +104,15 @@ class Expression:
                 return tuple(times(a, b) for a in left for b in right)
             case _:
                 return (self,)
+
+    def replaced(self, images: Mapping[int, "Expression"]) -> "Expression":
+        """Puts formulas in the place of variables; what holds none stays the same object."""
+        if self.operator == "variable":
+            return images.get(self.variable, self)
+        operands = tuple(operand.replaced(images) for operand in self.operands)
+        pairs = zip(operands, self.operands, strict=True)
+        same = all(own is before for own, before in pairs)
+        return self if same else Expression(self.operator, operands)
 
     def derivative(self, variable: int) -> "Expression":
         """Differentiates the formula by a variable."""

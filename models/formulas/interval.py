@@ -1,12 +1,13 @@
 """Interval arithmetic on arrays, rounded outward: a result holds every value that there can be."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression
 
 LIBRARY_ULPS = 4
 """Units in the last place that NumPy's sin, cos, tanh, exp and log may be wrong by; documented
@@ -140,6 +141,37 @@ FUNCTIONS: dict[str, Callable[[Interval], Interval]] = {
     "inverse": Interval.inverse,
 }
 """Bounds of the functions of one argument, by name."""
+
+OPERATORS: dict[str, Callable[..., Interval]] = {
+    "add": Interval.__add__,
+    "sub": Interval.__sub__,
+    "mul": Interval.__mul__,
+    "div": lambda dividend, divisor: dividend * divisor.inverse(),
+    "neg": Interval.__neg__,
+    "square": lambda of: of.power(2),
+    "cube": lambda of: of.power(3),
+    **FUNCTIONS,
+}
+"""Bounds of the operators of formulas, by name."""
+
+
+def bounds_of(formula: Expression, boxes: Mapping[int, Interval]) -> Interval:
+    """Bounds a formula's values over boxes of its variables.
+
+    Args:
+        formula: The formula.
+        boxes: Range of each of its variables, in each of m boxes (m).
+    """
+    if formula.operator == "constant":
+        return Interval.point(formula.value, ())
+    if formula.operator == "variable":
+        return boxes[formula.variable]
+    operands = [bounds_of(operand, boxes) for operand in formula.operands]
+    if formula.operator == "mul" and formula.operands[0] == formula.operands[1]:
+        # A square is no product of two numbers that go their own ways.
+        return operands[0].power(2)
+    with np.errstate(all="ignore"):
+        return OPERATORS[formula.operator](*operands)
 
 
 def _monotone(function: Callable[[Array], Array], of: Interval) -> Interval:

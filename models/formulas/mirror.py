@@ -41,10 +41,11 @@ class FormulaMirror:
             _signed(variable(index), sign)
             for index, sign in zip(reflection.index.tolist(), reflection.sign, strict=True)
         )
+        images = dict(enumerate(observed))
         formulas = [definition.formula for definition in vocabulary.definitions]
         defined = []
         for definition in vocabulary.definitions:
-            image = canonical(_image(definition.formula, observed))
+            image = canonical(definition.formula.replaced(images))
             sign = 1.0 if image in formulas else -1.0
             own = image if sign > 0.0 else negative(image)
             if own not in formulas:
@@ -62,7 +63,7 @@ class FormulaMirror:
 
     def formula(self, formula: Expression, joint: int) -> Expression:
         """Returns the image of a joint's formula, in canonical form."""
-        image = canonical(_image(formula, self.variables))
+        image = canonical(formula.replaced(dict(enumerate(self.variables))))
         return negative(image) if REFLECT_JOINTS.sign[joint] < 0.0 else image
 
     def complete(self, formulas: Mapping[Place, Expression]) -> dict[Place, Expression]:
@@ -72,15 +73,6 @@ class FormulaMirror:
             for place, formula in formulas.items()
         }
         return {**images, **formulas}
-
-
-def _image(formula: Expression, variables: Sequence[Expression]) -> Expression:
-    if formula.operator == "variable":
-        return variables[formula.variable]
-    if not formula.operands:
-        return formula
-    operands = tuple(_image(operand, variables) for operand in formula.operands)
-    return Expression(formula.operator, operands)
 
 
 def _signed(formula: Expression, sign: float) -> Expression:

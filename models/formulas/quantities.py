@@ -5,7 +5,7 @@ speeds in m/s, heights in m. Defined quantities are formulas of these, such as t
 speed or where a foot is.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Self
@@ -107,18 +107,18 @@ class Vocabulary:
         observed = (entry.symbol for entry in entries_of(self.names))
         return (*observed, *(definition.symbol for definition in self.definitions))
 
+    @cached_property
+    def _defined(self) -> dict[int, Expression]:
+        first = len(self.names)
+        return {first + i: definition.formula for i, definition in enumerate(self.definitions)}
+
     def variable(self, symbol: str) -> Expression:
         """Returns the variable of a name that there is."""
         return variable(self.symbols.index(symbol))
 
     def expanded(self, formula: Expression) -> Expression:
         """Puts in what defined quantities are; the observed ones are left."""
-        if formula.operator == "variable" and formula.variable >= len(self.names):
-            return self.definitions[formula.variable - len(self.names)].formula
-        if not formula.operands or max(formula.variables, default=-1) < len(self.names):
-            return formula
-        operands = tuple(self.expanded(operand) for operand in formula.operands)
-        return Expression(formula.operator, operands)
+        return formula.replaced(self._defined)
 
     def using(self, formulas: Iterable[Expression]) -> tuple["Vocabulary", list[Expression]]:
         """Leaves out the definitions that no formula uses.
@@ -130,16 +130,9 @@ class Vocabulary:
         used = sorted(
             index for index in frozenset().union(*(f.variables for f in kept)) if index >= n
         )
-        places = {index: n + place for place, index in enumerate(used)}
+        places = {index: variable(n + place) for place, index in enumerate(used)}
         definitions = tuple(self.definitions[index - n] for index in used)
-        return Vocabulary(self.names, definitions), [_renamed(f, places) for f in kept]
-
-
-def _renamed(formula: Expression, places: Mapping[int, int]) -> Expression:
-    if formula.operator == "variable":
-        return variable(places.get(formula.variable, formula.variable))
-    operands = tuple(_renamed(operand, places) for operand in formula.operands)
-    return Expression(formula.operator, operands, formula.value)
+        return Vocabulary(self.names, definitions), [formula.replaced(places) for formula in kept]
 
 
 @cache

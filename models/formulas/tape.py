@@ -1,5 +1,6 @@
 """Formulas compiled to a tape of instructions, evaluated for all joints at once."""
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -259,7 +260,7 @@ class Tape:
         if observation.ndim == 1:
             return self._of_row(observation)
         # Nodes along the first axis, so that an instruction writes one block of memory.
-        rows = observation.reshape(-1, self.n_variables)
+        rows = observation.reshape(math.prod(observation.shape[:-1]), self.n_variables)
         values = np.empty((self._size, len(rows)))
         values[: self.n_variables] = rows.T
         first = self.n_variables

@@ -93,40 +93,12 @@ class AdditivePolicy(Policy):
     pair_deviations: Array
     intercepts: Array
 
-    def __init__(
-        self,
-        gait: str,
-        observation_names: tuple[str, ...],
-        *,
-        robot: Robot | None = None,
-        cuts: Array,
-        pair_cuts: Array,
-        tables: Array,
-        pairs: NDArray[np.integer],
-        pair_joints: NDArray[np.integer],
-        pair_tables: Array,
-        deviations: Array,
-        pair_deviations: Array,
-        intercepts: Array,
-    ) -> None:
-        super().__init__(
-            gait,
-            observation_names,
-            robot=robot,
-            cuts=cuts,
-            pair_cuts=pair_cuts,
-            tables=tables,
-            pairs=pairs,
-            pair_joints=pair_joints,
-            pair_tables=pair_tables,
-            deviations=deviations,
-            pair_deviations=pair_deviations,
-            intercepts=intercepts,
-        )
-        self._feature = np.arange(len(cuts))
-        self._pair = np.arange(len(pairs))
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._feature = np.arange(len(self.cuts))
+        self._pair = np.arange(len(self.pairs))
         # Sums the pairs of each joint: (p, 12).
-        self._of_joint = np.eye(len(intercepts))[pair_joints]
+        self._of_joint = np.eye(len(self.intercepts))[self.pair_joints]
 
     @classmethod
     def compile(
@@ -179,13 +151,18 @@ class AdditivePolicy(Policy):
 
     def __call__(self, observation: Array) -> Array:
         rows = observation.reshape(-1, observation.shape[-1])
-        single = _digitize(rows, self.cuts)
-        action = self.tables[:, self._feature, single].sum(axis=-1).T + self.intercepts
-        if len(self.pairs):
-            coarse = _digitize(rows, self.pair_cuts)
-            first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
-            action = action + self.pair_tables[self._pair, first, second] @ self._of_joint
+        single, paired = self._looked_up(rows, self.tables, self.pair_tables)
+        action = single.sum(axis=-1).T + self.intercepts + paired @ self._of_joint
         return action.reshape(*observation.shape[:-1], -1)
+
+    def _looked_up(self, rows: Array, tables: Array, pair_tables: Array) -> tuple[Array, Array]:
+        """Returns the entries (12, m, n) and (m, p) of tables where rows (m, n) fall."""
+        single = tables[:, self._feature, _digitize(rows, self.cuts)]
+        if not len(self.pairs):
+            return single, np.zeros((len(rows), 0))
+        coarse = _digitize(rows, self.pair_cuts)
+        first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
+        return single, pair_tables[self._pair, first, second]
 
     def compact(self) -> Self:
         """Returns the policy with tables that its file holds in single precision.
@@ -202,18 +179,12 @@ class AdditivePolicy(Policy):
             ]
         )
         bins = slice(pair_cuts.shape[1] + 1)
-        return type(self)(
-            self.gait,
-            self.observation_names,
-            cuts=self.cuts,
+        return self.with_arrays(
             pair_cuts=pair_cuts,
             tables=rounded(self.tables, np.float32),
-            pairs=self.pairs,
-            pair_joints=self.pair_joints,
             pair_tables=rounded(self.pair_tables[:, bins, bins], np.float32),
             deviations=rounded(self.deviations, np.float16),
             pair_deviations=rounded(self.pair_deviations[:, bins, bins], np.float16),
-            intercepts=self.intercepts,
         )
 
     def term_names(self, joint: int) -> tuple[str, ...]:
@@ -228,11 +199,8 @@ class AdditivePolicy(Policy):
         Returns:
             Functions of one observation (m, 12, n), and of two (m, p).
         """
-        single = _digitize(observations, self.cuts)
-        coarse = _digitize(observations, self.pair_cuts)
-        first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
-        singles = np.moveaxis(self.tables[:, self._feature, single], 0, 1)
-        return singles, self.pair_tables[self._pair, first, second]
+        single, paired = self._looked_up(observations, self.tables, self.pair_tables)
+        return np.moveaxis(single, 0, 1), paired
 
     def disagreement(self, observations: Array) -> Array:
         """Measures how far the bagged models' actions differ.
@@ -247,13 +215,8 @@ class AdditivePolicy(Policy):
             The greatest over the joints (...), in actions; 0 of a single model.
         """
         rows = observations.reshape(-1, observations.shape[-1])
-        single = _digitize(rows, self.cuts)
-        variance = np.square(self.deviations[:, self._feature, single]).sum(axis=-1).T
-        if len(self.pairs):
-            coarse = _digitize(rows, self.pair_cuts)
-            first, second = coarse[:, self.pairs[:, 0]], coarse[:, self.pairs[:, 1]]
-            paired = self.pair_deviations[self._pair, first, second]
-            variance = variance + np.square(paired) @ self._of_joint
+        single, paired = self._looked_up(rows, self.deviations, self.pair_deviations)
+        variance = np.square(single).sum(axis=-1).T + np.square(paired) @ self._of_joint
         return np.sqrt(variance.max(axis=-1)).reshape(observations.shape[:-1])
 
     def _explain(self, observation: Array, joint: int) -> Contributions:

@@ -63,28 +63,8 @@ class BoostedTreesPolicy(Policy):
     intercepts: Array
     importances: Array
 
-    def __init__(
-        self,
-        gait: str,
-        observation_names: tuple[str, ...],
-        *,
-        robot: Robot | None = None,
-        features: NDArray[np.integer],
-        thresholds: Array,
-        leaves: Array,
-        intercepts: Array,
-        importances: Array,
-    ) -> None:
-        super().__init__(
-            gait,
-            observation_names,
-            robot=robot,
-            features=features,
-            thresholds=thresholds,
-            leaves=leaves,
-            intercepts=intercepts,
-            importances=importances,
-        )
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         n_joints, n_trees, n_inner = self.features.shape
         self.depth = (n_inner + 1).bit_length() - 1
         if n_inner + 1 != 2**self.depth:
@@ -96,7 +76,7 @@ class BoostedTreesPolicy(Policy):
         # Level by level, all trees beside one another: where node i of a level goes to is node
         # 2 i or 2 i + 1 of the next, and what the first levels ask for stays in the cache.
         levels = [slice(2**level - 1, 2 ** (level + 1) - 1) for level in range(self.depth)]
-        small = np.min_scalar_type(len(observation_names))
+        small = np.min_scalar_type(len(self.observation_names))
         self._features = [self.features[..., nodes].ravel().astype(small) for nodes in levels]
         self._thresholds = [self.thresholds[..., nodes].ravel() for nodes in levels]
         self._leaves = self.leaves.ravel()
@@ -137,13 +117,9 @@ class BoostedTreesPolicy(Policy):
         histograms are rounded.
         """
         as_they_are = lower_neighbours(self.thresholds) is not None
-        return type(self)(
-            self.gait,
-            self.observation_names,
-            features=self.features,
+        return self.with_arrays(
             thresholds=self.thresholds if as_they_are else rounded(self.thresholds, np.float32),
             leaves=rounded(self.leaves, np.float32),
-            intercepts=self.intercepts,
             importances=rounded(self.importances, np.float32),
         )
 
@@ -157,17 +133,12 @@ class BoostedTreesPolicy(Policy):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         own = dict(arrays)
         if _LOWER in own and "thresholds" not in own:
             own["thresholds"] = single_precision_cuts(own.pop(_LOWER))
-        return super().from_arrays(gait, observation_names, own, values, robot)
+        return super().from_arrays(own, values, **names)
 
     def tree_values(self, observations: Array, joint: int, tree: int) -> Array:
         """Returns what one tree adds to a joint's action (m,), of observations (m, n)."""

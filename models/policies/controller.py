@@ -20,9 +20,10 @@ from glassgait.models.task.assurance import (
     initial_monitor,
     step_monitor,
 )
+from glassgait.models.task.odometry import Odometry
 
-Estimator = Callable[[Array], Array]
-"""Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+Estimator = Callable[[Array], Array] | Odometry
+"""Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
 
 
 class ControllerOutput(NamedTuple):
@@ -68,7 +69,7 @@ class Controller(Protocol):
 
     @property
     def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
+        """What estimates the body state; None where the true one is observed."""
         ...
 
     @property
@@ -101,7 +102,7 @@ class _ExpertSenses:
 
     @property
     def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
+        """What estimates the body state; None where the true one is observed."""
         return self.expert.estimator
 
 
@@ -283,7 +284,7 @@ class WrappedController:
 
     @property
     def estimator(self) -> Estimator | None:
-        """Maps proprioception to the body state; None where the true one is observed."""
+        """What estimates the body state; None where the true one is observed."""
         return self.inner.estimator
 
     @property
@@ -304,6 +305,11 @@ class WrappedController:
         return self.inner.settings()
 
 
+def expert_of(controller: Controller | Policy) -> Policy:
+    """Returns a controller's expert, or the policy that acts alone."""
+    return controller if isinstance(controller, Policy) else controller.expert
+
+
 def estimator_in_loop(
     controller: Controller | Policy, *, true_body_state: bool = False
 ) -> Estimator | None:
@@ -322,7 +328,7 @@ def estimator_in_loop(
     if true_body_state:
         return None
     if controller.estimator is None:
-        policy = controller if isinstance(controller, Policy) else controller.expert
+        policy = expert_of(controller)
         raise InputError(
             f"this {policy.kind} policy of the {policy.gait} has no estimator of the body state; "
             "take it from load_student, give it the expert's with "

@@ -94,10 +94,10 @@ def load_policy(path: Path, robot: Robot | None = None) -> Policy:
             f"{path}: holds an unknown kind of policy, {shown(header['kind'])}; make it anew, or "
             "register the class of one of your own in POLICY_CLASSES"
         )
-    names = tuple(header["observation_names"])
+    names = {"gait": header["gait"], "observation_names": tuple(header["observation_names"])}
     robot = robot_of(path, header.get("robot"), robot)
     try:
-        return policy.from_arrays(header["gait"], names, arrays, header["values"], robot)
+        return policy.from_arrays(arrays, header["values"], robot=robot, **names)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -111,7 +111,6 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
     """Saves a policy, loads it again at once, and compares how both act.
 
     Args:
-        policy: The policy.
         path: Its file, which is deleted where it does not hold the policy.
         observations: Where the actions are compared (m, n).
 
@@ -173,7 +172,6 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     """Loads a student, with the estimator of its expert; a neural one has its own.
 
     Args:
-        expert: The expert.
         path: The student's file, beside which a record may name its expert.
 
     Raises:
@@ -242,7 +240,8 @@ def load_expert(
         raise InputError(f"{path}: holds a {policy.kind} policy; an expert is neural")
     if policy.gait != gait:
         raise InputError(f"{path}: is an expert for gait {policy.gait!r}, not {gait!r}")
-    if policy.observation_names != ObservationLayout(machine.n_states).names:
+    layout = ObservationLayout(machine.n_states, imu=policy.layout.imu)
+    if policy.observation_names != layout.names:
         raise InputError(
             f"{path}: was trained for a {gait} of other states than the gait's file has now; train "
             "it anew"

@@ -1,7 +1,7 @@
 """Neural policies: the experts, with the state estimator that they learned to rely on."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, ClassVar, Self
 
@@ -15,6 +15,7 @@ from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import N_ESTIMATED
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, Reflection, reflect_observation
 
 MAX_LAYERS = 8
@@ -77,13 +78,19 @@ def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
     return next(i for i in range(len(arrays) + 1) if f"{prefix}.{i}.weight" not in arrays)
 
 
-def _specs(arrays: Mapping[str, NDArray[Any]]) -> dict[str, ArraySpec]:
+_NETWORKS = {
+    "actor": ("observations", "joints"),
+    "estimator": ("proprioception", "estimated"),
+}
+"""What each network maps to what."""
+
+
+def _specs(arrays: Mapping[str, NDArray[Any]], *, estimator: bool) -> dict[str, ArraySpec]:
     """Says what the networks' arrays must be: each layer takes what the one before it gives."""
     specs: dict[str, ArraySpec] = {}
-    for prefix, n_in, n_out in (
-        ("actor", "observations", "joints"),
-        ("estimator", "proprioception", "estimated"),
-    ):
+    for prefix, (n_in, n_out) in _NETWORKS.items():
+        if prefix == "estimator" and not estimator:
+            continue
         count = _count_layers(arrays, prefix)
         if count > MAX_LAYERS:
             raise InputError(f"its {prefix} has {count} layers; train one of {MAX_LAYERS} or fewer")
@@ -129,7 +136,7 @@ class NeuralPolicy(Policy):
 
     Attributes:
         actor: Maps the observation to the action.
-        estimator: Maps proprioception to the last seven entries of the observation.
+        estimator: Maps proprioception to the last seven entries of the observation, or is odometry.
         mirrored_states: What the machine's states stand for in the mirror, if both networks treat
             left and right alike.
         limits_targets: Whether it learned with joints that follow targets within their ranges
@@ -146,7 +153,7 @@ class NeuralPolicy(Policy):
         gait: str,
         observation_names: tuple[str, ...],
         actor: Network,
-        estimator: Network,
+        estimator: Network | Odometry,
         mirrored_states: tuple[int, ...] | None = None,
         *,
         limits_targets: bool = False,
@@ -154,10 +161,10 @@ class NeuralPolicy(Policy):
     ) -> None:
         """
         Args:
-            gait: Name of the gait.
             observation_names: Names of the observations, in order.
             actor: Network from the observation to the action.
-            estimator: Network from proprioception to the last seven entries of the observation.
+            estimator: Network from proprioception to the last seven entries of the observation, or
+                odometry.
             mirrored_states: `symmetry.mirrored_states` of the gait, for networks that are to treat
                 left and right alike.
             limits_targets: Whether it learned with joints that follow targets within their ranges
@@ -167,30 +174,55 @@ class NeuralPolicy(Policy):
             InputError: if a layer is not what it must be, or the states are no mirror images.
         """
         super().__init__(gait, observation_names, robot=robot)
-        self._taken(actor.layers("actor") | estimator.layers("estimator"), observation_names)
-        self._networks = actor, estimator
+        self._networks = {"actor": actor}
+        if isinstance(estimator, Network):
+            self._networks["estimator"] = estimator
+        layers = [own.layers(name) for name, own in self._networks.items()]
+        self._taken(
+            {name: layer for own in layers for name, layer in own.items()},
+            observation_names,
+            estimator=isinstance(estimator, Network),
+        )
         self.mirrored_states = self._checked_states(mirrored_states)
         self.limits_targets = self._checked_limits(limits_targets)
         self.actor: Network | MirroredNetwork = actor
-        self._estimator: Network | MirroredNetwork = estimator
+        self._estimator: Network | MirroredNetwork | Odometry = estimator
         if self.mirrored_states is not None:
             observation = reflect_observation(observation_names, self.mirrored_states)
             own, body = observation.split(len(observation_names) - N_ESTIMATED)
             self.actor = MirroredNetwork(actor, observation, REFLECT_JOINTS)
-            self._estimator = MirroredNetwork(estimator, own, body)
+            if isinstance(estimator, Network):
+                self._estimator = MirroredNetwork(estimator, own, body)
 
     def __call__(self, observation: Array) -> Array:
         return self.actor(observation)
 
     @property
-    def estimator(self) -> Network | MirroredNetwork:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+    def estimator(self) -> Network | MirroredNetwork | Odometry:
+        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        return self._estimator
+
+    @property
+    def learned_estimator(self) -> Network | MirroredNetwork:
+        """Maps proprioception (..., 40 + n_states) to the body state (..., 7).
+
+        Raises:
+            InputError: if it observes by odometry.
+        """
+        if isinstance(self._estimator, Odometry):
+            raise InputError(
+                f"the expert of the {self.gait} observes by odometry, which has no network; take "
+                "one that was trained with --senses learned"
+            )
         return self._estimator
 
     def to_arrays(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        actor, estimator = self._networks
-        layers = actor.to_arrays("actor") | estimator.to_arrays("estimator")
+        layers: dict[str, NDArray[Any]] = {}
+        for name, network in self._networks.items():
+            layers |= network.to_arrays(name)
         states, values = self.mirrored_states, {}
+        if isinstance(self._estimator, Odometry):
+            values["odometry"] = asdict(self._estimator)
         if states is not None:
             values["mirrored_states"] = list(states)
         if self.limits_targets:
@@ -199,23 +231,18 @@ class NeuralPolicy(Policy):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
-        layers = cls._taken(arrays, observation_names)
-        actor, estimator = (Network.from_arrays(layers, name) for name in ("actor", "estimator"))
+        odometry = values.get("odometry")
+        with cls._naming_this_kind():
+            estimator = None if odometry is None else Odometry.from_plain(odometry, "odometry")
+        layers = cls._taken(arrays, names["observation_names"], estimator=estimator is None)
         return cls(
-            gait,
-            observation_names,
-            actor,
-            estimator,
-            values.get("mirrored_states"),
+            **names,
+            actor=Network.from_arrays(layers, "actor"),
+            estimator=estimator or Network.from_arrays(layers, "estimator"),
+            mirrored_states=values.get("mirrored_states"),
             limits_targets=values.get("limits_targets", False),
-            robot=robot,
         )
 
     def _checked_limits(self, limits: bool) -> bool:
@@ -243,10 +270,15 @@ class NeuralPolicy(Policy):
 
     @classmethod
     def _taken(
-        cls, layers: Mapping[str, NDArray[Any]], observation_names: tuple[str, ...]
+        cls,
+        layers: Mapping[str, NDArray[Any]],
+        observation_names: tuple[str, ...],
+        *,
+        estimator: bool,
     ) -> dict[str, Array]:
         """Checks the layers of both networks and returns them in double precision."""
         with cls._naming_this_kind():
             sizes = cls._sizes(observation_names)
             sizes["proprioception"] = sizes["observations"] - N_ESTIMATED
-            return take_arrays(layers, _specs(layers), sizes | {"estimated": N_ESTIMATED})
+            specs = _specs(layers, estimator=estimator)
+            return take_arrays(layers, specs, sizes | {"estimated": N_ESTIMATED})

@@ -1,5 +1,6 @@
 """Open-loop policies: a table of actions by the machine's state and the time in it."""
 
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -8,8 +9,7 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.arrays import Reals
 from glassgait.models.policies.capabilities import Capabilities
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
+from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of
 
 
 class OpenLoopPolicy(Policy):
@@ -27,19 +27,12 @@ class OpenLoopPolicy(Policy):
     needed_groups = ("machine state", "iterations")
     table: Array
 
-    def __init__(
-        self,
-        gait: str,
-        observation_names: tuple[str, ...],
-        table: Array,
-        *,
-        robot: Robot | None = None,
-    ) -> None:
-        super().__init__(gait, observation_names, robot=robot, table=table)
-        self._one_hot = machine_state_entries(observation_names)
-        (self._iterations,) = indices_of("iterations", observation_names)
+    @cached_property
+    def _iterations(self) -> int:
+        (entry,) = indices_of("iterations", self.observation_names)
+        return entry
 
     def __call__(self, observation: Array) -> Array:
-        state = np.argmax(observation[..., self._one_hot], axis=-1)
         iterations = np.rint(observation[..., self._iterations] / ITERATIONS_SCALE).astype(int)
-        return self.table[state, np.clip(iterations, 0, self.table.shape[1] - 1)]
+        last = self.table.shape[1] - 1
+        return self.table[self.machine_state(observation), np.clip(iterations, 0, last)]

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -20,7 +21,13 @@ from glassgait.models.policies.arrays import ArraySpec, narrowest, refuse_other_
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot
-from glassgait.models.task.observation import Group, ObservationLayout, indices_of
+from glassgait.models.task.observation import (
+    Group,
+    ObservationLayout,
+    indices_of,
+    machine_state_entries,
+)
+from glassgait.models.task.odometry import Odometry
 
 FORMAT_VERSION = 1
 
@@ -59,7 +66,6 @@ def contributions_of_action(
     """Turns parts of a joint's actions into parts of its targets.
 
     Args:
-        robot: The robot.
         terms: What the parts come from (k), the intercept first.
         values: How much each adds to the action (..., k).
         joint: Index of the joint, whose default stance the intercept takes up.
@@ -90,7 +96,7 @@ class Policy(ABC):
     """
 
     observes_by: str | None = None
-    _estimator: Callable[[Array], Array] | None = None
+    _estimator: Callable[[Array], Array] | Odometry | None = None
 
     kind: ClassVar[str]
     limits_targets: bool = False
@@ -107,20 +113,23 @@ class Policy(ABC):
         self,
         gait: str,
         observation_names: Sequence[str],
-        *,
+        *in_order: NDArray[Any],
         robot: Robot | None = None,
         **arrays: NDArray[Any],
     ) -> None:
         """
         Args:
-            gait: Name of the gait.
             observation_names: Names of the observations, in order.
+            in_order: The first of what `array_specs` lists, in its order.
             robot: The robot that it is made for; the default one by default.
-            arrays: What `array_specs` lists.
+            arrays: The others, by name.
 
         Raises:
             InputError: if a name or an array is not what it must be.
         """
+        if len(in_order) > len(self.array_specs):
+            raise TypeError(f"{self.kind} policy: takes {len(self.array_specs)} arrays")
+        arrays |= zip(self.array_specs, in_order, strict=False)
         with self._naming_this_kind():
             _refuse_other_than_names("the gait", [gait])
             taken = take_arrays(arrays, self.array_specs, self._sizes(observation_names))
@@ -163,29 +172,49 @@ class Policy(ABC):
 
     @classmethod
     def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-        robot: Robot | None = None,
+        cls, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any], **names: Any
     ) -> Self:
         """Rebuilds the policy that `to_arrays` took apart.
+
+        Args:
+            names: Its `gait`, `observation_names` and `robot`.
 
         Raises:
             InputError: if a part is missing, left over, or not what it must be.
         """
         with cls._naming_this_kind():
             refuse_other_arrays(arrays, cls.array_specs)
-        # A class of one's own may know of the default robot alone.
-        other: dict[str, Any] = (
-            {} if robot is None or robot.name == DEFAULT_ROBOT else {"robot": robot}
-        )
-        return cls(gait, observation_names, **arrays, **other)
+        if "robot" in names and names["robot"].name == DEFAULT_ROBOT:
+            # A class of one's own may know of the default robot alone.
+            del names["robot"]
+        parts: dict[str, Any] = names | dict(arrays)
+        return cls(**parts)
+
+    def with_arrays(self, **changed: NDArray[Any]) -> Self:
+        """Returns the policy with some arrays changed, and no estimator from elsewhere."""
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_specs}
+        arrays |= changed
+        return type(self)(self.gait, self.observation_names, robot=self.robot, **arrays)
+
+    @cached_property
+    def _one_hot(self) -> slice:
+        return machine_state_entries(self.observation_names)
+
+    def machine_state(self, observation: Array) -> NDArray[np.intp]:
+        """Returns the index of the machine's state in observations (..., n)."""
+        return np.argmax(observation[..., self._one_hot], axis=-1)
 
     @property
-    def estimator(self) -> Callable[[Array], Array] | None:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7); None without one."""
+    def layout(self) -> ObservationLayout:
+        """The layout of what it observes."""
+        return ObservationLayout.of(self.observation_names)
+
+    @property
+    def estimator(self) -> Callable[[Array], Array] | Odometry | None:
+        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7).
+
+        None without one.
+        """
         return self._estimator
 
     def with_estimator_of(self, expert: "Policy") -> Self:

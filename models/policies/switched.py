@@ -2,8 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn
+from collections.abc import Callable, Sequence
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from glassgait.models.task.observation import (
     indices_of,
     machine_state_entries,
 )
+from glassgait.models.task.odometry import Odometry
 
 GREATEST_CHANGE = 50.0
 """Greatest squared change of the action in a control step; one of 60 ends an episode."""
@@ -53,7 +54,6 @@ class SwitchedPolicy(Policy):
     ) -> None:
         """
         Args:
-            switch: The gaits.
             controllers: The controller of each, in their order: one policy alone.
             greatest_change: Greatest squared change of the action in a control step.
 
@@ -61,7 +61,7 @@ class SwitchedPolicy(Policy):
             InputError: if a controller is of another gait or of two policies, or has no estimator;
                 or one is missing or left over.
         """
-        layout = ObservationLayout(switch.n_states)
+        layout = ObservationLayout(switch.n_states, imu=_observes_imu(controllers))
         robot = controllers[0].robot if controllers else None
         super().__init__(switch.gait.name, layout.names, robot=robot)
         if len(controllers) != len(switch.gaits):
@@ -72,13 +72,15 @@ class SwitchedPolicy(Policy):
         self.switch = switch
         self.policies = [_acting(controller) for controller in controllers]
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
-            names = ObservationLayout(gait.n_states).names
+            names = ObservationLayout(gait.n_states, imu=layout.imu).names
             policy.check(robot=self.robot, gait=gait.name, observation_names=names)
         self.experts = [controller.expert for controller in controllers]
         self.limits_targets = all(own.limits_targets for own in controllers)
         self._digests = [expert.digest() for expert in self.experts]
         self._digests += [policy.digest() for policy in self.policies]
-        self._estimates = [_estimator(controller) for controller in controllers]
+        self._odometry = _common_odometry(controllers)
+        estimators = [_estimator(controller) for controller in controllers]
+        self._estimates = [own for own in estimators if not isinstance(own, Odometry)]
         self.greatest_change = greatest_change
         self._previous_action = list(indices_of("previous action", layout.names))
         self._states = machine_state_entries(layout.names)
@@ -95,8 +97,8 @@ class SwitchedPolicy(Policy):
 
     @property
     def estimator(self) -> Estimator:
-        """Maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
-        return self._estimate
+        """Odometry, or what maps proprioception (..., 40 + n_states) to the body state (..., 7)."""
+        return self._odometry or self._estimate
 
     def _estimate(self, proprioception: Array) -> Array:
         sensed = [columns[:-N_ESTIMATED] for columns in self._columns]
@@ -126,20 +128,6 @@ class SwitchedPolicy(Policy):
         """
         raise InputError("switched policy: has no file; save the policy of each gait")
 
-    @classmethod
-    def from_arrays(
-        cls,
-        gait: str,
-        observation_names: tuple[str, ...],
-        arrays: Mapping[str, NDArray[Any]],
-        values: Mapping[str, Any],
-    ) -> NoReturn:
-        """
-        Raises:
-            InputError: always; each gait's policy has a file of its own.
-        """
-        raise InputError("switched policy: has no file; load the policy of each gait")
-
     def digest(self) -> str:
         """Returns a digest that differs between policies that would not act alike."""
         own = [self.kind, self.gait, self.greatest_change, *self._digests]
@@ -161,6 +149,26 @@ def _estimator(controller: AlternatingController) -> Estimator:
             f"{controller.expert.gait} has no estimator; give one that has"
         )
     return controller.estimator
+
+
+def _observes_imu(controllers: Sequence[AlternatingController]) -> bool:
+    return any(controller.expert.layout.imu for controller in controllers)
+
+
+def _common_odometry(controllers: Sequence[AlternatingController]) -> Odometry | None:
+    """Returns the odometry that all observe by, or None if none does.
+
+    Raises:
+        InputError: if some do and others do not.
+    """
+    estimators = [_estimator(controller) for controller in controllers]
+    found = [own for own in estimators if isinstance(own, Odometry)]
+    if found and any(own != found[0] for own in estimators):
+        raise InputError(
+            "switched policy: some policies observe by odometry and others by another one, or by a "
+            "network; give policies that were trained with the same senses"
+        )
+    return found[0] if found else None
 
 
 def _columns(layout: ObservationLayout, mine: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -23,7 +23,6 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import machine_state_entries
 
 
 def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -81,7 +80,7 @@ class FormulaPolicy(Policy):
         factors=_factors,
         importance=_importance,
         targets="certificates.formula_targets:FormulaTargets.of_formulas",
-        search="counterfactuals.branching:SmoothSearch.of_formula",
+        search="counterfactuals.smooth:SmoothSearch.of_formula",
         code="export.formulas:formula_code",
         graph="export.graphs.formulas:add_formulas",
     )
@@ -108,6 +107,7 @@ class FormulaPolicy(Policy):
             self._refuse_unfit(self.expressions, shape)
             self.mirror = None if mirror is None else self._refuse_other_states(mirror)
         self._units = RobotUnits.of(self.robot, self.observation_names)
+        self._tapes = [self._targets(formulas) for formulas in self.formulas_by_state]
 
     @property
     @abstractmethod
@@ -258,12 +258,8 @@ class SymbolicPolicy(FormulaPolicy):
     kind = "symbolic"
     dims = ("joints",)
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._tape = self._targets(self.expressions)
-
     def __call__(self, observation: Array) -> Array:
-        return actions_of(self.robot, self._tape(self._units.quantities(observation)))
+        return actions_of(self.robot, self._tapes[0](self._units.quantities(observation)))
 
     @property
     def formulas_by_state(self) -> tuple[tuple[Expression, ...], ...]:
@@ -287,17 +283,10 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
     dims = ("states", "joints")
     needed_groups = ("machine state",)
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._one_hot = machine_state_entries(self.observation_names)
-        self._tapes = [self._targets(formulas) for formulas in self.expressions]
-
     def __call__(self, observation: Array) -> Array:
-        quantities = self._units.quantities(observation)
+        quantities, states = self._units.quantities(observation), self.machine_state(observation)
         if observation.ndim == 1:
-            state = int(np.argmax(observation[self._one_hot]))
-            return actions_of(self.robot, self._tapes[state](quantities))
-        states = np.argmax(observation[..., self._one_hot], axis=-1)
+            return actions_of(self.robot, self._tapes[int(states)](quantities))
         targets = np.empty((*states.shape, quadruped.N_JOINTS))
         for index, tape in enumerate(self._tapes):
             mine = states == index
@@ -311,8 +300,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
 
     def _explain(self, observation: Array, joint: int) -> Contributions:
         """Splits a joint's targets into contributions; those of other states' terms are 0."""
-        state = np.argmax(observation[..., self._one_hot], axis=-1)
-        terms, values = [], []
+        state, terms, values = self.machine_state(observation), [], []
         for index, formulas in enumerate(self.expressions):
             own = self._contributions(formulas[joint], observation)
             terms += [f"state {index}: {term}" for term in own.terms]
@@ -326,7 +314,7 @@ class StatewiseSymbolicPolicy(FormulaPolicy):
         The machine's state is held: at its change the formulas jump.
         """
         every_state = np.stack([self._derivatives(own, observation) for own in self.expressions])
-        state = np.argmax(observation[..., self._one_hot], axis=-1)
+        state = self.machine_state(observation)
         return np.take_along_axis(every_state, state[None, ..., None, None], axis=0)[0]
 
 

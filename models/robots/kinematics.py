@@ -13,6 +13,13 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def rotation_matrix(quaternion: Array) -> Array:
     """Converts quaternions (..., 4; w, x, y, z) of any length to rotation matrices (..., 3, 3)."""
     w, x, y, z = _unit_components(quaternion)
@@ -83,6 +90,33 @@ def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
     return leg_points(robot, joint_position).foot
+
+
+def foot_velocities(robot: Robot, joint_position: Array, joint_velocity: Array) -> Array:
+    """Returns how fast the joints move the foot centres in the trunk's frame (..., 4, 3; m/s).
+
+    Args:
+        robot: What robots they are.
+        joint_position: Joint positions (..., 12; rad).
+        joint_velocity: Joint velocities (..., 12; rad/s).
+    """
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    v_hip, v_thigh, v_calf = _by_leg(joint_velocity)
+    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
+    q_shank, v_shank = q_thigh + q_calf, v_thigh + v_calf
+    thigh, calf = robot.thigh_length, robot.calf_length
+    z = -thigh * np.cos(q_thigh) - calf * np.cos(q_shank)
+    v_x = -thigh * np.cos(q_thigh) * v_thigh - calf * np.cos(q_shank) * v_shank
+    v_z = thigh * np.sin(q_thigh) * v_thigh + calf * np.sin(q_shank) * v_shank
+    offset = robot.side * robot.thigh_offset
+    return np.stack(
+        [
+            v_x,
+            -(sin_hip * offset + cos_hip * z) * v_hip - sin_hip * v_z,
+            (cos_hip * offset - sin_hip * z) * v_hip + cos_hip * v_z,
+        ],
+        axis=-1,
+    )
 
 
 def foot_heights(robot: Robot, positions: Array) -> Array:

@@ -28,6 +28,8 @@ def sample_commands(
     count: int,
     generator: np.random.Generator,
     speed_range: tuple[float, float] | None = None,
+    *,
+    straight: float = 0.0,
 ) -> Command:
     """Draws commands.
 
@@ -36,6 +38,7 @@ def sample_commands(
         count: Number of commands.
         generator: Source of randomness.
         speed_range: Least and greatest forward speed (m/s); the gait's whole range by default.
+        straight: Share of the commands that ask for no turn.
 
     Returns:
         Velocities (count, 2) and dwells (count,).
@@ -49,6 +52,8 @@ def sample_commands(
         axis=1,
     )
     velocity[np.abs(velocity[:, 0]) < DEAD_BAND, 0] = 0.0
+    if straight > 0.0:
+        velocity[generator.random(count) < straight, 1] = 0.0
     low, high = gait.dwell
     return Command(velocity, generator.integers(low, high + 1, size=count).astype(float))
 

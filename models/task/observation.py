@@ -16,6 +16,7 @@ from glassgait.models.task.gait_keys import MOST_STATES
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
 BASE_VELOCITY_SCALE = 2.0
+ANGULAR_VELOCITY_SCALE = 0.25
 
 JOINT_POSITION_NOISE = 0.01
 """Half-width of the uniform noise on observed joint positions (rad)."""
@@ -41,6 +42,8 @@ Group = Literal[
     "commanded velocity",
     "joint position",
     "joint velocity",
+    "gravity",
+    "angular velocity",
     "previous action",
     "machine state",
     "iterations",
@@ -101,11 +104,24 @@ class ObservationLayout:
     """Entries of the observation, in order, for a machine of `n_machine_states` states.
 
     The first part, proprioception, is measured or known; the last seven entries, the body state,
-    come from an estimator.
+    come from an estimator. With `imu`, gravity's direction and the angular velocity that an IMU
+    measures are among the first; the paper's observation is without.
     """
 
-    def __init__(self, n_machine_states: int) -> None:
+    def __init__(self, n_machine_states: int, *, imu: bool = False) -> None:
         self.n_machine_states = n_machine_states
+        self.imu = imu
+
+    @classmethod
+    def of(cls, names: Sequence[str]) -> "ObservationLayout":
+        """Returns the layout that has as many machine states, and an IMU, as an observation has.
+
+        Raises:
+            InputError: if a name is unknown.
+        """
+        entries = entries_of(names)
+        states = sum(entry.group == "machine state" for entry in entries)
+        return cls(states, imu=any(entry.group == "gravity" for entry in entries))
 
     @cached_property
     def entries(self) -> tuple[ObservationEntry, ...]:
@@ -124,6 +140,8 @@ class ObservationLayout:
             ),
             *_of_joints("DoF Pos", "joint position", "rad", 1.0, "q", "q"),
             *_of_joints("DoF Vel", "joint velocity", "rad/s", velocity, "dq", r"\dot q"),
+            *(_gravity(axis) for axis in "xyz" if self.imu),
+            *(_angular_velocity(axis) for axis in "xyz" if self.imu),
             *_of_joints("Prev Action", "previous action", "rad", 1.0, "a", "a^{-}"),
             *(_machine_state(i) for i in range(self.n_machine_states)),
             _single("RM Iters", "iterations", "control steps", ITERATIONS_SCALE, "t", "n"),
@@ -203,6 +221,23 @@ def _machine_state(number: int) -> ObservationEntry:
     )
 
 
+def _gravity(axis: str) -> ObservationEntry:
+    name, sign = f"Gravity {axis.upper()}", -1.0 if axis == "y" else 1.0
+    return _single(name, "gravity", "", 1.0, f"g.{axis}", f"g_{{{axis}}}", mirror_sign=sign)
+
+
+def _angular_velocity(axis: str) -> ObservationEntry:
+    return _single(
+        f"Base Ang Vel {axis.upper()}",
+        "angular velocity",
+        "rad/s",
+        ANGULAR_VELOCITY_SCALE,
+        f"w.{axis}",
+        rf"\omega_{{{axis}}}",
+        mirror_sign=1.0 if axis == "y" else -1.0,
+    )
+
+
 def _base_velocity(axis: str) -> ObservationEntry:
     name, latex = f"Base Lin Vel {axis.upper()}", rf"\hat v_{{{axis}}}"
     return _single(
@@ -273,7 +308,7 @@ def machine_state_entries(names: Sequence[str]) -> slice:
 
 @cache
 def _entries_by_name() -> dict[str, ObservationEntry]:
-    return {entry.name: entry for entry in ObservationLayout(MOST_STATES).entries}
+    return {entry.name: entry for entry in ObservationLayout(MOST_STATES, imu=True).entries}
 
 
 def proprioception(
@@ -287,6 +322,7 @@ def proprioception(
     rm_iterations: Array,
     commanded_dwell: Array,
     joint_noise: Array | float = 0.0,
+    imu: Array | None = None,
 ) -> Array:
     """Assembles the part of the observation that needs no estimator.
 
@@ -300,10 +336,12 @@ def proprioception(
         rm_iterations: Control steps spent in that state (...), which are observed up to `OVERDUE`
             more than the commanded ones.
         commanded_dwell: Commanded iterations (...; control steps).
-        joint_noise: Noise on positions, then velocities (..., 24; rad, rad/s).
+        joint_noise: Errors of positions, then velocities (..., 24; rad, rad/s).
+        imu: The IMU's reading (..., 9), where the policy observes gravity and angular velocity.
 
     Returns:
-        Proprioception (..., 40 + n_states), in the order of `ObservationLayout`.
+        Proprioception (..., 40 + n_states; 46 + n_states with an IMU), in the order of
+        `ObservationLayout`.
     """
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
@@ -313,12 +351,20 @@ def proprioception(
             command,
             measured[..., : quadruped.N_JOINTS] - robot.default_stance,
             measured[..., quadruped.N_JOINTS :] * JOINT_VELOCITY_SCALE,
+            *_of_imu(imu),
             previous_action,
             rm_state,
             counts * ITERATIONS_SCALE,
         ],
         axis=-1,
     )
+
+
+def _of_imu(imu: Array | None) -> tuple[Array, ...]:
+    """Returns what is observed of an IMU's reading: gravity's direction, angular velocity."""
+    if imu is None:
+        return ()
+    return imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3]
 
 
 def body_state(robot: Robot, state: Array) -> Array:

@@ -1,6 +1,6 @@
 """What differs between robots and episodes: initial states, pushes, friction and noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import IN_ORDER, NotNegative, Range, Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import flip_contacts
+from glassgait.models.task.imu import IMU_NOISE, N_IMU, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
 
 Friction = Annotated[NotNegative, Le(1000.0)]
@@ -21,8 +21,8 @@ Friction = Annotated[NotNegative, Le(1000.0)]
 ContactFlips = Annotated[NotNegative, Le(1.0)]
 """Share of a contact sensor's readings that are wrong."""
 
-Latency = Annotated[NotNegative, Le(CONTROL_PERIOD)]
-"""Time from an observation until its action reaches the joints (s), a control period at most."""
+Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
+"""Time from an observation until its action reaches the joints (s), two control periods at most."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,11 @@ class Randomization(Settings):
         push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for
             no pushes.
         push_interval: Mean time between two pushes of a robot (s).
-        observation_noise: Factor on the noise of observed joint positions and velocities.
+        observation_noise: Factor on the noise of what the joints' sensors and the IMU measure.
+        encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
+        imu: What is wrong with the IMU's readings in an episode, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
+        straight: Share of the commands that ask for no turn.
         latency: Least and greatest time from an observation until its action reaches the joints
             (s), drawn for each episode.
     """
@@ -50,7 +53,10 @@ class Randomization(Settings):
     push_speed: NotNegative = 1.0
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
     observation_noise: NotNegative = 1.0
+    encoder_bias: Annotated[NotNegative, Le(1.0)] = 0.0
+    imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
+    straight: Annotated[NotNegative, Le(1.0)] = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
     def initial_states(self, robot: Robot, count: int, generator: np.random.Generator) -> Array:
@@ -71,6 +77,22 @@ class Randomization(Settings):
         noise = generator.uniform(-1.0, 1.0, size=(count, 2 * quadruped.N_JOINTS))
         return noise * (self.observation_noise * JOINT_NOISE)
 
+    def imu_noise(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws noise on the IMU's readings (count, 9; rad/s, m/s, none)."""
+        noise = generator.uniform(-1.0, 1.0, size=(count, N_IMU))
+        return noise * (self.observation_noise * IMU_NOISE)
+
+    def biases(self, count: int, generator: np.random.Generator) -> Array:
+        """Draws constant errors of episodes: of joint positions, then of the IMU (count, 21).
+
+        Where there are none nothing is drawn.
+        """
+        joints = np.full(quadruped.N_JOINTS, self.encoder_bias)
+        greatest = np.concatenate([joints, self.imu.half_widths])
+        if not greatest.any():
+            return np.zeros((count, len(greatest)))
+        return generator.uniform(-1.0, 1.0, size=(count, len(greatest))) * greatest
+
     def latencies(self, count: int, generator: np.random.Generator) -> Array:
         """Draws the latencies of episodes (count,; s)."""
         least, greatest = self.latency
@@ -79,13 +101,12 @@ class Randomization(Settings):
             return np.full(count, least)
         return generator.uniform(least, greatest, size=count)
 
-    def sensed_contact(
-        self, contact: NDArray[np.bool_], generator: np.random.Generator
-    ) -> NDArray[np.bool_]:
-        """Reads contacts (count, 4) by the robots' sensors."""
+    def wrong_contacts(self, count: int, generator: np.random.Generator) -> NDArray[np.bool_]:
+        """Draws which contact sensors read wrongly in a control step (count, 4)."""
+        feet = (count, quadruped.N_LEGS)
         if self.contact_flips == 0.0:
-            return contact
-        return flip_contacts(contact, generator.random(contact.shape), self.contact_flips)
+            return np.zeros(feet, dtype=bool)
+        return generator.random(feet) < self.contact_flips
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
         """Draws what this control step's pushes add to base velocities (count, 3; m/s).

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import NotNegative, Positive, Settings
 from glassgait.models.task import CONTROL_PERIOD
@@ -17,6 +18,12 @@ SOFT_LIMIT_FRACTION = 0.9
 
 AIR_TIME_TARGET = 0.5
 """Time in the air above which a step is rewarded (s)."""
+
+HIGH_SWING = 0.1
+"""Height of a foot above the ground that costs nothing (m)."""
+
+STANDING_HEIGHT = 0.005
+"""Height of a foot below which it is to stand still (m)."""
 
 AIR_TIME_MIN_SPEED = 0.1
 """Commanded speed above which air time counts (m/s)."""
@@ -36,6 +43,9 @@ class RewardWeights(Settings):
         action_change: Weight of the squared change of the action.
         joint_limits: Weight of the angles beyond nine tenths of the joints' ranges (1/rad).
         air_time: Weight of the time in the air of the feet that land, above its target (1/s).
+        high_swing: Weight of the feet's heights above what costs nothing (1/m).
+        tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
+        slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
             one distinguishes small errors.
         tracking_time: Time over which speeds are averaged, older ones counting less, before they
@@ -53,11 +63,14 @@ class RewardWeights(Settings):
     action_change: float = -0.01
     joint_limits: float = -10.0
     air_time: float = 1.0
+    high_swing: float = 0.0
+    tilt: float = 0.0
+    slip: float = 0.0
     tracking_width: Positive = 0.25
     tracking_time: NotNegative = 0.0
 
     def as_array(self) -> Array:
-        """Returns the weights (9) in the order of `REWARD_TERMS`."""
+        """Returns the weights (12) in the order of `REWARD_TERMS`."""
         return np.array([getattr(self, name) for name in REWARD_TERMS])
 
 
@@ -70,7 +83,7 @@ class Reward(NamedTuple):
     """The reward of one control step.
 
     Attributes:
-        terms: Weighted terms (..., 9), in the order of `REWARD_TERMS`.
+        terms: Weighted terms (..., 12), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
         air_time: Time each foot has now been in the air (..., 4; s).
         tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
@@ -110,6 +123,7 @@ def step_reward(
     previous_action: Array,
     command: Array,
     foot_contact: NDArray[np.bool_],
+    foot_height: Array,
     air_time: Array,
     tracked: Array,
     weights: RewardWeights,
@@ -125,6 +139,7 @@ def step_reward(
         previous_action: Action of the step before (..., 12).
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
         foot_contact: Whether each foot touches, now or at the previous step (..., 4).
+        foot_height: Heights of the feet above the ground (..., 4; m).
         air_time: Time each foot had been in the air before the step (..., 4; s).
         tracked: `Reward.tracked` of the step before (..., 2; m/s, rad/s).
         weights: Weights of the terms.
@@ -146,6 +161,15 @@ def step_reward(
     moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
     flight = np.sum((air_time - AIR_TIME_TARGET) * landed, axis=-1) * moving
 
+    slipping = np.zeros_like(foot_height)
+    if weights.slip:
+        feet = kinematics.foot_positions(robot, joint_position)
+        swept = kinematics.foot_velocities(robot, joint_position, joint_velocity)
+        swept = swept + linear[..., None, :] + cross(angular[..., None, :], feet)
+        slow = np.sum(np.square(swept), axis=-1)
+        slipping = np.where(foot_height < STANDING_HEIGHT, slow, 0.0)
+    down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
+
     tracked = tracked_speeds(state, tracked, weights)
     exactness = np.exp(-np.square(command - tracked) / weights.tracking_width)
     values = (
@@ -158,6 +182,9 @@ def step_reward(
         np.sum(np.square(action - previous_action), axis=-1),
         np.sum(np.maximum(excursion, 0.0), axis=-1),
         flight,
+        np.sum(np.maximum(foot_height - HIGH_SWING, 0.0), axis=-1),
+        np.sum(np.square(down[..., :2]), axis=-1),
+        np.sum(slipping, axis=-1),
     )
     terms = np.stack(values, axis=-1) * weights.as_array()
     plain = np.maximum(terms.sum(axis=-1) * CONTROL_PERIOD, 0.0)

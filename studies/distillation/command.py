@@ -26,8 +26,7 @@ from glassgait.studies.common.sweep import (
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.library import DISTILLATION_FOLDER
-from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.distillation.study import distill, write_r2_table
 
 
 @dataclass(frozen=True)

@@ -27,15 +27,39 @@ from glassgait.studies.common.parallel.loop import run_parallel, runs_here
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
-from glassgait.studies.common.tables import write_table
+from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.distillation.collection import collect
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.rounds import Round, rounds
+from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
 from glassgait.studies.distillation.students.baselines import untrained_student
 from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
 from glassgait.studies.distillation.students.formula_latex import write_latex
-from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
+
+
+def r2_table(r2: pd.DataFrame, gait: str) -> pd.DataFrame:
+    """Formats the scores for reading, the paper's beside ours."""
+    paper = [STUDENTS[kind].paper_r2.get(gait, float("nan")) for kind in r2["student"]]
+    return pd.DataFrame(
+        {
+            "student": [student_title(kind) for kind in r2["student"]],
+            "R² (episodes held out)": r2["r2"].round(4),
+            "R² (paper's shuffled split)": r2["r2_shuffled_split"].round(4),
+            "paper": paper,
+            "worst joint": r2.filter(regex="^r2_.._").min(axis=1).round(4),
+        }
+    )
+
+
+def write_r2_table(r2: pd.DataFrame, gait: str, folder: Path) -> pd.DataFrame:
+    """Writes the scores as metrics.json, r2.csv and r2.md, and returns the table."""
+    table = r2_table(r2, gait)
+    write_table(table, folder / "r2")
+    # Wall time is left out: equal runs give equal metrics.
+    metrics = r2.drop(columns="minutes").set_index("student").to_dict(orient="index")
+    write_metrics(metrics, folder / "metrics.json")
+    return table
+
 
 SHUFFLED_TEST_SHARE = 0.2
 
@@ -63,8 +87,6 @@ def distill(
 
     Args:
         config: Settings.
-        gait: The gait that they name.
-        expert: The expert.
         folder: Where the run is kept.
         report: Called with a line of progress.
         resume: Whether to continue the run that the folder holds.

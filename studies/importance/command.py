@@ -22,9 +22,8 @@ from glassgait.studies.common.policies import EXPERT, Policies, find_policies, p
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.additive import EBM
 from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
-from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.dataset import round_paths
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import STUDENTS

@@ -18,7 +18,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
-from glassgait.studies.distillation.students.certificates import certificates_of
+from glassgait.studies.distillation.students.library import certificates_of
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.explanation.command import CONFIG, DIGEST
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from glassgait.models.robots.robot import load_robot
-from glassgait.studies.distillation.students.additive import EBM
-from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
 from glassgait.studies.reproduction.gait import GaitResults
 

@@ -26,12 +26,10 @@ from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EBM
-from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import paper_students, student_title
-from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.importance.figures import contribution_figure, draw_student
 from glassgait.studies.importance.study import held_out_samples, measure_importances

@@ -1,7 +1,7 @@
 """The settings of a training run: its command line and its record."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 from annotated_types import Le, MaxLen, MinLen
@@ -19,6 +19,7 @@ from glassgait.models.settings import (
     Settings,
     Share,
 )
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
 
@@ -26,6 +27,7 @@ Fraction = Annotated[NotNegative, Le(1.0)]
 LearningRate = Annotated[Positive, Le(1.0)]
 Layers = Annotated[tuple[Annotated[Count, Le(4096)], ...], MinLen(1), MaxLen(16)]
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
+Senses = Literal["learned", "odometry", "imu"]
 Updates = Annotated[tuple[Natural, Natural], IN_ORDER]
 
 
@@ -136,6 +138,10 @@ class TrainingConfig(Settings):
             machine does.
         limit_targets: Whether joints follow targets within their ranges alone, the nearest ones
             there. The expert's file says so, and it and its students are run so from then on.
+        senses: Where the body state comes from: `learned` is the paper's, a network that learns
+            beside the actor, without an IMU; `odometry` estimates it by the IMU, the joints and the
+            standing feet; with `imu` the actor observes gravity and angular velocity as well.
+        odometry: Settings of the odometry.
         weights: Weights of the reward.
         limits: Bounds of the termination.
         curriculum: Growth of the reward machine's demands.
@@ -157,6 +163,8 @@ class TrainingConfig(Settings):
     checkpoint_updates: Count = 50
     mirrored: bool = True
     limit_targets: bool = False
+    senses: Senses = "learned"
+    odometry: Odometry = field(default_factory=Odometry)
     weights: RewardWeights = EXACT
     limits: TerminationLimits = field(default_factory=TerminationLimits)
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)

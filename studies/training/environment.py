@@ -18,9 +18,10 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.imu import ImuReading, measure_imu
+from glassgait.models.task.observation import ANGULAR_VELOCITY_SCALE
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.training.config import TrainingConfig
-
-ANGULAR_VELOCITY_SCALE = 0.25
 
 OBSERVATION_GROUPS = {
     "actor": ["proprioception", "estimate"],
@@ -55,16 +56,20 @@ class TrainingEnvironment:
         self,
         config: TrainingConfig,
         gait: Gait,
-        estimator: nn.Module,
+        estimator: nn.Module | Odometry,
         generator: np.random.Generator,
+        *,
+        observes_imu: bool = False,
         speed_range: tuple[float, float] | None = None,
     ) -> None:
         """
         Args:
             config: Settings.
             gait: The gait.
-            estimator: Maps proprioception (n, k) to its estimate of trunk and feet (n, 7).
+            estimator: Odometry, or what maps proprioception (n, k) to its estimate of trunk and
+                feet (n, 7).
             generator: Source of randomness.
+            observes_imu: Whether gravity and angular velocity are observed.
             speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
         """
         self._reward_scale = config.ppo.reward_scale
@@ -81,12 +86,13 @@ class TrainingEnvironment:
                 command=DrawnCommands(speed_range),
                 limit_targets=config.limit_targets,
                 robot=robot,
+                observes_imu=observes_imu,
             ),
             BatchPhysics(robot, *stations),
             n_robots=config.n_robots,
             generator=generator,
-            # It estimates by itself, with the network that learns.
-            estimator=None,
+            # A network that learns estimates here, and the reward machine reads true heights.
+            estimator=estimator if isinstance(estimator, Odometry) else None,
             difficulty=config.curriculum.initial_difficulty,
         )
         members = self.simulator.physics.members(config.n_robots)
@@ -102,8 +108,11 @@ class TrainingEnvironment:
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
         own = _tensor(self.simulator.proprioception())
-        with torch.no_grad():
-            estimate = self._estimator(own)
+        if isinstance(self._estimator, Odometry):
+            estimate = _tensor(self.simulator.state.estimate)
+        else:
+            with torch.no_grad():
+                estimate = self._estimator(own)
         return TensorDict(
             {
                 "proprioception": own,
@@ -134,6 +143,7 @@ class TrainingEnvironment:
         _, angular = kinematics.base_velocity(s.plant)
         return np.concatenate(
             [
+                *self._leaning(),
                 kinematics.gravity_direction(s.plant[:, quadruped.QUATERNION]),
                 ANGULAR_VELOCITY_SCALE * angular,
                 s.touching,
@@ -144,6 +154,14 @@ class TrainingEnvironment:
             ],
             axis=1,
         )
+
+    def _leaning(self) -> tuple[Array, ...]:
+        """Returns the true direction of gravity, which differs from the ground's on slopes."""
+        if not isinstance(self._estimator, Odometry):
+            return ()
+        plant, gravity = self.simulator.state.plant, self.simulator.gravity
+        reading = measure_imu(plant, plant[:, quadruped.LINEAR_VELOCITY], gravity)
+        return (ImuReading.of(reading).gravity,)
 
     def to_arrays(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Returns all that a checkpoint needs: named arrays, and values that JSON can hold."""

@@ -5,6 +5,7 @@ import numpy as np
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.estimator import StateEstimator, network_of
@@ -19,22 +20,27 @@ class TrainingRun(LearningRun):
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
         config = self.config
-        layout = ObservationLayout(self.gait.n_states)
+        imu = config.senses == "imu"
+        layout = ObservationLayout(self.gait.n_states, imu=imu)
         self._mirrored_states = mirrored_states(self.gait) if config.mirrored else None
         reflection = (
             None
             if self._mirrored_states is None
             else reflect_observation(layout.names, self._mirrored_states)
         )
-        self.estimator = StateEstimator(layout.n_proprioceptive, config.estimator, reflection)
+        learned = None
+        if config.senses == "learned":
+            learned = StateEstimator(layout.n_proprioceptive, config.estimator, reflection)
+        self.estimator = learned or config.odometry
+        generator = np.random.default_rng(config.seed)
         environment = TrainingEnvironment(
-            config, self.gait, self.estimator, np.random.default_rng(config.seed)
+            config, self.gait, self.estimator, generator, observes_imu=imu
         )
         observations = environment.observe()
         actor = gaussian_actor(config.ppo, observations)
         if reflection is not None:
             act_by(actor, Mirrored(actor.mlp, reflection, REFLECT_JOINTS))
-        return environment, Learner(config, observations, actor, self.estimator)
+        return environment, Learner(config, observations, actor, learned)
 
     def write_result(self) -> None:
         """Writes the expert as it is now, its record and its curve."""
@@ -42,7 +48,7 @@ class TrainingRun(LearningRun):
             self.gait.name,
             self.environment.simulator.layout.names,
             network_of(self.learner.ppo.actor.mlp),
-            self.estimator.to_network(),
+            self.estimator if isinstance(self.estimator, Odometry) else self.estimator.to_network(),
             self._mirrored_states,
             limits_targets=self.config.limit_targets,
             robot=load_robot(self.config.robot),

@@ -10,7 +10,7 @@ from glassgait.models.certificates.certificate import shipped_certificates
 from glassgait.models.errors import InputError
 from glassgait.models.settings import FEW, Settings
 from glassgait.studies.common.console import console
-from glassgait.studies.distillation.students.certificates import CERTIFICATE_NAME
+from glassgait.studies.distillation.students.library import CERTIFICATE_NAME
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,10 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.certificates import (
+from glassgait.studies.distillation.students.library import (
     CERTIFICATE_NAME,
+    default_student,
 )
-from glassgait.studies.distillation.students.library import default_student
 from glassgait.studies.verification.measurement import measure_box
 from glassgait.studies.verification.tables import bounds_table, claims_table
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.models.counterfactuals.branching import SmoothSearch, shortest_steps
 from glassgait.models.counterfactuals.forest import Forest
-from glassgait.models.counterfactuals.intervals import bounds_of
 from glassgait.models.counterfactuals.question import TOLERANCE, Question, Room
 from glassgait.models.counterfactuals.search import answer, search_of
-from glassgait.models.counterfactuals.smooth import FormulaTarget
+from glassgait.models.counterfactuals.smooth import FormulaTarget, SmoothSearch, shortest_steps
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.interval import Interval, bounds_of
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.boosting import BoostedTreesPolicy
@@ -190,9 +189,9 @@ def test_slopes_of_formulas_are_bounded(kind, observations, generator):
     high = generator.random((1, count))
     least, greatest = target.slopes(low, high)
     inside = low + (high - low) * generator.random((50, count))
-    slopes, same = target.slopes(inside, inside)
-    np.testing.assert_allclose(slopes, same, atol=1e-12)
-    assert (slopes >= least - 1e-12).all() and (slopes <= greatest + 1e-12).all()
+    slopes = target.gradient(inside)
+    for ends in ((least, greatest), target.slopes(inside, inside)):
+        assert (slopes >= ends[0]).all() and (slopes <= ends[1]).all()
     # Where the curved ones have moved, the others are affine: a slope times a move is the change.
     for place in np.setdiff1d(np.arange(target.size), target.curved)[:12]:
         moved = question.observation.copy()
@@ -225,11 +224,11 @@ def test_bounds_of_formulas_hold(text, generator):
         high = np.minimum(low + 3 * generator.random(2), 2.0)
         inside = generator.uniform(low, high, size=(500, 2))
         values = Tape([formula], 2)(inside)[:, 0]
-        boxes = {index: (low[[index]], high[[index]]) for index in range(2)}
-        least, greatest = bounds_of(formula, boxes)
-        assert (values >= least - 1e-12).all() and (values <= greatest + 1e-12).all()
-        point = {index: (inside[:, index], inside[:, index]) for index in range(2)}
-        np.testing.assert_allclose(bounds_of(formula, point)[0], values, rtol=1e-9)
+        whole = bounds_of(formula, {i: Interval(low[[i]], high[[i]]) for i in range(2)})
+        assert (values >= whole.lower).all() and (values <= whole.upper).all()
+        points = bounds_of(formula, {i: Interval(inside[:, i], inside[:, i]) for i in range(2)})
+        assert (points.lower <= values).all() and (values <= points.upper).all()
+        np.testing.assert_allclose(points.lower, values, rtol=1e-9, atol=1e-9)
 
 
 def test_sets_of_observations_are_searched_together(observations):

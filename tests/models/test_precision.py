@@ -17,6 +17,7 @@ from glassgait.models.policies.arrays import (
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
 
 NAMES = ObservationLayout(2).names
@@ -98,6 +99,13 @@ def test_a_compact_policys_actions_differ_by_rounding(make):
     policy, rows = make(), observations(500)
     difference = np.abs(policy.compact()(rows) - policy(rows))
     assert 0 < difference.max() < 1e-6
+
+
+def test_a_compact_policy_is_of_the_same_robot(small_trees, small_additive):
+    for policy in (small_trees(), small_additive()):
+        arrays = {name: getattr(policy, name) for name in policy.array_specs}
+        own = type(policy)("trot", NAMES, robot=load_robot("go2"), **arrays)
+        assert own.compact().robot.name == "go2"
 
 
 def test_compact_exact_trees_take_every_branch_as_before():

@@ -19,6 +19,7 @@ def reward(state, **changes):
         "previous_action": np.zeros(12),
         "command": np.zeros(2),
         "foot_contact": np.ones(4, dtype=bool),
+        "foot_height": np.zeros(4),
         "air_time": np.zeros(4),
         "tracked": np.zeros(2),
         "weights": RewardWeights(),
@@ -105,6 +106,25 @@ def test_air_time_grows_while_a_foot_is_up(standing):
     np.testing.assert_allclose(outcome.air_time, [0, 0, 0, 0.12])
 
 
+def test_feet_that_swing_high_cost_what_is_above_the_bound(standing):
+    weights = RewardWeights(high_swing=-2.0)
+    _, terms = reward(standing, weights=weights, foot_height=np.array([0.0, 0.05, 0.1, 0.15]))
+    assert terms["high_swing"] == pytest.approx(-0.1)
+
+
+def test_a_trunk_that_leans_costs_the_squared_sine(standing):
+    standing[quadruped.QUATERNION] = np.cos(0.1), 0.0, np.sin(0.1), 0.0
+    _, terms = reward(standing, weights=RewardWeights(tilt=-3.0))
+    assert terms["tilt"] == pytest.approx(-3.0 * np.sin(0.2) ** 2)
+
+
+def test_feet_on_the_ground_cost_their_squared_speed(standing):
+    standing[quadruped.LINEAR_VELOCITY] = 0.3, 0.4, 0.0
+    height = np.array([0.0, 0.0, 0.01, 0.1])
+    _, terms = reward(standing, weights=RewardWeights(slip=-1.0), foot_height=height)
+    assert terms["slip"] == pytest.approx(-2 * 0.25)
+
+
 def test_plain_reward_is_never_negative(standing):
     outcome, _ = reward(standing, action=np.full(12, 50.0))
     assert outcome.plain == 0.0
@@ -118,10 +138,11 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "action": generator.normal(size=(5, 12)),
         "previous_action": generator.normal(size=(5, 12)),
         "command": generator.normal(size=(5, 2)),
+        "foot_height": 0.2 * generator.random((5, 4)) - 0.02,
         "air_time": generator.random((5, 4)),
         "tracked": generator.normal(size=(5, 2)),
     }
-    weights = RewardWeights(tracking_time=0.2)
+    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0)
     batch = step_reward(A1, states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}

@@ -173,7 +173,9 @@ def test_a_saved_expert_is_still_mirrored(generator, tmp_path):
     expert = _expert(generator, (1, 0))
     expert.save(tmp_path / "trot.safetensors")
     arrays, values = expert.to_arrays()
-    again = NeuralPolicy.from_arrays("trot", expert.observation_names, arrays, values)
+    again = NeuralPolicy.from_arrays(
+        arrays, values, gait="trot", observation_names=expert.observation_names
+    )
     assert isinstance(again, Policy)
     assert again.mirrored_states == (1, 0)
     assert again.digest() == expert.digest() != _expert(generator, None).digest()

@@ -17,10 +17,13 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.studies.cli import main
 from glassgait.studies.deployment.export.compiler import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EbmSettings
-from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.boosting import (
+    EbmSettings,
+    GbmSettings,
+    HistogramGbmSettings,
+)
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.reproduction.benchmark import command, controllers, python_times
 from glassgait.studies.reproduction.benchmark.python_times import (
     NaiveModel,

@@ -15,7 +15,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.students.certificates import find_certificate
+from glassgait.studies.distillation.students.library import find_certificate
 from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
 from glassgait.studies.explanation.page import explain_rollout, render_page
 

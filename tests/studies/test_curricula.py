@@ -4,8 +4,7 @@ import pandas as pd
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.rounds import rounds
+from glassgait.studies.distillation.config import DistillationConfig, rounds
 from glassgait.studies.reproduction.curricula import (
     CURRICULA,
     TICKS,

@@ -12,17 +12,19 @@ from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EbmSettings
-from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
+from glassgait.studies.distillation.students.boosting import (
+    EbmSettings,
+    GbmSettings,
+    HistogramGbmSettings,
+)
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds, r2_scores
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.tables import write_r2_table
+from glassgait.studies.distillation.study import distill, write_r2_table
 
 GAIT = load_gait("trot")
 

@@ -68,7 +68,7 @@ class StiffPolicy(Policy):
         factors=factors,
         importance=lambda policy, observations: ("derivatives", np.abs(policy.weights)),
         targets="certificates.formula_targets:FormulaTargets.of_linear",
-        search="counterfactuals.branching:SmoothSearch.of_linear",
+        search="counterfactuals.smooth:SmoothSearch.of_linear",
         code=code,
         graph="export.graphs.policies:add_linear",
     )

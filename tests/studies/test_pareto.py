@@ -10,10 +10,15 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.pareto import command
-from glassgait.studies.distillation.pareto.command import pareto_table, smallest_that_walk
-from glassgait.studies.distillation.pareto.formulas import FAMILIES, families_of, sizes_of
-from glassgait.studies.distillation.refinement.config import RefinementConfig
+from glassgait.studies.distillation import pareto
+from glassgait.studies.distillation.pareto import (
+    FAMILIES,
+    families_of,
+    pareto_table,
+    sizes_of,
+    smallest_that_walk,
+)
+from glassgait.studies.distillation.refinement.study import RefinementConfig
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.student import TrainingSet
 
@@ -90,7 +95,7 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
         "candidate_steps": 20,
         "worlds": DomainRandomization(n_groups=2, fine_steps=()),
     }
-    monkeypatch.setattr(command, "RefinementConfig", partial(RefinementConfig, **few))
+    monkeypatch.setattr(pareto, "RefinementConfig", partial(RefinementConfig, **few))
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]
     output = tmp_path / "pareto"

@@ -18,14 +18,13 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.refinement import study
-from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import (
     UNIT_EFFECT,
     FormulaNetwork,
     without_zeros,
 )
-from glassgait.studies.distillation.refinement.study import RefinementRun
-from glassgait.studies.distillation.students.formula_fit import short_numbers
+from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
+from glassgait.studies.distillation.students.symbolic import short_numbers
 from glassgait.studies.training.config import PpoConfig
 
 A1 = load_robot()

@@ -19,10 +19,12 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import to_plain
 from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EbmSettings
-from glassgait.studies.distillation.students.boosting import GbmSettings, HistogramGbmSettings
-from glassgait.studies.distillation.students.registry import paper_students
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.boosting import (
+    EbmSettings,
+    GbmSettings,
+    HistogramGbmSettings,
+)
+from glassgait.studies.distillation.students.registry import StudentsSettings, paper_students
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,

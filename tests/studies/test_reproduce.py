@@ -15,9 +15,8 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.distillation.rounds import rounds
-from glassgait.studies.distillation.students.additive import additive_regressor
-from glassgait.studies.distillation.students.boosting import boosting_regressor
+from glassgait.studies.distillation.config import rounds
+from glassgait.studies.distillation.students.boosting import additive_regressor, boosting_regressor
 from glassgait.studies.distillation.students.symbolic_regression import pysr_starts
 from glassgait.studies.reproduction import report
 from glassgait.studies.reproduction.contents import WITHOUT_PYSR

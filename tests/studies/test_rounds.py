@@ -7,10 +7,9 @@ import pytest
 
 from glassgait.models.errors import InputError
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.rounds import rounds
+from glassgait.studies.distillation.config import DistillationConfig, rounds
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
 
 GAIT = load_gait("trot")

@@ -15,12 +15,8 @@ from glassgait.studies.cli import COMMANDS, command_class
 from glassgait.studies.common import selection
 from glassgait.studies.common.cases import for_selection, rollout_cases
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts import (
-    REPORTED_SEEDS,
-    SELECTION_SEEDS,
-    RolloutConfig,
-)
-from glassgait.studies.distillation.pareto.command import smallest_that_walk
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
+from glassgait.studies.distillation.pareto import smallest_that_walk
 from glassgait.studies.evaluation.assurance import Assurance
 
 GAIT = load_gait("trot")

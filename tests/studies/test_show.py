@@ -79,7 +79,9 @@ def hop(tmp_path, monkeypatch):
     """A gait of one's own, with the files that train and distill leave by default."""
     monkeypatch.chdir(tmp_path)
     expert = load_expert("trot")
-    own = NeuralPolicy.from_arrays("hop", expert.observation_names, *expert.to_arrays())
+    own = NeuralPolicy.from_arrays(
+        *expert.to_arrays(), gait="hop", observation_names=expert.observation_names
+    )
     own.save(Path("runs/training/hop/hop.safetensors"))
     text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
     student = Path("runs/distillation/hop/symbolic.formulas")

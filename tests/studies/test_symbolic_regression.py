@@ -19,8 +19,8 @@ from glassgait.models.formulas.tape import Tape
 from glassgait.models.formulas.text import parse_formula, write_formula
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, rounded, settled
 from glassgait.studies.distillation.students.gated_sum import fit_gated_sums
+from glassgait.studies.distillation.students.symbolic import FormulaFit, gates, rounded, settled
 from glassgait.studies.distillation.students.symbolic_regression import (
     SymbolicSettings,
     fit_formulas,

@@ -176,12 +176,20 @@ PORTS: dict[Any, Ports] = {
             "action": 12,
             "previous_action": 12,
             "foot_contact": 4,
+            "foot_height": 4,
             "reward_multiplier": 1,
         },
-        {"reward": 1, "plain_reward": 1, "reward_terms": 9},
+        {"reward": 1, "plain_reward": 1, "reward_terms": 12},
         {
             (source, target)
-            for source in ("state", "command", "action", "previous_action", "foot_contact")
+            for source in (
+                "state",
+                "command",
+                "action",
+                "previous_action",
+                "foot_contact",
+                "foot_height",
+            )
             for target in ("reward", "plain_reward", "reward_terms")
         }
         | {("reward_multiplier", "reward")},

@@ -17,6 +17,7 @@ def inputs(state, **changes):
         "action": np.zeros(12),
         "previous_action": np.zeros(12),
         "foot_contact": np.ones(4),
+        "foot_height": np.zeros(4),
         "reward_multiplier": 1.0,
     }
     return values | changes
@@ -40,6 +41,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
         previous_action=np.zeros(12),
         command=np.array([0.3, 0.1]),
         foot_contact=np.ones(4, dtype=bool),
+        foot_height=np.zeros(4),
         air_time=np.array([0, 0, 0, 0.02]),
         tracked=np.zeros(2),
         weights=RewardWeights(),

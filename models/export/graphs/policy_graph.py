@@ -57,7 +57,7 @@ def write_graph(
         one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
     graph = GraphBuilder()
     own = graph.add("Cast", OBSERVATION, to=TensorProto.DOUBLE)
-    estimate = add_network(graph, expert.estimator, own)
+    estimate = add_network(graph, expert.learned_estimator, own)
     observation = graph.add("Concat", own, estimate, axis=1)
     action = _add_policy(graph, policy, observation)
     for value, name in ((action, ACTIONS), (estimate, ESTIMATE)):

@@ -52,7 +52,7 @@ def compare_graph(
 ) -> GraphAgreement:
     """Lets both act on proprioception (m, 40 + n_states), rounded to what the graph reads."""
     rounded = own.astype(graph.dtype).astype(float)
-    estimate = expert.estimator(rounded)
+    estimate = expert.learned_estimator(rounded)
     action = policy(np.concatenate([rounded, estimate], axis=-1))
     acted = graph(own)
     return GraphAgreement(

@@ -1,31 +1,133 @@
 """The refinement study: formulas that walk learn to walk better, their numbers alone."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
+import tyro
 from tensordict import TensorDict
 from torch import nn
 
+from glassgait.diagrams.domain_randomization import HARSH, DomainRandomization, GroupRanges
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
 from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
-from glassgait.studies.distillation.refinement.config import RefinementConfig
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
-from glassgait.studies.distillation.students.formula_fit import short_numbers
+from glassgait.studies.distillation.students.symbolic import short_numbers
+from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.environment import TrainingEnvironment
 from glassgait.studies.training.learner import Learner, act_by, gaussian_actor
 from glassgait.studies.training.learning_run import LearningRun
 from glassgait.studies.training.record import write_learned
+
+REFINING = PpoConfig(entropy=0.0, final_entropy=0.0, initial_std=0.1)
+"""PPO of a policy that walks already: it looks about near to what it does."""
+
+PRUNING_SHARE = 2 / 3
+"""Share of the updates after which no more terms are dropped."""
+
+MILD = DomainRandomization(
+    groups=GroupRanges(payload=(0.0, 1.0), motor_strength=(0.9, 1.1), gains=(0.9, 1.1)),
+    fine_steps=(),
+    randomization=replace(HARSH, push_speed=0.5, latency=(0.0, 0.01)),
+)
+"""About half of what experts meet: few terms that learn in the harshest worlds forget home."""
+
+FULL_DEMANDS = CurriculumConfig(initial_difficulty=1.0)
+
+
+@dataclass(frozen=True)
+class RefinementConfig(Settings):
+    """Settings of a refinement.
+
+    Attributes:
+        seed: Seed of all randomness.
+        updates: Number of PPO updates.
+        terms: Terms of all formulas together that are left in the end; all by default.
+        critic_updates: Updates at first in which the critic learns alone, since it begins anew.
+        candidate_updates: Updates from one candidate to the next: the formulas that there are then
+            walk alone, and those that do best are the result.
+        candidate_steps: Control steps that each of a candidate's robots walks.
+        n_robots: Robots that walk at once.
+        worlds: The randomised scenarios that they walk in.
+        ppo: Settings of PPO.
+    """
+
+    title: ClassVar[str] = "refinement"
+
+    seed: Seed = 0
+    updates: Count = 150
+    terms: Count | None = None
+    critic_updates: Natural = 10
+    candidate_updates: Count = 20
+    candidate_steps: Count = EPISODE_STEPS
+    n_robots: Count = 256
+    worlds: Annotated[DomainRandomization, tyro.conf.arg(name="worlds")] = MILD
+    ppo: PpoConfig = REFINING
+
+    def n_terms(self, update: int, at_first: int) -> int:
+        """Returns how many terms are left after an update.
+
+        Many go early, and the last ones slowly (the cubic schedule of Zhu and Gupta, «To prune, or
+        not to prune», 2017). The last third of the updates has the terms that are left.
+
+        Args:
+            update: Updates done.
+        """
+        if self.terms is None:
+            return at_first
+        span = PRUNING_SHARE * self.updates - self.critic_updates
+        left = 1.0 - np.clip((update - self.critic_updates) / max(span, 1.0), 0.0, 1.0)
+        return min(at_first, self.terms + round((at_first - self.terms) * float(left) ** 3))
+
+    def is_candidate(self, update: int, n_terms: int) -> bool:
+        """Returns whether the formulas after an update may be the result.
+
+        Args:
+            update: Updates done; 0 for the formulas that the run begins with.
+        """
+        due = update % self.candidate_updates == 0 or update == self.updates
+        return due and (self.terms is None or n_terms <= self.terms)
+
+    def training(
+        self, gait: str, *, robot: str = DEFAULT_ROBOT, limit_targets: bool = False
+    ) -> TrainingConfig:
+        """Returns the settings as those of a run that learns.
+
+        Args:
+            robot: Name of the robot, or path of its robot.yaml.
+            limit_targets: Whether joints follow targets within their ranges alone.
+
+        Raises:
+            InputError: if there are too few robots for an update, or for the worlds' groups.
+        """
+        return TrainingConfig(
+            gait=gait,
+            robot=robot,
+            seed=self.seed,
+            updates=self.updates,
+            n_robots=self.n_robots,
+            worlds=self.worlds,
+            limit_targets=limit_targets,
+            curriculum=FULL_DEMANDS,
+            ppo=self.ppo,
+        )
+
 
 SEEN_STEPS = 50
 """Control steps that robots walk before the run, to see what each number does."""
@@ -51,7 +153,6 @@ class RefinementRun(LearningRun):
         """
         Args:
             config: Settings; a resumed run must have the same, except for more updates.
-            gait: The gait.
             expert: The expert; its estimator, which no longer learns, observes for the policy.
             policy: The policy to begin with.
             folder: Where policy, checkpoint, curve and TensorBoard events go.
@@ -119,11 +220,19 @@ class RefinementRun(LearningRun):
         return self.folder / "candidates" / f"update_{update}{self._policy.suffix}"
 
     def _begin(self) -> tuple[TrainingEnvironment, Learner]:
-        estimator = _Frozen(self._expert.estimator)
+        own = self._expert.estimator
+        estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
         # Commanded to go as the students of a distillation: few terms cannot serve every speed.
         speeds = distilled_speeds(self.gait)
-        environment = TrainingEnvironment(self.config, self.gait, estimator, generator, speeds)
+        environment = TrainingEnvironment(
+            self.config,
+            self.gait,
+            estimator,
+            generator,
+            observes_imu=self._policy.layout.imu,
+            speed_range=speeds,
+        )
         self._network = FormulaNetwork(self._policy)
         self._network.balance(self._visited(environment, generator))
         observations = environment.observe()

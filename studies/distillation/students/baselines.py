@@ -14,9 +14,9 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import SymbolicPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import ITERATIONS_SCALE, indices_of, machine_state_entries
-from glassgait.studies.distillation.students.formula_fit import readable
 from glassgait.studies.distillation.students.gated_sum import gated_expression
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
+from glassgait.studies.distillation.students.symbolic import readable
 
 RIDGE = 1.0
 """Weight of the penalty on the squared weights."""

@@ -1,8 +1,13 @@
-"""Where students are kept, and finding them."""
+"""Where students and their certificates are kept, and finding them."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+from glassgait.models.certificates.certificate import shipped_certificates
+from glassgait.models.certificates.reading import Certificate, read_certificate
 from glassgait.models.errors import InputError
+from glassgait.models.files import digest
 from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     load_student_of,
@@ -11,8 +16,11 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import DEFAULT_ROBOT, robot_folder
-from glassgait.studies.common.policies import Policies
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import say
+from glassgait.studies.common.policies import Policies, find_policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
 from glassgait.studies.distillation.students.student import ITSELF
@@ -69,6 +77,30 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
+@dataclass(frozen=True)
+class OnePolicy(Settings):
+    """Settings of a command that takes one student.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a policy file; by default the student whose actions are
+            sums of the fewest terms.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
+    """
+
+    gait: str = "trot"
+    policy: str | None = None
+    robot: str | None = None
+    source: Path | None = None
+
+    def find(self) -> tuple[Policies, str]:
+        """Finds the policies of the gait, and returns the name of the one that is taken."""
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        return found, self.policy or default_student(found)
+
+
 def default_student(found: Policies) -> str:
     """Names the student of a gait that is explained where a person names none.
 
@@ -84,3 +116,60 @@ def default_student(found: Policies) -> str:
         f"'glassgait distill --gait {gait} --students {sums_of_terms()[1]}', or name another run "
         "with --source"
     )
+
+
+CERTIFICATION_FOLDER = Path("runs/certification")
+
+CERTIFICATE_NAME = "certificate.json"
+
+
+def certificates_of(gait: Gait, robot: Robot | None = None) -> list[Certificate]:
+    """Lists the certificates of a gait's policies: those that were made here, and those that ship.
+
+    Of a policy that has several there is the first one; a damaged file is reported and
+    left out.
+    """
+    found: dict[str, Certificate] = {}
+    for certificate in _certificates(gait.name, robot):
+        if certificate.is_of(gait, certificate.policy_digest):
+            found.setdefault(certificate.policy_digest, certificate)
+    return list(found.values())
+
+
+def find_certificate(
+    policy_file: Path, gait: Gait, path: Path | None = None, robot: Robot | None = None
+) -> Certificate | None:
+    """Finds the certificate of a policy, by the digest of the policy's file.
+
+    Args:
+        path: File of the certificate; by default one in runs/certification/<gait> or, where that
+            holds none of this policy, one that ships.
+        robot: The policy's robot; the default one by default.
+
+    Returns:
+        The certificate; None where no file is named and there is none of this policy.
+
+    Raises:
+        InputError: if a file is named that is no certificate, or that of another policy.
+    """
+    policy = digest(policy_file)
+    if path is None:
+        own = (one for one in certificates_of(gait, robot) if one.policy_digest == policy)
+        return next(own, None)
+    certificate = read_certificate(path, robot)
+    if not certificate.is_of(gait, policy):
+        raise InputError(
+            f"{path}: is of another policy than {policy_file}, or of another gait; make one with "
+            f"'glassgait verify prove --gait {gait.name} --policy {policy_file}'"
+        )
+    return certificate
+
+
+def _certificates(gait: str, robot: Robot | None) -> Iterator[Certificate]:
+    folder = robot_folder(CERTIFICATION_FOLDER, robot.name if robot else DEFAULT_ROBOT) / gait
+    made_here = [(path, robot) for path in sorted(folder.glob(f"*/{CERTIFICATE_NAME}"))]
+    for path, own in (*made_here, *((path, None) for path in shipped_certificates())):
+        try:
+            yield read_certificate(path, own)
+        except InputError as error:
+            say(f"left out: {error}")

@@ -22,9 +22,9 @@ from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count
 from glassgait.models.task.observation import indices_of
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
-from glassgait.studies.distillation.students.formula_fit import FormulaFit, gates, readable, settled
 from glassgait.studies.distillation.students.gated_sum import gated_expression, weight_paths
 from glassgait.studies.distillation.students.student import Student, StudentSettings, TrainingSet
+from glassgait.studies.distillation.students.symbolic import FormulaFit, gates, readable, settled
 
 
 @dataclass(frozen=True)

@@ -68,13 +68,10 @@ class TrainingSet:
     """What a student is fitted to.
 
     Attributes:
-        gait: Name of the gait.
-        observation_names: Names of the observations.
         observations: Samples (m, n).
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
         mirror: State that each state of the machine is in the mirror; None where it favours a side.
-        robot: The robot.
     """
 
     gait: str
@@ -165,8 +162,6 @@ def fit_joints(
 
     Args:
         fit: Fits one: `fit(observations, target, seed, settings)`.
-        samples: What to fit to.
-        settings: Its settings.
         seed: Seed of the first joint; the others count on.
         n_jobs: Joints that are fitted at once.
     """
@@ -191,8 +186,6 @@ def fit_compiled(
     Args:
         fit: Fits one: `fit(observations, target, seed, settings)`.
         compile_models: Makes the policy: `compile_models(gait, names, models, robot)`.
-        samples: What to fit to.
-        settings: Its settings.
         seed: Seed of the first joint; the others count on.
         n_jobs: Joints that are fitted at once.
     """

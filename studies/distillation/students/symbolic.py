@@ -1,28 +1,178 @@
-"""Formulas: one for each joint, or one for each joint and state of the machine."""
+"""Students of formulas: one for each joint, or one for each joint and state of the machine.
 
-from collections.abc import Callable, Sequence
+They are fitted as they are written: in the robot's units, with three digits.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.arrays import Array
+from glassgait.models.formulas.expression import Expression, canonical, constant
+from glassgait.models.formulas.quantities import (
+    GATES,
+    RobotUnits,
+    Vocabulary,
+    known_definitions,
+)
+from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
 from glassgait.models.robots.quadruped import N_JOINTS
-from glassgait.studies.distillation.students.formula_fit import (
-    FormulaFit,
-    gates,
-    settled,
-    shared_gates,
-)
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.student import Student, TrainingSet
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
+    fit_formulas,
 )
+
+DIGITS = 3
+"""Significant digits of the numbers in formulas."""
+
+
+def gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve one state of the machine."""
+    return tuple(vocabulary.variable(symbol) for symbol in GATES)
+
+
+def shared_gates(vocabulary: Vocabulary) -> tuple[Expression, ...]:
+    """Returns the gates of formulas that serve every state of the machine.
+
+    They are the states but the last, which is where all others are 0, the gates of one state, and
+    whether the robot is late in each state.
+    """
+    symbols = [vocabulary.symbols[i] for i in indices_of("machine state", vocabulary.names)]
+    states = [vocabulary.variable(symbol) for symbol in symbols[:-1]]
+    late, *lifted = gates(vocabulary)
+    products = (Expression("mul", (state, late)) for state in states)
+    return (*states, late, *products, *lifted)
+
+
+class FormulaFit:
+    """Fits formulas of joint targets.
+
+    Attributes:
+        vocabulary: What the formulas may hold.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        names: tuple[str, ...],
+        gates: Callable[[Vocabulary], Sequence[Expression]],
+    ) -> None:
+        """
+        Args:
+            names: Names of the observations (n).
+            gates: Returns what says where in the gait the robot is.
+        """
+        self.vocabulary = Vocabulary(names, known_definitions(robot, names))
+        self._gates = gates(self.vocabulary)
+        self._units = RobotUnits.of(robot, names)
+
+    def values(self, observations: Array) -> Array:
+        """Evaluates all variables (m, k) on observations (m, n)."""
+        observed = self._units.quantities(observations)
+        definitions = [definition.formula for definition in self.vocabulary.definitions]
+        return np.hstack([observed, Tape(definitions, observed.shape[1])(observed)])
+
+    def __call__(
+        self,
+        observations: Array,
+        actions: Array,
+        seed: int,
+        settings: SymbolicSettings,
+        n_jobs: int = 1,
+    ) -> list[Expression]:
+        """Fits a formula for each joint.
+
+        Args:
+            observations: Samples (m, n).
+            actions: The expert's actions (m, 12).
+            seed: Seed of the search.
+            settings: Engine and budget; of several shapes the first counts.
+            n_jobs: Formulas that are searched at once.
+
+        Raises:
+            InputError: if the engine is PySR and Julia cannot start, or its search fails.
+        """
+        values, targets = self.values(observations), self._units.robot.joint_targets(actions)
+        n = observations.shape[1]
+        formulas = fit_formulas(values, targets, seed, settings, self._gates, n, n_jobs)
+        return readable(formulas, values, targets)
+
+
+def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:
+    """Puts what is known in a state of the machine, which state it is, into a formula.
+
+    Args:
+        names: Names of the observations, of the formula's first variables.
+        state: Index of the state.
+    """
+    known = {index: float(i == state) for i, index in enumerate(indices_of("machine state", names))}
+    return _settled(formula, known)
+
+
+def _settled(formula: Expression, known: Mapping[int, float]) -> Expression:
+    if formula.operator == "variable" and formula.variable in known:
+        return constant(known[formula.variable])
+    if known.keys().isdisjoint(formula.variables):
+        return formula
+    operands = tuple(_settled(operand, known) for operand in formula.operands)
+    if formula.operator == "mul" and all(own.operator == "constant" for own in operands):
+        return constant(operands[0].value * operands[1].value)
+    return Expression(formula.operator, operands)
+
+
+def readable(formulas: Sequence[Expression], values: Array, targets: Array) -> list[Expression]:
+    """Rounds formulas to the digits that are shown, and sets their constants right.
+
+    Args:
+        formulas: The formulas (k).
+        values: Samples of all variables (m, n).
+        targets: What the formulas are fitted to (m, k).
+    """
+    short = [rounded(formula) for formula in formulas]
+    bias = (targets - Tape(short, values.shape[1])(values)).mean(axis=0)
+    return [rounded(_raised(formula, float(b))) for formula, b in zip(short, bias, strict=True)]
+
+
+def rounded(formula: Expression, digits: int = DIGITS) -> Expression:
+    """Rounds the numbers of a formula to so many significant digits, in canonical form."""
+    return canonical(_rounded(formula, digits))
+
+
+def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
+    """Rounds the numbers of all formulas of a policy to the digits that are shown."""
+    file = policy.to_file()
+    formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
+    return FormulaPolicy.from_file(replace(file, formulas=formulas))
+
+
+def _rounded(formula: Expression, digits: int) -> Expression:
+    if formula.operator == "constant":
+        return constant(float(f"{formula.value:.{digits}g}"))
+    if not formula.operands:
+        return formula
+    operands = tuple(_rounded(operand, digits) for operand in formula.operands)
+    return Expression(formula.operator, operands)
+
+
+def _raised(formula: Expression, by: float) -> Expression:
+    """Adds a number to the constant that a sum begins with, if it begins with one."""
+    match formula:
+        case Expression("constant", value=value):
+            return constant(value + by)
+        case Expression(("add" | "sub") as operator, (left, right)):
+            return Expression(operator, (_raised(left, by), right))
+        case _:
+            return formula
 
 
 def _repeated_starts(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:

@@ -26,11 +26,9 @@ from glassgait.studies.deployment.export.agreement import recorded_observations
 from glassgait.studies.deployment.export.files import Deployment
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EBM
-from glassgait.studies.distillation.students.boosting import GBM
+from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.registry import STUDENTS, StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
 from glassgait.studies.reproduction.benchmark.timing import call_times, fastest
@@ -91,7 +89,7 @@ def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
 
 
 def _both(policy: Policy, expert: NeuralPolicy) -> Callable[[Array], Array]:
-    return lambda own: policy(np.concatenate([own, expert.estimator(own)]))
+    return lambda own: policy(np.concatenate([own, expert.learned_estimator(own)]))
 
 
 def _graph(deployment: Deployment) -> Callable[[Array], Any] | None:

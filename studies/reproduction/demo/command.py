@@ -32,22 +32,25 @@ from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.additive import EBM, EbmSettings
 from glassgait.studies.distillation.students.boosting import (
+    EBM,
     GBM,
     HISTOGRAM_GBM,
+    EbmSettings,
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.distillation.students.settings import StudentsSettings
+from glassgait.studies.distillation.students.registry import (
+    STUDENTS,
+    StudentsSettings,
+    policy_title,
+)
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.distillation.study import distill
-from glassgait.studies.distillation.tables import r2_table, write_r2_table
+from glassgait.studies.distillation.study import distill, r2_table, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
 from glassgait.studies.reproduction.demo.reductions import reductions
 from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report

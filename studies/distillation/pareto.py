@@ -1,5 +1,6 @@
 """`glassgait distill --sweep terms`: closed-loop return of formulas against their size."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -7,8 +8,10 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 from annotated_types import MinLen
+from matplotlib.figure import Figure
 
 from glassgait.models.errors import InputError
+from glassgait.models.formulas.quantities import Vocabulary, known_definitions
 from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
@@ -18,16 +21,13 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import alternation_cases, for_selection, run_rollouts
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.policies import find_expert
 from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.pareto.figures import pareto_figure
-from glassgait.studies.distillation.pareto.formulas import FAMILIES, TERMS, families_of, sizes_of
-from glassgait.studies.distillation.refinement.config import RefinementConfig
-from glassgait.studies.distillation.refinement.study import RefinementRun
+from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
 from glassgait.studies.distillation.students.dataset import (
     Dataset,
     load_rounds,
@@ -35,9 +35,101 @@ from glassgait.studies.distillation.students.dataset import (
     round_paths,
 )
 from glassgait.studies.distillation.students.library import distillation_folder, samples_folder
-from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMULA
+from glassgait.studies.distillation.students.sparse_formula import (
+    SPARSE_FORMULA,
+    condense,
+    written_places,
+)
+from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
+
+TERMS = (30, 40, 50, 70, 100, 140, 200, 300)
+"""Numbers of terms of all formulas together."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """A way to make formulas.
+
+    Attributes:
+        title: What tables call it.
+        mirrored: Whether formulas of one side are mirror images of the other's.
+        refined: Whether their numbers learn on in closed loop.
+    """
+
+    title: str
+    mirrored: bool
+    refined: bool = False
+
+    def fewest_terms(self, samples: TrainingSet) -> int:
+        """Returns the fewest terms that there can be: one for each formula that is written."""
+        names = samples.observation_names
+        vocabulary = Vocabulary(names, known_definitions(samples.robot, names))
+        return len(written_places(vocabulary, samples.mirror if self.mirrored else None))
+
+    def fit(self, samples: TrainingSet, n_terms: int) -> FormulaPolicy:
+        """Fits formulas of so many terms to samples."""
+        return condense(samples, n_terms, mirrored=self.mirrored)
+
+
+FAMILIES = {
+    "mirrored": Family("mirrored", mirrored=True),
+    "unmirrored": Family("unmirrored", mirrored=False),
+    "refined": Family("mirrored, refined", mirrored=True, refined=True),
+}
+
+
+def families_of(samples: TrainingSet, *, refined: bool) -> dict[str, Family]:
+    """Returns the families that there are for a gait.
+
+    Args:
+        samples: The samples that formulas are fitted to.
+        refined: Whether there are refined ones.
+    """
+    return {
+        name: family
+        for name, family in FAMILIES.items()
+        if (samples.mirror or not family.mirrored) and (refined or not family.refined)
+    }
+
+
+def sizes_of(family: Family, samples: TrainingSet, terms: Sequence[int]) -> list[int]:
+    """Leaves, of numbers of terms, those that a family can have."""
+    return [n_terms for n_terms in terms if n_terms >= family.fewest_terms(samples)]
+
+
+_STYLES = {
+    "mirrored": {"color": "#0072B2", "marker": "o"},
+    "unmirrored": {"color": "#999999", "marker": "v"},
+    "refined": {"color": "#D55E00", "marker": "*"},
+}
+
+
+@styled
+def pareto_figure(front: pd.DataFrame, title: str) -> Figure:
+    """Draws share of the expert's return, falls and R² against the terms of all formulas."""
+    figure, axes = subplots(3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True)
+    for family, own in front.groupby("family"):
+        mine = own.sort_values("terms")
+        style = _STYLES[str(family)]
+        label = FAMILIES[str(family)].title
+        line = {"label": label, "markersize": 3.5, "linewidth": 1.0, **style}
+        axes[0].plot(mine["terms"], mine["share"], **line)
+        axes[1].plot(mine["terms"], 100 * mine["fall_rate"], **line)
+        axes[2].plot(mine["terms"], mine["r2"], **line)
+    axes[0].axhline(1.0, color="black", linewidth=0.8, linestyle=":")
+    axes[0].set(ylabel="share of the\nexpert's return", ylim=(0, None))
+    axes[1].set(ylabel="falls (%)", ylim=(-5, 105))
+    axes[2].set(ylabel="R²", ylim=(None, 1), xlabel="terms of all formulas", xscale="log")
+    ticks = sorted({*front["terms"]})
+    axes[2].set_xticks(ticks, [str(tick) for tick in ticks])
+    axes[2].minorticks_off()
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3, title=title)
+    figure.align_ylabels()
+    return figure
+
 
 SHARES = (0.0, 0.9, 0.97)
 """Shares of the expert's return for which the smallest formulas are named."""

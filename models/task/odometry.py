@@ -1,0 +1,121 @@
+"""Leg odometry: the body state from an IMU, the joints and the feet that stand.
+
+A foot that stands still in the world moves backward under the trunk as fast as the trunk goes
+forward. Velocity is predicted by the accelerometer and corrected by the standing feet, a linear
+filter with one gain; the places where the feet stood last, carried along, are the ground. Its
+anchors are the legged odometry of Bloesch et al. (*State Estimation for Legged Robots*, 2012) and
+the linear Kalman filter of the Mini Cheetah (Bledt et al., 2018), whose gains settle at constants.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+from annotated_types import Gt, Le
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.robots import kinematics
+from glassgait.models.robots.kinematics import cross
+from glassgait.models.robots.robot import Robot
+from glassgait.models.settings import Settings
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.imu import GRAVITY, ImuReading
+from glassgait.models.task.observation import BASE_VELOCITY_SCALE
+
+
+class OdometryState(NamedTuple):
+    """What odometry remembers between two control steps.
+
+    Attributes:
+        velocity: The trunk's velocity (..., 3; m/s, trunk frame).
+        footholds: Where each foot stands, or stood last (..., 4, 3; m, trunk frame).
+        touching: Which feet seemed to press on the ground (..., 4).
+    """
+
+    velocity: Array
+    footholds: Array
+    touching: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Odometry(Settings):
+    """Estimates velocity and foot heights.
+
+    Attributes:
+        gain: Share of the difference between predicted velocity and that of the standing feet that
+            corrects the prediction in a control step.
+    """
+
+    title: ClassVar[str] = "odometry"
+
+    gain: Annotated[float, Gt(0.0), Le(1.0)] = 0.15
+
+    def begin(self, robot: Robot, joint_position: Array) -> OdometryState:
+        """Returns the state of robots (..., 12; rad) at rest, which stand on all feet."""
+        feet = kinematics.foot_positions(robot, joint_position)
+        nowhere = np.zeros(feet.shape[:-1], dtype=bool)
+        return OdometryState(np.zeros((*feet.shape[:-2], 3)), feet, nowhere)
+
+    def advance(
+        self,
+        robot: Robot,
+        before: OdometryState,
+        *,
+        joint_position: Array,
+        joint_velocity: Array,
+        imu: Array,
+        touching: NDArray[np.bool_],
+    ) -> OdometryState:
+        """Goes on by a control step.
+
+        A foot stands that touches now and did before: one that has just come down still moves.
+
+        Args:
+            robot: What robots they are.
+            before: The state one control step before.
+            joint_position: Measured joint positions (..., 12; rad).
+            joint_velocity: Measured joint velocities (..., 12; rad/s).
+            imu: The IMU's reading (..., 9).
+            touching: Which feet seem to press on the ground (..., 4).
+        """
+        turning, change, gravity = ImuReading.of(imu)
+        feet = kinematics.foot_positions(robot, joint_position)
+        swept = kinematics.foot_velocities(robot, joint_position, joint_velocity)
+        swept = swept + cross(turning[..., None, :], feet)
+
+        free = change + CONTROL_PERIOD * GRAVITY * gravity
+        predicted = before.velocity - CONTROL_PERIOD * cross(turning, before.velocity) + free
+        standing = touching & before.touching
+        count = np.asarray(standing.sum(axis=-1))[..., None]
+        of_feet = -np.where(standing[..., None], swept, 0.0).sum(axis=-2) / np.maximum(count, 1)
+        correction = self.gain * (of_feet - predicted)
+        velocity = predicted + np.where(count > 0, correction, 0.0)
+
+        drift = velocity[..., None, :] + cross(turning[..., None, :], before.footholds)
+        carried = before.footholds - CONTROL_PERIOD * drift
+        footholds = np.where(touching[..., None], feet, carried)
+        return OdometryState(velocity, footholds, touching)
+
+    def body_state(self, robot: Robot, state: OdometryState, joint_position: Array) -> Array:
+        """Returns what is observed of the estimate.
+
+        The ground is the plane through the mean of the four footholds whose normal is the cross
+        product of their diagonals.
+
+        Args:
+            robot: What robots they are.
+            state: The state.
+            joint_position: Measured joint positions (..., 12; rad).
+
+        Returns:
+            Velocity scaled by 2 (m/s, trunk frame), and the feet's heights above the ground (m):
+            (..., 7).
+        """
+        feet = kinematics.foot_positions(robot, joint_position)
+        front_left, front_right, rear_left, rear_right = np.moveaxis(state.footholds, -2, 0)
+        normal = cross(front_right - rear_left, front_left - rear_right)
+        normal = normal / np.sqrt(np.sum(np.square(normal), axis=-1, keepdims=True))
+        above = feet - state.footholds.mean(axis=-2, keepdims=True)
+        heights = np.sum(above * normal[..., None, :], axis=-1)
+        return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)

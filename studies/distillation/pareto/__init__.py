@@ -1,1 +1,0 @@
-"""How small can formulas be and still walk: closed-loop return against size."""
