@@ -18,8 +18,8 @@ from glassgait.studies.common.exit_codes import (
 PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     "see it all in minutes": {
         "demo": (
-            "reproduction.demo.command:Demo",
-            "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
+            "reproduction.demo:Demo",
+            "Distil the trot's expert quickly, compare, and write runs/demo/report.html.",
         ),
     },
     "make controllers": {
