@@ -145,7 +145,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     spec.option.impratio = 10.0
     # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    spec.option.gravity = station.gravity()
+    spec.option.gravity = station.terrain.gravity
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
         geometry.contype, geometry.conaffinity = 1, 0

@@ -12,6 +12,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
+LEVEL = 1e-9
+"""Greatest rise of a box's edge, over its length, that counts as level."""
+
 
 def cross(a: Array, b: Array) -> Array:
     """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
@@ -135,6 +138,58 @@ def foot_heights(robot: Robot, positions: Array) -> Array:
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
 
 
+def world_points(positions: Array, points: Array) -> Array:
+    """Returns points (..., k, 3; m) of the trunk's frame in the world's.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+        points: The points.
+    """
+    to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
+    turned = np.einsum("...ij,...kj->...ki", to_world, points)
+    return turned + positions[..., None, quadruped.POSITION]
+
+
+def world_feet(robot: Robot, positions: Array) -> Array:
+    """Locates the foot centres in the world (..., 4, 3; m), from q (..., 19) or x (..., 37)."""
+    feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
+    return world_points(positions, feet)
+
+
+def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
+    """Locates the lowest corners of the collision boxes that `body_clearance` measures.
+
+    Returns:
+        Points (..., 9, 3; m) in the world; in the middle of an edge or face that is level.
+    """
+    up = -gravity_direction(positions[..., quadruped.QUATERNION])
+    joint_position = positions[..., quadruped.JOINT_POSITION]
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    points = leg_points(robot, joint_position)
+    sin_hip, cos_hip = np.sin(q_hip), np.cos(q_hip)
+    sideways = np.stack([np.zeros_like(q_hip), cos_hip, sin_hip], -1)
+
+    def limb(start: Array, end: Array, angle: Array, box: Box) -> Array:
+        sine, cosine = np.sin(angle), np.cos(angle)
+        axes = np.stack(
+            [
+                np.stack([sine, -cosine * sin_hip, cosine * cos_hip], -1),
+                sideways,
+                np.stack([cosine, sine * sin_hip, -sine * cos_hip], -1),
+            ],
+            axis=-2,
+        )
+        return 0.5 * (start + end) + _lowest_corner(up[..., None, :], axes, box)
+
+    trunk = _lowest_corner(up, np.eye(3), robot.trunk_box)
+    thigh = limb(points.thigh, points.knee, q_thigh, robot.thigh_box)
+    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    length, width, depth = robot.calf_box
+    calf = limb(points.knee, shank_end, q_thigh + q_calf, (shank_share * length, width, depth))
+    lowest = np.concatenate([trunk[..., None, :], thigh, calf], axis=-2)
+    return world_points(positions, lowest)
+
+
 def body_clearance(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
     """Measures the lowest point above ground of each collision box that must never touch it.
 
@@ -204,6 +259,14 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     state[..., quadruped.JOINT_POSITION] = joint_position
     state[..., 6] = -foot_heights(robot, state).min(axis=-1)
     return state
+
+
+def _lowest_corner(up: Array, axes: Array, box: Box) -> Array:
+    """Returns the lowest corner of a box with given axes (..., 3, 3; as rows) from its centre."""
+    rise = np.einsum("...ak,...k->...a", axes, up)
+    # What is level but for rounding has no lowest corner.
+    sign = np.where(np.abs(rise) < LEVEL, 0.0, np.sign(rise))
+    return -0.5 * np.einsum("...a,...ak->...k", sign * np.array(box), axes)
 
 
 def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:
