@@ -114,6 +114,18 @@ class BatchSimulator:
         """Continues from a state taken earlier."""
         self._state = state
 
+    def change_ground(self, physics: Physics) -> None:
+        """Goes on with other physics of the same robots, which stand on what is then under them.
+
+        Args:
+            physics: Physics of as many groups.
+        """
+        self.physics = physics
+        self.physics.set_friction(self.friction)
+        self._ground = physics.ground(self.n_robots)
+        plant = self._ground.stand(self.task.robot, self._state.plant)
+        self._state = replace(self._state, plant=plant)
+
     def resample_friction(self) -> None:
         """Draws a new friction for every group of robots."""
         low, high = self.task.randomization.friction

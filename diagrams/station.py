@@ -89,6 +89,8 @@ class StationConfig(Settings):
         damping: Gain of the joints' velocity control (N·m·s/rad), before that factor; by default
             the robot's.
         armature: Inertia of a motor's rotor, as the joint feels it (kg·m²).
+        feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
+            episode by their pose, and a plant without their contacts takes less time.
         engine: What computes it: Drake, or MuJoCo for many robots in batch.
     """
 
@@ -107,6 +109,7 @@ class StationConfig(Settings):
     stiffness: Annotated[float, Ge(0), Le(1000.0)] | None = None
     damping: Annotated[float, Ge(0), Le(100.0)] | None = None
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
+    feet_only: bool = False
     engine: Engine = "drake"
 
     def __post_init__(self) -> None:
@@ -191,7 +194,7 @@ def AddStation(  # noqa: N802
     plant.Finalize()
     _set_initial_poses(plant, robot, config.terrain)
     _exclude_self_collision(plant, scene_graph, instance)
-    if not config.terrain.is_plane:
+    if config.feet_only or not config.terrain.is_plane:
         _let_feet_alone_collide(plant, scene_graph, instance)
     set_ground(
         plant,

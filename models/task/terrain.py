@@ -7,7 +7,7 @@ it by whole periods. The world's z axis is normal to the mean ground, and on a s
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -44,6 +44,9 @@ DEPTH = 0.3
 
 STAIR_WIDTH = 2.0
 """Width of a box of the steps (m), which go on sideways for ever."""
+
+FLATTEST = 1e-4
+"""Least height that ground of boxes is scaled to (m)."""
 
 STEEPEST = 1.0
 """Greatest rise of uneven ground over its run."""
@@ -206,6 +209,17 @@ class Terrain(Settings):
         slope, direction = math.radians(self.slope), math.radians(self.direction)
         uphill = np.array([math.cos(direction), math.sin(direction), 0.0])
         return GRAVITY * (np.array([0.0, 0.0, -math.cos(slope)]) - math.sin(slope) * uphill)
+
+    def scaled(self, difficulty: float) -> "Terrain":
+        """Returns the same ground with its angle and its heights multiplied by a difficulty."""
+        heights = {
+            key: max(FLATTEST, difficulty * abs(getattr(self, key))) * np.sign(getattr(self, key))
+            for key in ("amplitude", "height")
+            if self.kind in KINDS_OF_KEY[key]
+        }
+        return replace(
+            self, slope=difficulty * self.slope, **{key: float(own) for key, own in heights.items()}
+        )
 
     def check(self, robot: Robot) -> None:
         """Checks that a robot could step onto it.
