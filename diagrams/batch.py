@@ -123,7 +123,9 @@ class BatchSimulator:
         self.physics = physics
         self.physics.set_friction(self.friction)
         self._ground = physics.ground(self.n_robots)
-        plant = self._ground.stand(self.task.robot, self._state.plant)
+        plant = self._state.plant
+        standing = self._ground.stand(self.task.robot, plant)
+        plant = np.where(self._ground.is_rough[:, None], standing, plant)
         self._state = replace(self._state, plant=plant)
 
     def resample_friction(self) -> None:

@@ -57,6 +57,9 @@ MOST_STEPS = 2000
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
 """Settings of a station that MuJoCo has no counterpart of."""
 
+LEAST_FORCE = 1e-3
+"""Normal force above which a foot touches, by default (N)."""
+
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
 
@@ -92,6 +95,8 @@ class StationConfig(Settings):
         feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
             episode by their pose, and a plant without their contacts takes less time.
         engine: What computes it: Drake, or MuJoCo for many robots in batch.
+        contact_force: Normal force above which a foot touches the ground (N), of MuJoCo alone; in
+            Drake it touches where it is inside of it.
     """
 
     title: ClassVar[str] = "station"
@@ -111,10 +116,16 @@ class StationConfig(Settings):
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     feet_only: bool = False
     engine: Engine = "drake"
+    contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = LEAST_FORCE
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.engine == "drake":
+            if self.contact_force != LEAST_FORCE:
+                raise InputError(
+                    f"{self.title}: contact_force is MuJoCo's, and engine is 'drake'; leave one of "
+                    "them out"
+                )
             return
         if self.time_step == 0:
             raise InputError(

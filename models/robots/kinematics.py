@@ -13,7 +13,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
 LEVEL = 1e-9
-"""Greatest rise of a box's edge, over its length, that counts as level."""
+"""Greatest rise of an edge, over its length, that counts as level."""
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -157,35 +157,26 @@ def world_feet(robot: Robot, positions: Array) -> Array:
 
 
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
-    """Locates the lowest corners of the collision boxes that `body_clearance` measures.
+    """Locates where the collision boxes that `body_clearance` measures are lowest.
+
+    Of a limb that is the lower end of its middle line: beside a step that its foot stands at, a
+    corner of its box would be taken for one inside of the step.
 
     Returns:
-        Points (..., 9, 3; m) in the world; in the middle of an edge or face that is level.
+        Points (..., 9, 3; m) in the world; of the trunk the lowest corner.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
-    joint_position = positions[..., quadruped.JOINT_POSITION]
-    q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    points = leg_points(robot, joint_position)
-    sin_hip, cos_hip = np.sin(q_hip), np.cos(q_hip)
-    sideways = np.stack([np.zeros_like(q_hip), cos_hip, sin_hip], -1)
+    points = leg_points(robot, positions[..., quadruped.JOINT_POSITION])
 
-    def limb(start: Array, end: Array, angle: Array, box: Box) -> Array:
-        sine, cosine = np.sin(angle), np.cos(angle)
-        axes = np.stack(
-            [
-                np.stack([sine, -cosine * sin_hip, cosine * cos_hip], -1),
-                sideways,
-                np.stack([cosine, sine * sin_hip, -sine * cos_hip], -1),
-            ],
-            axis=-2,
-        )
-        return 0.5 * (start + end) + _lowest_corner(up[..., None, :], axes, box)
+    def lower(start: Array, end: Array) -> Array:
+        falls = np.einsum("...lk,...k->...l", end - start, up) < 0.0
+        return np.where(falls[..., None], end, start)
 
-    trunk = _lowest_corner(up, np.eye(3), robot.trunk_box)
-    thigh = limb(points.thigh, points.knee, q_thigh, robot.thigh_box)
+    # A level trunk has no lowest corner; its middle stands for it.
+    corner = np.where(np.abs(up) < LEVEL, 0.0, np.sign(up))
+    trunk = -0.5 * corner * np.array(robot.trunk_box)
     shank_end = points.knee + shank_share * (points.foot - points.knee)
-    length, width, depth = robot.calf_box
-    calf = limb(points.knee, shank_end, q_thigh + q_calf, (shank_share * length, width, depth))
+    thigh, calf = lower(points.thigh, points.knee), lower(points.knee, shank_end)
     lowest = np.concatenate([trunk[..., None, :], thigh, calf], axis=-2)
     return world_points(positions, lowest)
 
@@ -259,14 +250,6 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     state[..., quadruped.JOINT_POSITION] = joint_position
     state[..., 6] = -foot_heights(robot, state).min(axis=-1)
     return state
-
-
-def _lowest_corner(up: Array, axes: Array, box: Box) -> Array:
-    """Returns the lowest corner of a box with given axes (..., 3, 3; as rows) from its centre."""
-    rise = np.einsum("...ak,...k->...a", axes, up)
-    # What is level but for rounding has no lowest corner.
-    sign = np.where(np.abs(rise) < LEVEL, 0.0, np.sign(rise))
-    return -0.5 * np.einsum("...a,...ak->...k", sign * np.array(box), axes)
 
 
 def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:

@@ -57,6 +57,11 @@ class Ground:
         """Returns the ground of the robots at `index` alone."""
         return self if self._which.ndim == 0 else Ground(self._terrains, self._which[index])
 
+    @property
+    def is_rough(self) -> NDArray[np.bool_]:
+        """Whether each robot stands on boxes (n,)."""
+        return ~np.array([terrain.is_plane for terrain in self._terrains])[self._which]
+
     def height(self, points: Array) -> Array:
         """Returns the height (..., k; m) of the ground under points (..., k, 3; m).
 
@@ -109,8 +114,8 @@ class Ground:
         return height - self.height(positions[..., None, quadruped.POSITION])[..., 0]
 
     def body_clearance(self, robot: Robot, positions: Array, shank_share: float) -> Array:
-        """Returns how far the lowest corner of each collision box of `kinematics.body_clearance` is
-        above the ground under it (..., 9; m).
+        """Returns the clearance of each box of `kinematics.body_clearance` above the ground under
+        its lowest point (..., 9; m).
         """
         clearance = kinematics.body_clearance(robot, positions, shank_share)
         if self.is_level:
