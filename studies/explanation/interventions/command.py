@@ -161,8 +161,7 @@ class ExplainInterventions(OnePolicy):
             robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
             return walk(gait, expert, edited, **robots)
 
-        file = policy.to_file()
         say(f"{gait.name}: walking with the formulas as they are")
         plain = walk_with(policy)
-        claims = derive_claims(file, plain, self.n_claims)
-        return Examiner(file, plain, walk_with, folder).examine(claims), plain.falls
+        claims = derive_claims(policy.to_file(), plain, self.n_claims)
+        return Examiner(policy, plain, walk_with, folder).examine(claims), plain.falls
