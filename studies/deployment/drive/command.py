@@ -21,9 +21,9 @@ from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar, say
+from glassgait.studies.common.play import Seconds, pusher
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, distilled_speeds
-from glassgait.studies.common.rollouts.play import Seconds, pusher
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, distilled_speeds
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.drive.connection import open_lcm
