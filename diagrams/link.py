@@ -23,10 +23,9 @@ from glassgait.diagrams.plant_state import set_plant_state
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
+from glassgait.models.link.channels import Channels, Tally
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, unpack_answer
-from glassgait.models.link.settings import Channels
-from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot

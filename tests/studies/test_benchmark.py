@@ -15,7 +15,7 @@ from glassgait.models.files import write_record
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.export.compiler import has_compiler
+from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,

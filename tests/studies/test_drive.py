@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.drive import command
+from glassgait.studies.deployment.drive import packet_loss
+from glassgait.studies.deployment.drive.packet_loss import Loss
 
 REFUSED = {
     "controller --gait gallop": "unknown gait 'gallop'",
@@ -26,7 +28,7 @@ def test_bad_input_is_told_in_one_sentence(arguments, refused, tmp_path, monkeyp
 
 
 def test_losses_are_counted_and_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "TRIALS", command.TRIALS[5:6])
+    monkeypatch.setattr(packet_loss, "TRIALS", packet_loss.TRIALS[5:6])
     run = [
         "drive",
         "packet-loss",
@@ -41,3 +43,23 @@ def test_losses_are_counted_and_kept(tmp_path, monkeypatch):
     (row,) = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert row["control steps"] == 60
     assert row["lost either way"] > 0
+
+
+def test_a_share_of_messages_is_lost_by_the_seed(generator):
+    loss = Loss(share=0.2)
+    lost = loss.draw(20_000, 2, generator)
+    np.testing.assert_allclose(lost.mean(axis=0), 0.2, atol=0.02)
+    # Each channel by itself.
+    assert abs((lost[:, 0] & lost[:, 1]).mean() - 0.04) < 0.01
+    again = [loss.draw(50, 2, np.random.default_rng(3)) for _ in range(2)]
+    np.testing.assert_array_equal(*again)
+    assert not Loss().draw(100, 2, generator).any()
+
+
+def test_a_burst_takes_all_messages_of_its_time_once_an_interval(generator):
+    lost = Loss(burst=0.5).draw(2000, 2, generator)
+    np.testing.assert_array_equal(lost[:, 0], lost[:, 1])
+    for interval in np.split(lost[:, 0], 4):
+        (begin, end) = np.flatnonzero(np.diff(interval.astype(int)))
+        assert end - begin == 25
+        assert 124 <= begin <= 375

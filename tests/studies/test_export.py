@@ -38,7 +38,7 @@ from glassgait.studies.deployment.export.agreement import (
 )
 from glassgait.studies.deployment.export.closed_loop import by_controller, walk_both
 from glassgait.studies.deployment.export.command import controller_name
-from glassgait.studies.deployment.export.compiler import (
+from glassgait.studies.deployment.export.files import (
     FLAGS,
     compile_c,
     has_compiler,

@@ -16,7 +16,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings, refuse_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.export.compiler import has_compiler
+from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import GBM
 from glassgait.studies.distillation.students.library import distillation_folder

@@ -21,7 +21,7 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.pages import page_template
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.deployment.export.command import controller_name
-from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
+from glassgait.studies.deployment.export.files import FLAGS, compile_c, write_source
 from glassgait.studies.distillation.students.library import load_shipped_students
 from glassgait.studies.reproduction.benchmark.timing import Times, fastest
 
