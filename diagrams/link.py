@@ -45,7 +45,8 @@ FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
 class ControllerEnd:
     """Answers sensors, as they come, by joint targets.
 
-    Its time is that of the sensors. For steps whose sensors never came it goes on with those that
+    Whoever calls `answer` handles the subscriptions of its LCM before. Its time is that of the
+    sensors. For steps whose sensors never came it goes on with those that
     it had, so that its reward machine counts them too.
 
     Attributes:
@@ -62,13 +63,6 @@ class ControllerEnd:
         channels: Channels,
     ) -> None:
         """
-        Args:
-            robot: The robot.
-            gait: The gait whose reward machine runs.
-            policy: The controller.
-            lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
-            channels: Names of the channels.
-
         Raises:
             InputError: if a policy was made for another gait or observation, or has no estimator.
         """
@@ -155,7 +149,8 @@ class ControllerEnd:
 class RobotEnd:
     """Simulates a robot that sends what it senses and follows the targets that it is sent.
 
-    A control step is a call of `send`, and of `advance` for each step of the plant.
+    A control step is a call of `send`, and of `advance` for each step of the plant, of which it has
+    `n_parts`. Its session is the number of this start, not 0.
 
     Attributes:
         tally: Counts of the answers that came; one is late if the next sensors had been sent.
@@ -178,16 +173,6 @@ class RobotEnd:
         meshcat: Meshcat | None = None,
     ) -> None:
         """
-        Args:
-            gait: The gait that commands are made for.
-            scenario: The world.
-            lcm: Where messages go.
-            channels: Names of the channels.
-            watchdog: How long the robot waits for its controller.
-            session: Number of this start, not 0.
-            seed: Seed of noise and drawn commands.
-            meshcat: Shows the robot there.
-
         Raises:
             InputError: if the scenario is not made for two processes, or the gait not for it.
             ValueError: if commands come from sliders, and there is no Meshcat.
@@ -221,11 +206,7 @@ class RobotEnd:
         return self._listener.n_foreign
 
     def advance(self, part: int) -> None:
-        """Takes the latest answer in, and a step of the plant.
-
-        Args:
-            part: Which of the control period's `n_parts`.
-        """
+        """Takes the latest answer in, and a step of the plant."""
         self._lcm.HandleSubscriptions(0)
         last = part == self.n_parts - 1
         # Between two steps of the plant nothing is due; at an instant itself rounding would decide
@@ -283,13 +264,6 @@ class Listener:
         kind: Any,
         hear: Callable[[Any], None],
     ) -> None:
-        """
-        Args:
-            lcm: Where messages come from.
-            channel: Name of the channel.
-            kind: Type of the messages.
-            hear: Called with each.
-        """
         self._kind, self._hear = kind, hear
         self.n_foreign = 0
         self._subscription = lcm.Subscribe(channel, self._decode)

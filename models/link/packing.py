@@ -45,14 +45,7 @@ def control_step(time: float) -> int:
 
 
 def pack_sensors(session: int, time: float, sensors: Sensors, *, followed: bool) -> sensors_t:
-    """Packs what the robot senses.
-
-    Args:
-        session: Number of the start of the robot's process.
-        time: Time since that start (s).
-        sensors: What it senses.
-        followed: Whether the joints follow the targets.
-    """
+    """Packs what the robot senses."""
     message = stamp(sensors_t(), session, time)
     message.joint_position = sensors.joint_position.tolist()
     message.joint_velocity = sensors.joint_velocity.tolist()

@@ -43,12 +43,7 @@ TICKS = ("expert\nonly", "half", "student\nonly", "alternation", "alternation,\n
 
 @styled
 def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
-    """Draws share of the expert's return and falls of each student, by curriculum.
-
-    Args:
-        table: What `curricula_table` returned.
-        title: Title of the figure.
-    """
+    """Draws share of the expert's return and falls of each student, by curriculum."""
     figure, (share, falls) = subplots(
         2, 1, figsize=(COLUMN_WIDTH, 3.4), sharex=True, height_ratios=(3, 2)
     )
@@ -152,14 +147,7 @@ def standalone_cases(
     students: Mapping[str, Mapping[str, Policy]],
     config: RolloutConfig,
 ) -> list[Case]:
-    """Lists rollouts of the expert, whose curriculum is called `expert`, and of students alone.
-
-    Args:
-        gait: The gait.
-        expert: The expert.
-        students: The students by curriculum and kind.
-        config: How robots are rolled out.
-    """
+    """Lists rollouts of the expert, whose curriculum is called `expert`, and of students alone."""
     policies = {("expert", "expert"): alone(expert)}
     for curriculum, own in students.items():
         policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}

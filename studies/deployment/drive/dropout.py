@@ -97,13 +97,6 @@ def walk_until_silent(
     The moments are equally far apart over two strides of the slowest rhythm. Dwell, turning, noise
     and initial states are drawn.
 
-    Args:
-        gait: The gait.
-        controller: The controller.
-        scenario: The world; its commands are left out.
-        n_moments: Robots of each speed.
-        seed: Seed of all that is drawn.
-
     Raises:
         InputError: if the plant is continuous, or a policy was made for another gait.
     """
@@ -155,13 +148,6 @@ def lower(
     robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float
 ) -> Lowered:
     """Advances robots that their watchdogs alone move.
-
-    Args:
-        robot: What robots they are.
-        left: The robots.
-        station: Their physics.
-        watchdog: How long they wait for their controller.
-        seconds: Time until the end (s).
 
     Raises:
         InputError: if the plant is continuous.

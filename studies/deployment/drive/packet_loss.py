@@ -174,12 +174,7 @@ class LossyLink:
         self.controller.Subscribe(channels.targets, self._take_answer)
 
     def begin_step(self, lost: BoolArray, due: int) -> None:
-        """Sets what becomes of a control step's messages.
-
-        Args:
-            lost: Whether those to the controller are lost, and those to the robot (2).
-            due: When answers are delivered, in steps of the plant.
-        """
+        """Sets what becomes of a control step's messages."""
         self._lost, self._due = lost, due
 
     def deliver(self, now: int) -> None:

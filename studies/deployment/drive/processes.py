@@ -170,11 +170,6 @@ def control(
 ) -> Record:
     """Answers until it is asked to end.
 
-    Args:
-        controller: The controller.
-        lcm: Where its messages go.
-        stopped: Asked every 0.1 s or more often whether to end.
-
     Returns:
         What was counted, by name.
     """
@@ -226,12 +221,7 @@ class Pace:
         self._begun: deque[float] = deque(maxlen=KEPT)
 
     def wait_until(self, step: int, share: float) -> None:
-        """Waits for an instant.
-
-        Args:
-            step: Control step, counted from 0.
-            share: Share of the step after which the instant is.
-        """
+        """Waits for an instant."""
         now = time.monotonic()
         due = (step + share) * CONTROL_PERIOD
         if self._start is None:

@@ -128,10 +128,6 @@ class CFile(Exported):
 
     def __init__(self, deployment: Deployment, real: Real) -> None:
         """
-        Args:
-            deployment: What is exported.
-            real: The type to compute in.
-
         Raises:
             InputError: if there is no C for it.
         """
