@@ -1,5 +1,6 @@
 /* Times a controller's step{{ ', and its two parts,' if n_gaits == 1 }} on sensors drawn at random around the stance. */
 {% include "clock.c" %}
+
 #include "{{ name }}.c"
 
 enum { COUNT = {{ count }}, PLACES = {{ 3 if n_gaits == 1 else 1 }} };

@@ -1,5 +1,6 @@
 /* Times trees on observations that robots made, and writes down what they give. */
 {% include "clock.c" %}
+
 #include "{{ source }}"
 
 enum { COUNT = {{ count }}, N_ROWS = {{ n_rows }}, N_COLUMNS = {{ n_columns }} };
