@@ -25,7 +25,14 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.link.channels import Channels, Tally
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
-from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, unpack_answer
+from glassgait.models.link.packing import (
+    MICROSECONDS,
+    NOBODY,
+    control_step,
+    unpack_answer,
+    unpack_imu,
+    unpack_joints,
+)
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot
@@ -112,7 +119,7 @@ class ControllerEnd:
         self._simulator.Initialize()
 
     def _hear(self, message: sensors_t) -> None:
-        measured = [*message.joint_position, *message.joint_velocity]
+        measured = [*unpack_joints(message), *unpack_imu(message)]
         if not _is_stamped(message) or not np.all(np.isfinite(measured)):
             return
         self.tally.count(message.session, message.sequence)
