@@ -71,7 +71,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Measure whether an expert and its students treat left and right alike.",
         ),
         "evaluate assurance": (
-            "evaluation.assurance.command:Assurance",
+            "evaluation.assurance:Assurance",
             "Let a student act in distribution, and the expert elsewhere, and count falls.",
         ),
         "importance": (

@@ -37,7 +37,7 @@ and is given once, as is each target. What a formula is, `text.py` says.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
@@ -78,6 +78,13 @@ class FormulaFile:
     mirror: tuple[int, ...] | None = None
     limits_targets: bool = False
     robot: str = DEFAULT_ROBOT
+
+    def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
+        """Returns the file with other formulas, and the definitions that they use."""
+        places = sorted(formulas)
+        vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
+        whole = dict(zip(places, kept, strict=True))
+        return replace(self, vocabulary=vocabulary, formulas=whole)
 
     @property
     def n_states(self) -> int | None:

@@ -22,7 +22,7 @@ from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import Robot, load_robot
 
 
 def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -158,26 +158,25 @@ class FormulaPolicy(Policy):
 
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
-        """Builds the policy that a file holds, of the robot that it names."""
-        rows = file.formulas.values()
+        """Builds the policy that a file holds, of the robot that it names.
+
+        Args:
+            robot: That robot, where it does not ship.
+        """
         kind: type[FormulaPolicy] = SymbolicPolicy
-        expressions: Any = tuple(rows)
+        expressions: Any = tuple(file.formulas.values())
         if file.n_states is not None:
             kind, joints = StatewiseSymbolicPolicy, quadruped.N_JOINTS
-            expressions = tuple(
-                tuple(expressions[start : start + joints])
-                for start in range(0, len(expressions), joints)
-            )
-        definitions = file.vocabulary.definitions
-        names = file.vocabulary.names
+            starts = range(0, len(expressions), joints)
+            expressions = tuple(expressions[start : start + joints] for start in starts)
         return kind(
             file.gait,
-            names,
+            file.vocabulary.names,
             expressions,
-            definitions=definitions,
+            definitions=file.vocabulary.definitions,
             mirror=file.mirror,
             limits_targets=file.limits_targets,
-            robot=robot,
+            robot=robot or load_robot(file.robot),
         )
 
     def save(self, path: Path) -> None:

@@ -25,7 +25,7 @@ from glassgait.studies.common.episode import (
     World,
     episode,
 )
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.distillation.students.dataset import Dataset
 
 N_SPEEDS = 4

@@ -25,8 +25,8 @@ from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds

@@ -21,13 +21,12 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.studies.common.cases import Case, digests_of
+from glassgait.studies.common.cases import Case, digests_of, rollout_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import OneGait
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 
 DRAKES_RELAXATION_TIME = 0.2

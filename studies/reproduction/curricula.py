@@ -15,13 +15,12 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.cases import Case
+from glassgait.studies.common.cases import Case, rollout_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import OneGait
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.distillation.config import Curriculum, DistillationConfig

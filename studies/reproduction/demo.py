@@ -24,14 +24,13 @@ from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.play import play
 from glassgait.studies.common.policies import EXPERT, SHIPPED, find_policies
-from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.play import play
-from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig

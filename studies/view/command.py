@@ -25,11 +25,10 @@ from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.gait_figure import gait_figure, session_figure
+from glassgait.studies.common.play import Seconds, play
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
-from glassgait.studies.common.rollouts.gait_figure import gait_figure, session_figure
-from glassgait.studies.common.rollouts.play import Seconds, play
-from glassgait.studies.common.run_folder import refuse_run
-from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.common.run_folder import refuse_run, to_plain
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip

@@ -11,7 +11,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
-from glassgait.studies.common.rollouts.gait_figure import draw_gait
+from glassgait.studies.common.gait_figure import draw_gait
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:

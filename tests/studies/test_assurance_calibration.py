@@ -12,7 +12,8 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.assurance import Hysteresis
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.evaluation.assurance.calibration import (
+from glassgait.studies.evaluation.assurance_calibration import (
+    Calibration,
     Visits,
     choose_hysteresis,
     guarded,
@@ -21,7 +22,6 @@ from glassgait.studies.evaluation.assurance.calibration import (
     make_region,
     make_regions,
 )
-from glassgait.studies.evaluation.assurance.study import Calibration
 
 A1 = load_robot()
 

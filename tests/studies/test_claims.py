@@ -293,7 +293,7 @@ def test_claims_that_fail_stay_in_the_table(tmp_path, generator):
     plain = walk_of(policy, observed)
     claims = derive_claims(policy.to_file(), plain, 3)
     # Robots that do not mind what their formulas say.
-    examiner = Examiner(policy.to_file(), plain, lambda edited: walk_of(edited, observed), tmp_path)
+    examiner = Examiner(policy, plain, lambda edited: walk_of(edited, observed), tmp_path)
     table = examiner.examine(claims)
     followed = [claim for claim in claims if claim.term.joint_name in ("FL_thigh", "RL_calf")]
     assert len(table) == 3 + len(followed)

@@ -27,7 +27,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.gait_figure import gait_figure, session_figure
+from glassgait.studies.common.gait_figure import gait_figure, session_figure
 from glassgait.studies.view.live import play_live
 from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 

@@ -13,15 +13,13 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation import stride_analysis as analysis
-from glassgait.studies.evaluation.stability_figures import stability_figure
-from glassgait.studies.evaluation.stability_tables import (
-    believed,
+from glassgait.studies.evaluation.stability import (
     prediction_table,
-    radius_error,
     stability_table,
     told_mode,
 )
-from glassgait.studies.evaluation.stride_orbits import find_orbits
+from glassgait.studies.evaluation.stability_figures import believed, radius_error, stability_figure
+from glassgait.studies.evaluation.stride_analysis import find_orbits
 from glassgait.studies.evaluation.strides import NAMES, UNITS, StrideMap
 
 TROT = load_gait("trot")

@@ -25,9 +25,9 @@ from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
+from glassgait.studies.common.play import Seconds, pusher
 from glassgait.studies.common.policies import OneGait
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
-from glassgait.studies.common.rollouts.play import Seconds, pusher
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table
 from glassgait.studies.deployment.drive.dropout import silence_controllers

@@ -20,7 +20,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import ControlStep, Observer, episode, give
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.deployment.drive.packet_loss import OVERTURNED
 
 SETTLED = 120

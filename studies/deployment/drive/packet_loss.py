@@ -25,7 +25,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.episode import BoolArray
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.tables import write_metrics
 
 OVERTURNED = 60.0

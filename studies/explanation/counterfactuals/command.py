@@ -28,7 +28,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.play import Seconds, roll_one_out
+from glassgait.studies.common.play import Seconds, roll_one_out
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy

@@ -16,7 +16,7 @@ from glassgait.models.settings import Count, Seed
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy
@@ -161,8 +161,7 @@ class ExplainInterventions(OnePolicy):
             robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
             return walk(gait, expert, edited, **robots)
 
-        file = policy.to_file()
         say(f"{gait.name}: walking with the formulas as they are")
         plain = walk_with(policy)
-        claims = derive_claims(file, plain, self.n_claims)
-        return Examiner(file, plain, walk_with, folder).examine(claims), plain.falls
+        claims = derive_claims(policy.to_file(), plain, self.n_claims)
+        return Examiner(policy, plain, walk_with, folder).examine(claims), plain.falls

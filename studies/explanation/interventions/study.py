@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ import pandas as pd
 from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
 from glassgait.models.formulas.expression import Expression, canonical, constant, plus
-from glassgait.models.formulas.file import SUFFIX, FormulaFile
+from glassgait.models.formulas.file import SUFFIX, FormulaFile, write_formulas
 from glassgait.models.formulas.mirror import FormulaMirror
 from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.robots.robot import Robot
 from glassgait.studies.common.console import say
 from glassgait.studies.common.scores import interval
 from glassgait.studies.explanation.interventions.claims import (
@@ -48,12 +50,12 @@ def without_input(file: FormulaFile, term: Term, mean: float) -> FormulaFile:
 
 def written(file: FormulaFile, note: str) -> str:
     """Writes a file with a line on top for people."""
-    return f"# {note}\n{FormulaPolicy.from_file(file).to_text()}"
+    return f"# {note}\n{write_formulas(file)}"
 
 
-def read_back(text: str) -> FormulaPolicy:
+def read_back(text: str, robot: Robot | None = None) -> FormulaPolicy:
     """Builds the policy that a text of `written` is, so that what is kept is what walks."""
-    return FormulaPolicy.from_file(read_formulas(text))
+    return FormulaPolicy.from_file(read_formulas(text), robot)
 
 
 def _with_added(file: FormulaFile, term: Term, added: Expression) -> FormulaFile:
@@ -135,15 +137,15 @@ FOLDER = "edited"
 
 @dataclass(frozen=True)
 class Examiner:
-    """Tests claims of one file, and keeps the edited files that did.
+    """Tests claims of one policy, and keeps the edited files that did.
 
     Attributes:
-        plain: The walk of its own policy.
+        plain: The policy's own walk.
         walk: Lets a policy walk as that did.
         folder: Folder of the results.
     """
 
-    file: FormulaFile
+    policy: FormulaPolicy
     plain: Walk
     walk: Callable[[FormulaPolicy], Walk]
     folder: Path
@@ -167,15 +169,20 @@ class Examiner:
         ]
         return pd.DataFrame(rows)
 
+    @cached_property
+    def file(self) -> FormulaFile:
+        """What the policy's file says."""
+        return self.policy.to_file()
+
     def _symbol(self, claim: Claim) -> str:
-        return self.file.vocabulary.symbols[claim.term.input]
+        return self.policy.vocabulary.symbols[claim.term.input]
 
     def _test_joint(self, number: int, claim: Claim) -> dict[str, object]:
         edited = with_input_raised(self.file, claim.term, claim.step)
         note = f"sees {self._symbol(claim)} greater by {claim.step:g}"
         walk, path = self._walk(edited, number, claim, "raised", note)
         effect = angle_effect(claim, self.plain, walk)
-        words = joint_words(claim, self.file.vocabulary)
+        words = joint_words(claim, self.policy.vocabulary)
         row = {"subject": "joint", "claim": words, "predicted": claim.effect, "unit": "rad"}
         return row | self._measured(claim, effect, claim.effect, walk, path)
 
@@ -196,18 +203,18 @@ class Examiner:
         path = Path(FOLDER) / f"{number}_{term.joint_name}_{symbol}_{what}{SUFFIX}"
         where = "" if term.state is None else f" in state {term.state}"
         image = ", and its mirror image," if term.mirrored else ""
-        whose = f"The term {term.text(self.file.vocabulary.symbols)} of {term.joint_name}"
+        whose = f"The term {term.text(self.policy.vocabulary.symbols)} of {term.joint_name}"
         note = f"{whose}{where}{image} {note}; all else is as it was."
         say(f"walking with {path.name}: {note}")
         text = written(edited, note)
         write_atomically(self.folder / path, text)
-        return self.walk(read_back(text)), path
+        return self.walk(read_back(text, self.policy.robot)), path
 
     def _measured(
         self, claim: Claim, effect: Effect, sign: float, walk: Walk, path: Path
     ) -> dict[str, object]:
         return {
-            "term": claim.term.text(self.file.vocabulary.symbols),
+            "term": claim.term.text(self.policy.vocabulary.symbols),
             "joint": claim.term.joint_name,
             "state": -1 if claim.term.state is None else claim.term.state,
             "measured": effect.measured,

@@ -1,9 +1,11 @@
 """`glassgait evaluate assurance`: a student acts in distribution, the expert elsewhere."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 import pandas as pd
 import tyro
 from annotated_types import Ge, Lt, MinLen
@@ -14,31 +16,30 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.cases import digests_of
+from glassgait.studies.common.cases import cases_in_worlds, digests_of
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import ScenarioNames
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts.config import (
+from glassgait.studies.common.rollouts import (
     SELECTION_SEEDS,
     RolloutConfig,
     refuse_to_select,
 )
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.scores import summarize_against, wilson_interval
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.evaluation.assurance.calibration import has_ensemble
-from glassgait.studies.evaluation.assurance.figures import draw_calls, draw_pushed
-from glassgait.studies.evaluation.assurance.pushed_robot import push_one
-from glassgait.studies.evaluation.assurance.study import (
+from glassgait.studies.distillation.students.registry import policy_title
+from glassgait.studies.evaluation.assurance_calibration import (
     Calibration,
     Pair,
     calibrate_once,
+    has_ensemble,
     roll_out_all,
 )
-from glassgait.studies.evaluation.assurance.tables import assurance_table, readable_table
+from glassgait.studies.evaluation.assurance_figures import draw_calls, draw_pushed, push_one
 
 PUSHED = "push_1.0"
 """The world in which it is tried whether overruns predict falls."""
@@ -205,3 +206,69 @@ def _metrics(table: pd.DataFrame, calibration: Calibration) -> dict[str, Any]:
         "warnings": json_records(calibration.warnings),
         "rescues": json_records(calibration.rescues),
     }
+
+
+TITLES = {
+    "world": "scenario",
+    "policy": "policy",
+    "called": "steps of the expert",
+    "robots": "robots",
+    "falls": "falls",
+    "fall_rate_low": "95 % from",
+    "fall_rate_high": "95 % to",
+    "points_more": "points more than the expert",
+    "share": "share of the expert's return",
+    "share_ci": "±",
+}
+"""What people call the columns of `assurance_table`."""
+
+
+def acting_title(name: str) -> str:
+    """Returns what people call a policy of the study."""
+    kind, _, calls = name.partition("_")
+    match kind:
+        case "assured":
+            return f"Assured, {100 * float(calls):g} % in training"
+        case "schedule":
+            return f"Schedule, as many as assured, {100 * float(calls):g} %"
+        case _:
+            return policy_title(name)
+
+
+def assurance_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
+    """Sums up every policy in every world.
+
+    Args:
+        scores: What `roll_out_all` returned.
+        titles: What people call each scenario.
+
+    Returns:
+        A row a policy and world: `called`, the share of steps that the expert acted in, falls with
+        their 95 % interval by Wilson's score, `points_more` falls of a hundred than the expert
+        there, the share of the expert's reward with its paired interval, and what `summarize`
+        returns.
+    """
+    parts = []
+    for name, title in titles.items():
+        own = scores[scores["scenario"] == name]
+        expert = own[own["policy"] == "expert"]
+        part = summarize_against(own, ["policy"], expert)
+        called = {
+            policy: np.average(rows["expert_share"], weights=rows["steps"])
+            for policy, rows in own.groupby("policy")
+        }
+        part.insert(1, "scenario", name)
+        part.insert(2, "world", title)
+        part["called"] = [float(called[policy]) for policy in part["policy"]]
+        part["points_more"] = 100.0 * (part["fall_rate"] - expert["fell"].mean())
+        parts.append(part)
+    table = pd.concat(parts, ignore_index=True)
+    pairs = zip(table["falls"], table["robots"], strict=True)
+    table[["fall_rate_low", "fall_rate_high"]] = [wilson_interval(*pair) for pair in pairs]
+    return table
+
+
+def readable_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Names the policies and columns of `assurance_table` as people do."""
+    named = table.assign(policy=[acting_title(name) for name in table["policy"]])
+    return named[list(TITLES)].rename(columns=TITLES)

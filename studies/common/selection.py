@@ -15,8 +15,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts, summarize
 
 WORTH_A_FALL = 0.97

@@ -1,13 +1,79 @@
-"""The table of the three most important observations (paper, Table I), beside the paper's."""
+"""Observations merged over legs, as the paper's table names them."""
 
 from collections import Counter
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.studies.importance.observations import merge_importances, observation_groups
+from glassgait.models.task.observation import entries_of, indices_of
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
+
+
+def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
+    """Groups observations that differ by leg alone: columns by merged name, in order."""
+    merged = [entry.merged_name for entry in entries_of(names)]
+    return {
+        group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
+    }
+
+
+def merge_importances(importances: Array, names: tuple[str, ...]) -> Array:
+    """Adds importances up over the observations of each group.
+
+    Args:
+        importances: Importances (..., n).
+        names: Names of the observations.
+
+    Returns:
+        Importances (..., n_groups), in the order of `observation_groups`.
+    """
+    groups = observation_groups(names)
+    return np.stack([importances[..., own].sum(axis=-1) for own in groups.values()], axis=-1)
+
+
+METHOD_TITLES = {
+    "permutation": "permutation importance",
+    "impurity": "impurity importance",
+    "terms": "mean size of terms",
+    "derivatives": "mean slope × spread",
+}
+
+
+def permutation_importance(
+    policy: Policy, samples: Dataset, generator: np.random.Generator, repeats: int = 10
+) -> Array:
+    """Measures how much R² each joint loses when one observation is shuffled.
+
+    The entries of the machine's state are shuffled together, so that each sample keeps exactly one
+    state. What is lost without them is divided equally among them.
+
+    Args:
+        policy: The student.
+        samples: Held-out samples with the expert's actions.
+        generator: Source of randomness.
+        repeats: Shuffles of each observation.
+
+    Returns:
+        Losses of R² (repeats, 12, n).
+    """
+    whole = r2_scores(policy, samples)
+    observations = samples.observations
+    state = set(indices_of("machine state", policy.observation_names))
+    blocks = [[column] for column in range(observations.shape[1]) if column not in state]
+    blocks += [sorted(state)] if state else []
+    losses = np.zeros((repeats, len(whole), observations.shape[1]))
+    for repeat in range(repeats):
+        for columns in blocks:
+            shuffled = observations.copy()
+            shuffled[:, columns] = generator.permutation(observations[:, columns])
+            scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
+            losses[repeat, :, columns] = (whole - scores) / len(columns)
+    return losses
+
 
 N_TOP = 3
 
