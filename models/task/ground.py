@@ -197,7 +197,7 @@ class Ground:
         index = np.clip(np.nan_to_num(place), -FARTHEST, FARTHEST).astype(np.int64)
         period, own = np.divmod(index, counts)
         number = first + own[..., 0] * counts[..., 1] + own[..., 1]
-        middle = origin + (index + 0.5) * cell
+        middle: Array = np.asarray(origin + (index + 0.5) * cell, dtype=np.float64)
         return number, middle, self._own(self._rise, points) * period[..., 0]
 
     def _own(self, values: NDArray, points: Array) -> NDArray:
