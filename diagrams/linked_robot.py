@@ -13,8 +13,8 @@ from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
 from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import command_t, sensors_t
-from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot

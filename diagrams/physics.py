@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
+from glassgait.models.task.ground import Ground
 
 
 class PhysicsStep(NamedTuple):
@@ -20,6 +22,15 @@ class PhysicsStep(NamedTuple):
 
     states: Array
     touching: NDArray[np.bool_]
+
+
+def moved_by(states: Array, away: Array) -> Array:
+    """Returns plant states x (n, 37) with trunks moved (n, 3; m)."""
+    if not away.any():
+        return states
+    states = states.copy()
+    states[:, quadruped.POSITION] += away
+    return states
 
 
 class Physics(Protocol):
@@ -40,8 +51,14 @@ class Physics(Protocol):
     def gravity(self, n_robots: int) -> Array:
         """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
         members = self.members(n_robots)
-        vectors = [station.gravity() for station in self.stations]
+        vectors = [station.terrain.gravity for station in self.stations]
         return np.repeat(vectors, [len(group) for group in members], axis=0)
+
+    def ground(self, n_robots: int) -> Ground:
+        """Returns what each robot stands on."""
+        members = self.members(n_robots)
+        which = np.repeat(np.arange(self.n_groups), [len(group) for group in members])
+        return Ground([station.terrain for station in self.stations], which)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""

@@ -135,7 +135,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Lose messages on purpose, in one process and simulated time, and count what happens.",
         ),
         "drive dropout": (
-            "deployment.drive.dropout_command:DriveDropout",
+            "deployment.drive.command:DriveDropout",
             "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },

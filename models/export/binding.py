@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import INITIALISED, ControllerSource
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.contact import touches_ground
+from glassgait.models.task.ground import LEVEL_GROUND
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
 """What a step returns: the sum of what happened."""
@@ -68,7 +68,7 @@ def sensed(robot: Robot, state: Array) -> Sensors:
     return Sensors(
         state[quadruped.JOINT_POSITION],
         state[quadruped.JOINT_VELOCITY],
-        touches_ground(kinematics.foot_heights(robot, state)),
+        LEVEL_GROUND.touching(robot, state),
     )
 
 

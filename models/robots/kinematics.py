@@ -12,6 +12,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
+LEVEL = 1e-9
+"""Greatest rise of an edge, over its length, that counts as level."""
+
 
 def cross(a: Array, b: Array) -> Array:
     """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
@@ -133,6 +136,49 @@ def foot_heights(robot: Robot, positions: Array) -> Array:
     feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
     base_height = positions[..., quadruped.POSITION][..., 2]
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
+
+
+def world_points(positions: Array, points: Array) -> Array:
+    """Returns points (..., k, 3; m) of the trunk's frame in the world's.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+        points: The points.
+    """
+    to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
+    turned = np.einsum("...ij,...kj->...ki", to_world, points)
+    return turned + positions[..., None, quadruped.POSITION]
+
+
+def world_feet(robot: Robot, positions: Array) -> Array:
+    """Locates the foot centres in the world (..., 4, 3; m), from q (..., 19) or x (..., 37)."""
+    feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
+    return world_points(positions, feet)
+
+
+def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
+    """Locates where the collision boxes that `body_clearance` measures are lowest.
+
+    Of a limb that is the lower end of its middle line: beside a step that its foot stands at, a
+    corner of its box would be taken for one inside of the step.
+
+    Returns:
+        Points (..., 9, 3; m) in the world; of the trunk the lowest corner.
+    """
+    up = -gravity_direction(positions[..., quadruped.QUATERNION])
+    points = leg_points(robot, positions[..., quadruped.JOINT_POSITION])
+
+    def lower(start: Array, end: Array) -> Array:
+        falls = np.einsum("...lk,...k->...l", end - start, up) < 0.0
+        return np.where(falls[..., None], end, start)
+
+    # A level trunk has no lowest corner; its middle stands for it.
+    corner = np.where(np.abs(up) < LEVEL, 0.0, np.sign(up))
+    trunk = -0.5 * corner * np.array(robot.trunk_box)
+    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    thigh, calf = lower(points.thigh, points.knee), lower(points.knee, shank_end)
+    lowest = np.concatenate([trunk[..., None, :], thigh, calf], axis=-2)
+    return world_points(positions, lowest)
 
 
 def body_clearance(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:

@@ -31,6 +31,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.terrain import Terrain
 from glassgait.systems import command as command_system
 
 A1 = load_robot()
@@ -152,7 +153,7 @@ WORLDS = {
             time_step=0.001, contact_solver="similar", ground_stiffness=8000.0, dissipation=2.0
         ),
     ),
-    "slope": replace(CALM, station=StationConfig(slope=6.0)),
+    "slope": replace(CALM, station=StationConfig(terrain=Terrain(slope=6.0))),
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
     "limited targets": replace(CALM, limit_targets=True),
     "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),

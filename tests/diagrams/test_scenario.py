@@ -21,6 +21,7 @@ from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
+from glassgait.models.task.terrain import Terrain
 
 SHIPPED = {
     "training": Scenario(),
@@ -47,8 +48,8 @@ SHIPPED = {
     "soft_ground": Scenario(
         "soft ground", StationConfig(ground_stiffness=5000.0, relaxation_time=0.03)
     ),
-    "slope_5deg": Scenario("slope of 5°", StationConfig(slope=5.0)),
-    "slope_10deg": Scenario("slope of 10°", StationConfig(slope=10.0)),
+    "slope_5deg": Scenario("slope of 5°", StationConfig(terrain=Terrain(slope=5.0))),
+    "slope_10deg": Scenario("slope of 10°", StationConfig(terrain=Terrain(slope=10.0))),
     "contact_flips": Scenario("1 % of contacts misread", contact_flips=0.01),
     "mujoco": Scenario("MuJoCo 2 ms", StationConfig(time_step=0.002, engine="mujoco")),
 }
