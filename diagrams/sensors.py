@@ -136,7 +136,7 @@ def _misread(
 def _add_imu(
     builder: DiagramBuilder, scenario: Scenario, state: OutputPort, errors: SensorErrors
 ) -> OutputPort:
-    sensor = ImuSensor(scenario.station.gravity(), scenario.imu.delay, scenario.sensor_noise)
+    sensor = ImuSensor(scenario.station.terrain.gravity, scenario.imu.delay, scenario.sensor_noise)
     builder.AddNamedSystem("imu", sensor)
     builder.Connect(state, sensor.get_state_input_port())
     if errors.imu_noise is not None:
