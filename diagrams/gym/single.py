@@ -30,9 +30,9 @@ class LocomotionEnv(gym.Env[Array, Array]):
     """One robot in the systems diagram.
 
     Observations (47 + n_states,), 6 more where an IMU is observed, follow `ObservationLayout`; the
-    body state is observed by its true values or by odometry. Actions (12,) are scaled offsets of the joint targets, as the policies' are. `info` has
-    the `failures` by name, the `plain_reward` without the machine's factor, and the `command` (2;
-    m/s, rad/s).
+    body state is observed by its true values or by odometry. Actions (12,) are scaled offsets of
+    the joint targets, as the policies' are. `info` has the `failures` by name, the `plain_reward`
+    without the machine's factor, and the `command` (2; m/s, rad/s).
 
     An episode is terminated by the task's failures. Its end after 20 s is gymnasium's `TimeLimit`,
     which `gymnasium.make` adds.

@@ -10,8 +10,9 @@ import pandas as pd
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Count, Positive
+from glassgait.models.settings import Count, Share
 from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.ground import Ground
 from glassgait.models.task.imu import measure_imu
 from glassgait.models.task.observation import BASE_VELOCITY_SCALE, body_state
 from glassgait.models.task.odometry import Odometry
@@ -47,7 +48,7 @@ class Estimators(Experiment):
     scenario: ScenarioNames = ("training", "push_1.0", "friction_0.5", "slope_10deg", "mujoco")
     n_seeds: Count = 1
     n_steps: Count = EPISODE_STEPS
-    gain: Positive = Odometry().gain
+    gain: Share = Odometry().gain
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots out.
@@ -85,6 +86,7 @@ class _Compared(Observer):
     def __init__(self, case: Case, odometry: Odometry) -> None:
         controller = case.controller
         self._robot: Robot = controller.robot
+        self._ground = Ground([case.scenario.station.terrain])
         self._own = ODOMETRY if isinstance(controller.estimator, Odometry) else LEARNED
         self._beside = None
         if self._own == LEARNED:
@@ -94,7 +96,7 @@ class _Compared(Observer):
     def observe(self, step: ControlStep) -> None:
         """Compares the estimates of robots that have not fallen."""
         standing = ~step.fallen
-        truth = body_state(self._robot, step.after.plant)
+        truth = body_state(self._robot, step.after.plant, self._ground)
         estimates = {self._own: step.after.estimate}
         if self._beside is not None:
             estimates[ODOMETRY] = self._beside.estimate(step)
@@ -122,7 +124,7 @@ class _Watching:
     def __init__(self, case: Case, odometry: Odometry) -> None:
         scenario = case.scenario
         self._robot, self._odometry = case.controller.robot, odometry
-        self._gravity = scenario.station.gravity()
+        self._gravity = scenario.station.terrain.gravity
         self._errors: Randomization = scenario.randomization()
         # Of its own: the robots' draws stay as they are.
         self._generator = np.random.default_rng([case.seed, 1])
