@@ -175,8 +175,8 @@ def errors_table(rows: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:
     """
     errors = []
     by = ["gait", "policy", "scenario", "estimator"]
-    for (gait, policy, scenario, estimator), group in rows.groupby(by, sort=False):
+    for keys, group in rows.groupby(by, sort=False):
         mean = np.average(group[ERRORS], axis=0, weights=group["steps"])
-        row = {"gait": gait, "policy": policy, "scenario": titles[scenario], "estimator": estimator}
-        errors.append(row | dict(zip(ERRORS, np.sqrt(mean).round(3), strict=True)))
-    return pd.DataFrame(errors)
+        errors.append([*keys, *np.sqrt(mean).round(3)])
+    table = pd.DataFrame(errors, columns=[*by, *ERRORS])
+    return table.assign(scenario=table["scenario"].map(titles))
