@@ -215,7 +215,7 @@ class Pareto(Settings):
         Returns:
             The front of the robots that choose, and that of those that are reported.
         """
-        samples = data.subset(~data.held_out).training_set(gait, expert.robot)
+        samples = data.subset(~data.held_out).training_set(gait, expert)
         held_out = data.subset(data.held_out)
         students, rows = {}, []
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():

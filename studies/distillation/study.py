@@ -215,7 +215,7 @@ class _Distillation:
             student = self._fit(
                 kind,
                 config.settings.of(kind).for_rounds(),
-                seen.training_set(self.gait, self.expert.robot),
+                seen.training_set(self.gait, self.expert),
             )
         ratio = ratio_title(plan.period)
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
@@ -235,7 +235,7 @@ class _Distillation:
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert.robot))
+        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
@@ -254,7 +254,7 @@ class _Distillation:
         shuffled = self._fit(
             kind,
             settings.for_shuffled_split(),
-            paper.training_set(self.gait, self.expert.robot).subset(train),
+            paper.training_set(self.gait, self.expert).subset(train),
         )
         tested = paper.subset(np.isin(index, test))
         return {

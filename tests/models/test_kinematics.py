@@ -66,6 +66,16 @@ def test_batches_agree_with_single_robots(random_states):
         np.testing.assert_allclose(batch.reshape(6, -1), single, atol=1e-14)
 
 
+def test_foot_velocities_are_the_differences_of_positions(random_states, generator):
+    pose = random_states(30)[:, quadruped.JOINT_POSITION]
+    rates, step = generator.normal(size=pose.shape), 1e-6
+    ahead, behind = (
+        kinematics.foot_positions(A1, pose + sign * step * rates) for sign in (1.0, -1.0)
+    )
+    found = kinematics.foot_velocities(A1, pose, rates)
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-9)
+
+
 def test_gravity_points_down_in_a_level_trunk():
     np.testing.assert_allclose(kinematics.gravity_direction(np.array([1.0, 0, 0, 0])), [0, 0, -1])
 
