@@ -53,6 +53,6 @@ class WorldState(LeafSystem):
         context.SetDiscreteState(self._away, away)
 
     def _calc_state(self, context: Context, output: BasicVector) -> None:
-        state = self._plant_state_port.Eval(context).copy()
+        state = np.array(self._plant_state_port.Eval(context))
         state[quadruped.POSITION] += context.get_discrete_state(self._away).value()
         output.SetFromVector(state)
