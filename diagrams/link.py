@@ -19,7 +19,7 @@ from pydrake.systems.framework import Diagram
 from glassgait.diagrams import linked_controller, linked_robot
 from glassgait.diagrams.linked_controller import MakeLinkedController
 from glassgait.diagrams.linked_robot import MakeLinkedRobot
-from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.plant_state import recenter, set_plant_state
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
@@ -218,6 +218,8 @@ class RobotEnd:
         last = part == self.n_parts - 1
         # Between two steps of the plant nothing is due; at an instant itself rounding would decide
         # whether its updates are taken.
+        if part == 0:
+            recenter(self.diagram, self.simulator.get_mutable_context())
         share = 1.0 if last else (part + 0.5) / self.n_parts
         self.simulator.AdvanceTo((self.step + share) * CONTROL_PERIOD)
         self.step += last

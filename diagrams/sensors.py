@@ -91,7 +91,7 @@ def AddSensors(  # noqa: N802
     if errors.bias is not None:
         bias = errors.bias.get_encoder_bias_output_port()
         builder.Connect(bias, joints.get_encoder_bias_input_port())
-    feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
+    feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot, scenario.station.ground))
     builder.Connect(state, feet.get_state_input_port())
     contacts = [
         _misread(builder, scenario, errors, f"{port.get_name()}_sensors", port)

@@ -26,7 +26,7 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from glassgait.diagrams.ground import add_ground, set_friction, set_ground
 from glassgait.models.errors import InputError
@@ -36,7 +36,8 @@ from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL, Friction
-from glassgait.models.task.terrain import Terrain
+from glassgait.models.task.terrain import REACH, Terrain
+from glassgait.systems.world_state import WorldState
 
 Engine = Literal["drake", "mujoco"]
 
@@ -59,6 +60,12 @@ OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipatio
 
 LEAST_FORCE = 1e-3
 """Normal force above which a foot touches, by default (N)."""
+
+WORLD_STATE = "world_state"
+"""Name of the system that knows where a robot on ground that repeats has gone to."""
+
+LAID = 2.5
+"""How far around the middle period a diagram's ground is laid (m)."""
 
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
@@ -140,6 +147,11 @@ class StationConfig(Settings):
                     "them out"
                 )
 
+    @property
+    def ground(self) -> Ground:
+        """What robots stand on."""
+        return Ground([self.terrain])
+
     def plant_steps(self) -> int:
         """Returns how many steps a discrete plant takes in a control period.
 
@@ -163,9 +175,9 @@ class StationConfig(Settings):
 
 
 def AddStation(  # noqa: N802
-    builder: DiagramBuilder, robot: Robot, config: StationConfig
+    builder: DiagramBuilder, robot: Robot, config: StationConfig, *, reach: float = REACH
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
-    """Adds the finalized plant, on flat ground, and its scene graph to a diagram.
+    """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
     limits it to the motors' effort. Output ports are live rather than sampled, so that the plant
@@ -174,6 +186,12 @@ def AddStation(  # noqa: N802
     In a default context the robot stands at rest. In a random one, as `SetRandomContext` makes it,
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
     stands.
+
+    Args:
+        builder: Where they are added.
+        robot: The robot.
+        config: Physics.
+        reach: How far around the middle period ground other than a plane is laid (m).
 
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
@@ -199,7 +217,7 @@ def AddStation(  # noqa: N802
     _take_no_part_in_deformable_contact(scene_graph)
     (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
     _add_payload(plant, instance, config)
-    add_ground(plant, config.terrain)
+    add_ground(plant, config.terrain, reach)
     _set_motors(plant, robot, config)
     plant.mutable_gravity_field().set_gravity_vector(config.terrain.gravity)
     plant.Finalize()
@@ -216,6 +234,18 @@ def AddStation(  # noqa: N802
     )
     set_friction(plant, scene_graph, config.friction, terrain=config.terrain)
     return plant, scene_graph, instance
+
+
+def AddWorldState(  # noqa: N802
+    builder: DiagramBuilder, plant: MultibodyPlant, config: StationConfig
+) -> OutputPort:
+    """Returns where the robot's state (37) is to be read, which on ground that repeats is added."""
+    port = plant.get_state_output_port()
+    if config.terrain.is_plane:
+        return port
+    world = builder.AddNamedSystem(WORLD_STATE, WorldState())
+    builder.Connect(port, world.get_plant_state_input_port())
+    return world.get_state_output_port()
 
 
 def MakeStation(  # noqa: N802

@@ -13,7 +13,7 @@ from glassgait.diagrams.gym.arguments import check_actions, find_gait, find_sens
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import push
+from glassgait.diagrams.plant_state import push, recenter
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
@@ -85,6 +85,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
             imu=self._randomization.imu,
             contact_flips=self._randomization.contact_flips,
         )
+        self._station, self._ground = scenario.station, scenario.station.ground
         self._steps = 0
         # A diagram that is built again for every episode would leak; this one is used for all.
         self._diagram = MakeLocomotion(gait, scenario, senses=own)
@@ -103,7 +104,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self._steps = 0
         self._simulator = make_simulator(
             self._diagram,
-            state=self._randomization.initial_states(self._robot, 1, generator)[0],
+            state=self._randomization.initial_states(self._robot, 1, generator, self._ground)[0],
             seed=int(generator.integers(2**31)),
         )
         self._set_friction(generator.uniform(*self._randomization.friction))
@@ -121,6 +122,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         context = simulator.get_mutable_context()
         self._diagram.GetInputPort("actions").FixValue(context, action)
         self._steps += 1
+        recenter(self._diagram, context)
         simulator.AdvanceTo(self._steps * CONTROL_PERIOD)
         info = self._info()
         reward = float(self._eval("reward")[0])
@@ -152,7 +154,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         scene_graph = self._diagram.GetSubsystemByName("scene_graph")
         root = self._standing("reset").get_mutable_context()
         context = scene_graph.GetMyMutableContextFromRoot(root)
-        set_friction(plant, scene_graph, friction, context)
+        set_friction(plant, scene_graph, friction, context, terrain=self._station.terrain)
 
     def _eval(self, port: str) -> Array:
         return self._ports[port].Eval(self._standing(port).get_context()).copy()

@@ -14,7 +14,7 @@ from glassgait.models.export.controller import INITIALISED, ControllerSource
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.ground import LEVEL_GROUND
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
 """What a step returns: the sum of what happened."""
@@ -63,12 +63,12 @@ class Sensors:
     touching: NDArray[np.bool_]
 
 
-def sensed(robot: Robot, state: Array) -> Sensors:
-    """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
+def sensed(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Sensors:
+    """Returns what a robot senses without noise, in a state x (37) of the plant."""
     return Sensors(
         state[quadruped.JOINT_POSITION],
         state[quadruped.JOINT_VELOCITY],
-        LEVEL_GROUND.touching(robot, state),
+        ground.touching(robot, state),
     )
 
 

@@ -11,6 +11,7 @@ from glassgait.diagrams.scenario import (
     SCENARIO_DIRECTORY,
     Pushes,
     Scenario,
+    ground_names,
     load_scenario,
     load_scenarios,
     scenario_names,
@@ -55,9 +56,24 @@ SHIPPED = {
 }
 
 
+GROUNDS = {
+    "slope_15": Terrain(slope=15.0),
+    "slope_20": Terrain(slope=20.0),
+    "blocks_4cm": Terrain("blocks", amplitude=0.04),
+    "blocks_6cm": Terrain("blocks", amplitude=0.06),
+    "steps_5cm": Terrain("steps", height=0.05),
+    "uneven_4cm": Terrain("uneven", amplitude=0.04),
+    "patches": Terrain(patches=0.33, patch_friction=0.4),
+}
+
+
 def test_shipped_scenarios_are_what_their_names_say():
     assert {name: load_scenario(name) for name in scenario_names()} == SHIPPED
     assert scenario_names()[0] == "training"
+    grounds = load_scenarios(["grounds"])
+    assert {name: world.station.terrain for name, world in grounds.items()} == GROUNDS
+    for world in grounds.values():
+        assert world == Scenario(world.title, StationConfig(terrain=world.station.terrain))
 
 
 def test_the_training_file_shows_every_setting_at_its_default():
@@ -242,7 +258,7 @@ def test_settings_out_of_range_are_refused_in_python(settings):
 def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
     page = (SCENARIO_DIRECTORY / "README.md").read_text()
     table = page.partition("## What ships")[2].partition("##")[0]
-    assert set(re.findall(r"`(\w[^`]*)`", table)) >= set(scenario_names())
+    assert set(re.findall(r"`(\w[^`]*)`", table)) >= {*scenario_names(), *ground_names()}
     own = written(page.partition("```yaml\n")[2].partition("```")[0])
     assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))
 
