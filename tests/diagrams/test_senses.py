@@ -37,6 +37,7 @@ BIASED = ImuErrors(gyroscope_bias=0.1, accelerometer_bias=0.5, attitude_bias=0.0
 WORLDS = {
     "quiet": QUIET,
     "slope": replace(QUIET, station=StationConfig(terrain=Terrain(slope=8.0))),
+    "blocks": replace(QUIET, station=StationConfig(terrain=Terrain(kind="blocks", amplitude=0.03))),
     "noise": replace(QUIET, sensor_noise=1.0),
     "late readings": replace(QUIET, imu=ImuErrors(delay=3)),
     "30 ms late": replace(QUIET, latency=0.03),
