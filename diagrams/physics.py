@@ -1,6 +1,7 @@
 """What the batch simulator asks of a physics engine."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -10,6 +11,7 @@ from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.ground import Ground
+from glassgait.models.task.terrain import Terrain
 
 
 class PhysicsStep(NamedTuple):
@@ -46,7 +48,7 @@ class Physics(Protocol):
 
     def members(self, n_robots: int) -> list[NDArray[np.int64]]:
         """Returns the robots of each group: they are split evenly, in order."""
-        return np.array_split(np.arange(n_robots), self.n_groups)
+        return _members(n_robots, self.n_groups)
 
     def gravity(self, n_robots: int) -> Array:
         """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
@@ -56,9 +58,7 @@ class Physics(Protocol):
 
     def ground(self, n_robots: int) -> Ground:
         """Returns what each robot stands on."""
-        members = self.members(n_robots)
-        which = np.repeat(np.arange(self.n_groups), [len(group) for group in members])
-        return Ground([station.terrain for station in self.stations], which)
+        return _ground(tuple(station.terrain for station in self.stations), n_robots)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
@@ -82,3 +82,14 @@ class Physics(Protocol):
             latency: Time from the period's start until the new targets come (n,; s).
         """
         ...
+
+
+def _members(n_robots: int, n_groups: int) -> list[NDArray[np.int64]]:
+    return np.array_split(np.arange(n_robots), n_groups)
+
+
+@lru_cache(maxsize=16)
+def _ground(terrains: tuple[Terrain, ...], n_robots: int) -> Ground:
+    # Asked for at every control step.
+    sizes = [len(group) for group in _members(n_robots, len(terrains))]
+    return Ground(terrains, np.repeat(np.arange(len(terrains)), sizes))

@@ -126,7 +126,10 @@ class Ground:
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
         """Returns which feet press on the ground (..., 4): whose spheres are inside of it.
 
-        Point contact presses exactly there, so in Drake contact follows from the pose alone.
+        Drake's point contact presses there, so contact follows from the pose alone. Experts of the
+        trot and the walk, 4,800 looks each: it never differs from a normal force above 5 N on flat
+        ground, in up to 0.25 % of the looks on blocks of 4 and 6 cm, and on steps of 5 cm in 0.2
+        and 1.0 %, where edges are touched lightly.
         """
         if self.is_level:
             return kinematics.foot_heights(robot, positions) < 0.0
