@@ -127,8 +127,11 @@ def make_regions(
         quantile: Share of observations that each end of a range leaves out.
     """
     folder = robot_folder(BOX_DIRECTORY, student.robot.name)
-    ships = (folder / f"{gait.name}.yaml").exists()
-    kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
+    kinds: tuple[BoxKind, ...] = ("states", "whole")
+    if (folder / f"{gait.name}.yaml").exists():
+        # One that was measured with other senses says nothing of this student.
+        same = operating_box(gait, student.robot).names == student.observation_names
+        kinds = (*kinds, "operating") if same else kinds
     regions: dict[RegionKind, Region] = {
         kind: make_region(gait, student, visits, quantile, kind) for kind in kinds
     }
