@@ -98,9 +98,7 @@ class PythonController:
             after, self._policy.robot.joint_targets(action, limited=self._limits_targets), OK
         )
 
-    def _measured(
-        self, odometry: Odometry, memory: Array, sensors: Sensors
-    ) -> tuple[Array, Array]:
+    def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
         """Advances odometry; returns the body state (7) and what odometry then remembers (20)."""
         robot, position = self._policy.robot, sensors.joint_position
         begun, state = unpacked_odometry(memory)

@@ -125,10 +125,11 @@ class AlternatingController(_ExpertSenses):
         """
         Raises:
             ValueError: if the period is negative, or asks for a student that is not given.
-            InputError: if the student observes by the estimator of another expert.
+            InputError: if the student observes by the estimator of another expert, or by odometry
+                of its own where the expert acts as well and has another estimator.
         """
         if self.student is not None:
-            refuse_other_estimator(self.expert, self.student)
+            refuse_other_estimator(self.expert, self.student, both_act=self.period > 1)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -143,6 +144,15 @@ class AlternatingController(_ExpertSenses):
             if self.student is None or self.period == 1
             else acting | {"student": self.student}
         )
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """What estimates the body state; None where the true one is observed.
+
+        It is the expert's, unless a student acts alone that has odometry of its own.
+        """
+        own = self.student.estimator if self.student and self.period == 0 else None
+        return own if isinstance(own, Odometry) else self.expert.estimator
 
     @property
     def policy(self) -> Policy:
@@ -212,7 +222,7 @@ class AssuredController(_ExpertSenses):
             InputError: if the region is of other observations than the student's, or the student
                 observes by the estimator of another expert.
         """
-        refuse_other_estimator(self.expert, self.student)
+        refuse_other_estimator(self.expert, self.student, both_act=True)
         if self.region.names != self.student.observation_names:
             raise InputError(
                 "assurance: the region is of other observations than the student's; measure it "

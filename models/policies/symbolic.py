@@ -23,6 +23,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.odometry import Odometry
 
 
 def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -146,7 +147,12 @@ class FormulaPolicy(Policy):
             self.mirror,
             self.limits_targets,
             self.robot.name,
+            self._odometry,
         )
+
+    @property
+    def _odometry(self) -> Odometry | None:
+        return self._estimator if isinstance(self._estimator, Odometry) else None
 
     def to_text(self) -> str:
         """Writes the policy as text, from which `from_file` builds the same policy.
@@ -158,7 +164,10 @@ class FormulaPolicy(Policy):
 
     @staticmethod
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
-        """Builds the policy that a file holds, of the robot that it names."""
+        """Builds the policy that a file holds, of the robot that it names.
+
+        It has an estimator of its own where the file holds odometry.
+        """
         rows = file.formulas.values()
         kind: type[FormulaPolicy] = SymbolicPolicy
         expressions: Any = tuple(rows)
@@ -170,7 +179,7 @@ class FormulaPolicy(Policy):
             )
         definitions = file.vocabulary.definitions
         names = file.vocabulary.names
-        return kind(
+        policy = kind(
             file.gait,
             names,
             expressions,
@@ -179,6 +188,8 @@ class FormulaPolicy(Policy):
             limits_targets=file.limits_targets,
             robot=robot,
         )
+        policy._estimator = file.odometry
+        return policy
 
     def save(self, path: Path) -> None:
         """Writes the policy's text to a file, atomically.
@@ -196,8 +207,11 @@ class FormulaPolicy(Policy):
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
         own = [*self._named(), self.observation_names, definitions, formulas]
-        whole = json.dumps([*own, "limited"] if self.limits_targets else own)
-        return hashlib.sha256(whole.encode()).hexdigest()[:16]
+        if self.limits_targets:
+            own.append("limited")
+        if self._odometry is not None:
+            own.append(self._odometry.digest())
+        return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
     def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:
         for place in np.ndindex(*shape):

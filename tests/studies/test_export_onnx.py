@@ -137,12 +137,12 @@ def test_what_is_not_finite_on_one_side_alone_is_told(trot):
 
     assert compare_graph(graph, broken, expert, rows).target > 1e300
 
-    def both(own):
-        acted = graph(own)
+    def both(own, estimate):
+        acted = graph(own, estimate)
         acted.action[2, 3] = np.inf
         return acted
 
-    both.dtype = graph.dtype
+    both.dtype, both.reads_estimate = graph.dtype, False
     assert compare_graph(both, broken, expert, rows).target < 1e-12
 
 
@@ -208,7 +208,7 @@ def test_a_gait_of_ones_own_is_exported_too(trot, make_policy):
     odd = replace(trot, name="hop")
     policy = make_policy(odd)
     expert = load_expert("trot")
-    own = type(expert)("hop", expert.observation_names, *expert._networks)
+    own = type(expert)("hop", expert.observation_names, *expert._networks.values())
     file = OnnxFile(Deployment(odd, alone(policy, own), "hop_mine", "mine"), "double")
     rows = random_rows(A1, odd, 20, 0)
     assert compare_graph(LoadedGraph(file.model), policy, own, rows).target < 1e-12
