@@ -148,17 +148,21 @@ def AddGivenCommand(  # noqa: N802
     return given.get_command_output_port(), given.get_commanded_dwell_output_port()
 
 
-def _add_random_command(
-    builder: DiagramBuilder, gait: Gait, speed_range: tuple[float, float] | None
-) -> RandomCommand:
+def AddSeed(builder: DiagramBuilder, name: str) -> OutputPort:  # noqa: N802
+    """Adds a number that a random context draws, and that holds for the whole rollout."""
     # A system written in Python cannot draw its own parameters in `SetRandomContext`, but a linear
-    # system draws its initial state. One that stays where it starts gives a seed that holds for the
-    # whole rollout; a RandomSource would draw another one in the first update.
+    # system draws its initial state, and this one stays where it starts. A RandomSource would draw
+    # another number in the first update.
     nothing = np.zeros((1, 0))
     seed = LinearSystem(np.eye(1), nothing, np.eye(1), nothing, COMMAND_STEPS * CONTROL_PERIOD)
     seed.configure_random_state(np.eye(1))
-    source = RandomCommand(gait, speed_range)
-    builder.AddNamedSystem("command_seed", seed)
-    builder.AddNamedSystem("command", source)
-    builder.Connect(seed.get_output_port(), source.get_seed_input_port())
+    return builder.AddNamedSystem(name, seed).get_output_port()
+
+
+def _add_random_command(
+    builder: DiagramBuilder, gait: Gait, speed_range: tuple[float, float] | None
+) -> RandomCommand:
+    seed = AddSeed(builder, "command_seed")
+    source = builder.AddNamedSystem("command", RandomCommand(gait, speed_range))
+    builder.Connect(seed, source.get_seed_input_port())
     return source

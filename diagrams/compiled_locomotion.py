@@ -30,10 +30,10 @@ def MakeCompiledLocomotion(  # noqa: N802
     Raises:
         InputError: if the scenario's sensors have noise, or the gait is not made for the command.
     """
-    if scenario.sensor_noise > 0.0 or scenario.contact_flips > 0.0:
+    if scenario.sensor_noise > 0.0 or scenario.contact_flips > 0.0 or scenario.encoder_bias > 0.0:
         raise InputError(
             f"{scenario.refused_as()}: its sensors have noise, which a compiled controller has no "
-            "port for; give sensor_noise 0 and contact_flips 0"
+            "port for; give sensor_noise 0, contact_flips 0 and encoder_bias 0"
         )
     builder = DiagramBuilder()
     if scenario.limit_targets is None:

@@ -11,19 +11,23 @@ from glassgait.models.policies.controller import (
     AlternatingController,
     AssuredController,
     Controller,
+    Estimator,
     alone,
     estimator_in_loop,
+    expert_of,
 )
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
+from glassgait.models.task.odometry import Odometry
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
 from glassgait.systems.assurance_monitor import AssuranceMonitor
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward_machine import RewardMachineSystem
@@ -31,26 +35,61 @@ from glassgait.systems.state_estimator import StateEstimator
 
 
 @dataclass(frozen=True)
+class Senses:
+    """What a controller needs besides joints and contacts.
+
+    Attributes:
+        observes_imu: Whether policies observe gravity's direction and the angular velocity.
+        estimator: What estimates the body state; None where the true one is observed.
+    """
+
+    observes_imu: bool = False
+    estimator: Estimator | None = None
+
+    @classmethod
+    def of(cls, policy: Controller | Policy, *, true_body_state: bool = False) -> "Senses":
+        """Returns what a policy needs.
+
+        Args:
+            policy: The controller, or the policy that acts alone.
+            true_body_state: Whether it is to observe the true body state.
+
+        Raises:
+            InputError: if it has no estimator, and the true body state is not asked for.
+        """
+        estimator = estimator_in_loop(policy, true_body_state=true_body_state)
+        return cls(expert_of(policy).layout.imu, estimator)
+
+    @property
+    def need_imu(self) -> bool:
+        """Whether an IMU is needed."""
+        return self.observes_imu or isinstance(self.estimator, Odometry)
+
+
+@dataclass(frozen=True)
 class Sensed:
     """Where a controller's inputs come from.
 
     Attributes:
-        state: The plant's state (37), of which the joints are read, and the trunk only where there
-            is no estimator.
-        foot_contact: Which feet touch, or did a control step ago (4).
+        joints: Measured joint positions, then velocities (24; rad, rad/s).
+        foot_contact: Which feet seem to touch, or did a control step ago (4).
         command: Forward speed and yaw rate (2; m/s, rad/s).
         commanded_dwell: Commanded iterations in a state (1, control steps).
+        touching: Which feet seem to touch at this instant (4), for odometry.
+        imu: The IMU's reading (9), where it is needed.
+        state: The plant's state (37), for the true body state where there is no estimator.
         foot_height: True heights of the feet (4, m), for the reward machine where there is no
             estimator.
-        joint_noise: Uniform noise of the joints' sensors (24, in [0, 1]), or None.
     """
 
-    state: OutputPort
+    joints: OutputPort
     foot_contact: OutputPort
     command: OutputPort
     commanded_dwell: OutputPort
+    touching: OutputPort | None = None
+    imu: OutputPort | None = None
+    state: OutputPort | None = None
     foot_height: OutputPort | None = None
-    joint_noise: OutputPort | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +98,7 @@ class ControllerPorts:
 
     Attributes:
         hold: The action hold.
-        observation: What is observed (47 + n_states).
+        observation: What is observed (47 + n_states, 53 + n_states with an IMU).
         acting: What `AddPolicies` returns; empty where no policy is given: the hold's input is then
             still to be connected.
     """
@@ -77,8 +116,7 @@ def AddController(  # noqa: N802
     *,
     machine: RewardMachineSystem,
     policy: Controller | Policy | None,
-    true_body_state: bool = False,
-    sensor_noise: float = 1.0,
+    senses: Senses,
     intervention: Intervention | None = None,
 ) -> ControllerPorts:
     """Adds observation, estimator, policies and action hold, and connects the reward machine.
@@ -89,49 +127,32 @@ def AddController(  # noqa: N802
         gait: The gait that the policy was made for.
         sensed: Where the inputs come from.
         machine: The gait's reward machine.
-        policy: The controller. Its estimator gives the observed body state and the foot heights
+        policy: The controller.
+        senses: What it observes by. An estimator gives the observed body state and the foot heights
             that the reward machine reads.
-        true_body_state: Whether to observe the true ones instead.
-        sensor_noise: Factor on the noise of the joints' sensors.
         intervention: Gives the policy another observation for some control steps.
 
     Raises:
-        InputError: if a policy was made for another gait or observation, or has no estimator where
-            the true body state is not asked for.
-        ValueError: if there is neither an estimator nor true heights of the feet.
+        InputError: if a policy was made for another gait or observation.
+        ValueError: if an input that is needed is not connected.
     """
     if isinstance(policy, Policy):
         policy = alone(policy)
-    layout = ObservationLayout(gait.n_states)
+    layout = ObservationLayout(gait.n_states, imu=senses.observes_imu)
     for one in policy.policies.values() if policy else ():
         one.check(gait=gait.name, observation_names=layout.names)
     hold = builder.AddNamedSystem("action_hold", ActionHold())
     builder.Connect(sensed.foot_contact, machine.get_foot_contact_input_port())
     builder.Connect(sensed.commanded_dwell, machine.get_commanded_dwell_input_port())
-    proprioception = _add_proprioception(
-        builder, robot, layout, sensed, sensor_noise, machine, hold
+    proprioception = _add_proprioception(builder, robot, layout, sensed, machine, hold)
+    body_state, sensed_height = _add_body_state(
+        builder, robot, layout, sensed, senses.estimator, proprioception
     )
-    # What estimates the body state, or else senses it.
-    estimator = policy and estimator_in_loop(policy, true_body_state=true_body_state)
-    if estimator is None:
-        if sensed.foot_height is None:
-            raise ValueError("controller: there is no estimator; connect true heights of the feet")
-        body_state = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(robot))
-        builder.Connect(sensed.state, body_state.get_state_input_port())
-        sensed_height = sensed.foot_height
-    else:
-        body_state = StateEstimator(estimator, layout.n_proprioceptive)
-        builder.AddNamedSystem("state_estimator", body_state)
-        builder.Connect(
-            proprioception.get_proprioception_output_port(),
-            body_state.get_proprioception_input_port(),
-        )
-        sensed_height = body_state.get_previous_foot_height_output_port()
     builder.Connect(sensed_height, machine.get_foot_height_input_port())
     observation = Multiplexer([layout.n_proprioceptive, N_ESTIMATED])
     builder.AddNamedSystem("observation", observation)
     builder.Connect(proprioception.get_proprioception_output_port(), observation.get_input_port(0))
-    builder.Connect(body_state.get_body_state_output_port(), observation.get_input_port(1))
+    builder.Connect(body_state, observation.get_input_port(1))
     acting: dict[str, OutputPort] = {}
     if policy is not None:
         given = _given_observation(builder, observation.get_output_port(), intervention)
@@ -196,22 +217,62 @@ def _add_proprioception(
     robot: Robot,
     layout: ObservationLayout,
     sensed: Sensed,
-    sensor_noise: float,
     machine: RewardMachineSystem,
     hold: ActionHold,
 ) -> Proprioception:
-    proprioception = Proprioception(robot, layout, sensor_noise)
+    proprioception = Proprioception(robot, layout)
     builder.AddNamedSystem("proprioception", proprioception)
     connect = builder.Connect
     connect(hold.get_held_action_output_port(), proprioception.get_previous_action_input_port())
     connect(machine.get_rm_state_output_port(), proprioception.get_rm_state_input_port())
     connect(machine.get_rm_iterations_output_port(), proprioception.get_rm_iterations_input_port())
-    connect(sensed.state, proprioception.get_state_input_port())
+    connect(sensed.joints, proprioception.get_joints_input_port())
     connect(sensed.command, proprioception.get_command_input_port())
     connect(sensed.commanded_dwell, proprioception.get_commanded_dwell_input_port())
-    if sensed.joint_noise is not None:
-        connect(sensed.joint_noise, proprioception.get_uniform_noise_input_port())
+    if layout.imu:
+        connect(_needed(sensed.imu, "an IMU"), proprioception.get_imu_input_port())
     return proprioception
+
+
+def _add_body_state(
+    builder: DiagramBuilder,
+    robot: Robot,
+    layout: ObservationLayout,
+    sensed: Sensed,
+    estimator: Estimator | None,
+    proprioception: Proprioception,
+) -> tuple[OutputPort, OutputPort]:
+    """Adds what estimates the body state, or else senses it.
+
+    Returns:
+        The body state (7), and the foot heights (4) that the reward machine reads.
+    """
+    match estimator:
+        case None:
+            sensor = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(robot))
+            builder.Connect(_needed(sensed.state, "the state"), sensor.get_state_input_port())
+            heights = _needed(sensed.foot_height, "true heights of the feet")
+            return sensor.get_body_state_output_port(), heights
+        case Odometry():
+            system = builder.AddNamedSystem("odometry", OdometrySystem(robot, estimator))
+            touching = _needed(sensed.touching, "feet that touch")
+            builder.Connect(sensed.joints, system.get_joints_input_port())
+            builder.Connect(_needed(sensed.imu, "an IMU"), system.get_imu_input_port())
+            builder.Connect(touching, system.get_touching_input_port())
+        case _:
+            system = StateEstimator(estimator, layout.n_proprioceptive)
+            builder.AddNamedSystem("state_estimator", system)
+            builder.Connect(
+                proprioception.get_proprioception_output_port(),
+                system.get_proprioception_input_port(),
+            )
+    return system.get_body_state_output_port(), system.get_previous_foot_height_output_port()
+
+
+def _needed(port: OutputPort | None, what: str) -> OutputPort:
+    if port is None:
+        raise ValueError(f"controller: it observes by {what}; connect an output for it")
+    return port
 
 
 def _given_observation(

@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import FEW, IN_ORDER, Count, NotNegative, Positive, Settings
+from glassgait.models.settings import FEW, IN_ORDER, Count, Natural, NotNegative, Positive, Settings
 from glassgait.models.task.randomization import Randomization
 
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
@@ -82,6 +82,9 @@ class DomainRandomization(Settings):
         groups: What differs between the groups' stations.
         fine_steps: Time steps (s) of the plants of one group each, finer than the station's. What
             only works in the coarse physics of the other groups is not learned.
+        mujoco_groups: Groups, the first ones, whose physics MuJoCo computes; it has no other times
+            in which contacts let penetration relax.
+        mujoco_step: Time step of their plants (s).
         station: Physics that the groups' stations vary.
         randomization: What differs between robots and episodes.
     """
@@ -91,15 +94,18 @@ class DomainRandomization(Settings):
     n_groups: Count = 16
     groups: GroupRanges = field(default_factory=GroupRanges)
     fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
+    mujoco_groups: Natural = 0
+    mujoco_step: Positive = 0.005
     station: StationConfig = field(default_factory=StationConfig)
     randomization: Randomization = HARSH
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.fine_steps) > self.n_groups:
+        if len(self.fine_steps) + self.mujoco_groups > self.n_groups:
             raise InputError(
-                f"{self.title}: {len(self.fine_steps)} fine_steps do not fit in n_groups = "
-                f"{self.n_groups}; raise n_groups or name fewer"
+                f"{self.title}: {len(self.fine_steps)} fine_steps and mujoco_groups = "
+                f"{self.mujoco_groups} do not fit in n_groups = {self.n_groups}; raise n_groups or "
+                "name fewer"
             )
         if any(step >= self.station.time_step for step in self.fine_steps):
             raise InputError(
@@ -114,4 +120,14 @@ class DomainRandomization(Settings):
             replace(station, time_step=step)
             for station, step in zip(drawn, self.fine_steps, strict=False)
         ]
-        return [*drawn[len(fine) :], *fine]
+        others = drawn[len(fine) :]
+        mujoco = [
+            replace(
+                station,
+                engine="mujoco",
+                time_step=self.mujoco_step,
+                relaxation_time=self.station.relaxation_time,
+            )
+            for station in others[: self.mujoco_groups]
+        ]
+        return [*mujoco, *others[len(mujoco) :], *fine]

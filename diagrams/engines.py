@@ -1,8 +1,14 @@
 """The physics of many robots, by the engine that their station names."""
 
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.physics import Physics
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.physics import Physics, PhysicsStep
+from glassgait.diagrams.station import Engine, StationConfig
+from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 
@@ -12,15 +18,68 @@ def make_physics(robot: Robot, *stations: StationConfig) -> Physics:
 
     Args:
         robot: What robots they are.
-        stations: Physics of each group, all of one engine.
+        stations: Physics of each group; those of an engine stand side by side.
 
     Raises:
-        InputError: if a station is continuous, their engines differ, or MuJoCo is not installed.
+        InputError: if a station is continuous, or MuJoCo is not installed.
     """
-    engines = {station.engine for station in stations}
-    if len(engines) > 1:
-        raise InputError(f"stations: engines are {' and '.join(sorted(engines))}; name one")
-    if engines == {"drake"}:
+    parts = [
+        _physics_of(robot, engine, list(own))
+        for engine, own in groupby(stations, key=lambda station: station.engine)
+    ]
+    return parts[0] if len(parts) == 1 else MixedPhysics(parts)
+
+
+class MixedPhysics(Physics):
+    """Robots of which some are advanced by one engine and some by another, one after the other."""
+
+    def __init__(self, parts: Sequence[Physics]) -> None:
+        """
+        Args:
+            parts: Physics of the first groups, of the next ones, and so on.
+        """
+        self._parts = parts
+        self.stations = [station for part in parts for station in part.stations]
+        self._ends = np.cumsum([part.n_groups for part in parts])[:-1]
+
+    @property
+    def n_groups(self) -> int:
+        """Number of groups."""
+        return len(self.stations)
+
+    def set_friction(self, friction: Array) -> None:
+        """Sets the friction (n_groups,) of each group's ground."""
+        for part, own in zip(self._parts, np.split(friction, self._ends), strict=True):
+            part.set_friction(own)
+
+    def step(
+        self,
+        states: Array,
+        targets: Array,
+        *,
+        previous_targets: Array | None = None,
+        latency: Array | None = None,
+    ) -> PhysicsStep:
+        """Advances every robot by one control period, as `Physics.step` has it."""
+        late = targets if previous_targets is None else previous_targets
+        latency = np.zeros(len(states)) if latency is None else latency
+        members = self.members(len(states))
+        # Groups are contiguous, and none is smaller than the one after it: each part splits its
+        # robots as they are split here.
+        ends = [sum(len(group) for group in members[:end]) for end in self._ends]
+        steps = [
+            part.step(own, asked, previous_targets=held, latency=delay)
+            for part, own, asked, held, delay in zip(
+                self._parts,
+                *(np.split(values, ends) for values in (states, targets, late, latency)),
+                strict=True,
+            )
+        ]
+        return PhysicsStep(*(np.concatenate(values) for values in zip(*steps, strict=True)))
+
+
+def _physics_of(robot: Robot, engine: Engine, stations: Sequence[StationConfig]) -> Physics:
+    if engine == "drake":
         return BatchPhysics(robot, *stations)
     try:
         # Imported here: MuJoCo is an extra.

@@ -24,7 +24,14 @@ from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
-from glassgait.models.link.packing import MICROSECONDS, NOBODY, control_step, unpack_answer
+from glassgait.models.link.packing import (
+    MICROSECONDS,
+    NOBODY,
+    control_step,
+    unpack_answer,
+    unpack_imu,
+    unpack_joints,
+)
 from glassgait.models.link.settings import Channels
 from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
@@ -119,7 +126,7 @@ class ControllerEnd:
         self._simulator.Initialize()
 
     def _hear(self, message: sensors_t) -> None:
-        measured = [*message.joint_position, *message.joint_velocity]
+        measured = [*unpack_joints(message), *unpack_imu(message)]
         if not _is_stamped(message) or not np.all(np.isfinite(measured)):
             return
         self.tally.count(message.session, message.sequence)

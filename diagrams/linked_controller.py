@@ -4,7 +4,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 
-from glassgait.diagrams.controller import AddController, Sensed
+from glassgait.diagrams.controller import AddController, Sensed, Senses
 from glassgait.models.link.messages import targets_t
 from glassgait.models.link.settings import Channels
 from glassgait.models.policies.controller import Controller
@@ -36,7 +36,7 @@ def MakeLinkedController(  # noqa: N802
         - rm_state
 
     Inputs: sensors (sensors_t), which are answered. command (command_t).
-    Outputs: actions (12) of this control step, observations (47 + n_states), rm_state (n_states,
+    Outputs: actions (12) of this control step, observations, rm_state (n_states,
     one-hot). Messages: `targets_t` is sent when its publisher is forced to; see
     `glassgait.diagrams.link.ControllerEnd`, which hears the others.
 
@@ -58,13 +58,17 @@ def MakeLinkedController(  # noqa: N802
     memory = builder.AddNamedSystem("contact_memory", ContactMemory())
     builder.Connect(receiver.get_touching_output_port(), memory.get_touching_input_port())
     sensed = Sensed(
-        state=receiver.get_state_output_port(),
+        joints=receiver.get_joints_output_port(),
         foot_contact=memory.get_foot_contact_output_port(),
         command=commander.get_command_output_port(),
         commanded_dwell=commander.get_commanded_dwell_output_port(),
+        touching=receiver.get_touching_output_port(),
+        imu=receiver.get_imu_output_port(),
     )
     machine = builder.AddNamedSystem("reward_machine", RewardMachineSystem(gait))
-    controller = AddController(builder, robot, gait, sensed, machine=machine, policy=policy)
+    controller = AddController(
+        builder, robot, gait, sensed, machine=machine, policy=policy, senses=Senses.of(policy)
+    )
     sender = builder.AddNamedSystem("targets_sender", TargetsSender(robot))
     builder.Connect(controller.acting["actions"], sender.get_action_input_port())
     builder.ConnectInput("sensors", sender.get_sensors_input_port())

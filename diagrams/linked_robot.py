@@ -8,8 +8,8 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
-from glassgait.diagrams.locomotion import AddNoise
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
 from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
@@ -21,7 +21,6 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.fall_monitor import FallMonitor
-from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.sensors_sender import SensorsSender
 
@@ -78,7 +77,7 @@ def MakeLinkedRobot(  # noqa: N802
     builder = DiagramBuilder()
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
-    noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS)
+    errors = AddSensorErrors(builder, scenario, imu=True)
     plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
     state = plant.get_state_output_port()
 
@@ -99,12 +98,13 @@ def MakeLinkedRobot(  # noqa: N802
     commander = builder.AddNamedSystem("command_sender", CommandSender(session))
     builder.Connect(command, commander.get_command_input_port())
     builder.Connect(commanded_dwell, commander.get_commanded_dwell_input_port())
-    sender = SensorsSender(robot, session, scenario.sensor_noise)
-    builder.AddNamedSystem("sensors_sender", sender)
-    builder.Connect(state, sender.get_state_input_port())
+    sensors = AddSensors(builder, robot, scenario, state, errors, imu=True)
+    sender = builder.AddNamedSystem("sensors_sender", SensorsSender(session))
+    builder.Connect(sensors.joints, sender.get_joints_input_port())
+    builder.Connect(sensors.touching, sender.get_touching_input_port())
+    assert sensors.imu is not None
+    builder.Connect(sensors.imu, sender.get_imu_input_port())
     builder.Connect(guard.get_followed_output_port(), sender.get_followed_input_port())
-    if noise is not None:
-        builder.Connect(noise, sender.get_uniform_noise_input_port())
     sent = (
         (commander.get_message_output_port(), channels.command, command_t),
         (sender.get_message_output_port(), channels.sensors, sensors_t),
@@ -116,8 +116,6 @@ def MakeLinkedRobot(  # noqa: N802
         builder.Connect(message, publisher.get_input_port())
 
     if meshcat is not None:
-        foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
-        builder.Connect(state, foot_sensor.get_state_input_port())
         # The machine's state is known to the controller alone.
         unknown = builder.AddSystem(ConstantVectorSource(np.zeros(gait.n_states)))
         AddLocomotionDisplay(
@@ -127,7 +125,7 @@ def MakeLinkedRobot(  # noqa: N802
             gait,
             state=state,
             rm_state=unknown.get_output_port(),
-            foot_contact=foot_sensor.get_foot_contact_output_port(),
+            foot_contact=sensors.feet.get_foot_contact_output_port(),
             meshcat=meshcat,
         )
     exported = {

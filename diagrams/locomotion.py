@@ -1,27 +1,23 @@
 """The closed locomotion loop of one robot, as a systems diagram."""
 
-from pydrake.common import RandomDistribution
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import RandomSource
 
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
-from glassgait.diagrams.controller import AddController, Sensed
+from glassgait.diagrams.controller import AddController, Sensed, Senses
 from glassgait.diagrams.gait_machine import AddGaitMachine
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
 from glassgait.diagrams.station import AddStation, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.policies.controller import Controller
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
-from glassgait.systems.contact_noise import ContactNoise
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.joint_targets import JointTargets
@@ -34,6 +30,7 @@ def MakeLocomotion(  # noqa: N802
     scenario: Scenario | None = None,
     *,
     policy: Controller | Policy | None = None,
+    senses: Senses | None = None,
     meshcat: Meshcat | None = None,
     intervention: Intervention | None = None,
 ) -> Diagram:
@@ -62,6 +59,7 @@ def MakeLocomotion(  # noqa: N802
         - command
         - commanded_dwell
         - state
+        - imu
         - expert_acts
         - overrun
 
@@ -69,17 +67,18 @@ def MakeLocomotion(  # noqa: N802
     to what the gait is made for; each may stay unconnected, and then the scenario's command holds.
     actions (12), only where no policy is given. requested_gait (1), only of several gaits
     without buttons; see `GaitSwitchSystem`.
-    Outputs: actions (12), what acts at this control step. observations (47 + n_states). reward (1)
-    and plain_reward (1) of the step that ends now, reward_terms (12). rm_state (n_states, one-hot),
-    rm_iterations (1), served_dwell (1, control steps). foot_contact (4), foot_height (4, m).
-    failures (6). command (2) and commanded_dwell (1), by which the robot goes. state (37), the
-    plant's. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
+    Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
+    n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
+    (12). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
+    foot_contact (4), foot_height (4, m). failures (6). command (2) and commanded_dwell (1), by
+    which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
+    needed. Of a policy under assurance alone, expert_acts (1) and overrun (1); see
     `AssuranceMonitor`.
 
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
-    sensors' noise and drawn commands. The scenario's pushes come between two control steps, from
-    whoever advances the simulator; see `glassgait.diagrams.plant_state.push`.
+    sensors' noise and biases, and drawn commands. The scenario's pushes come between two control
+    steps, from whoever advances the simulator; see `glassgait.diagrams.plant_state.push`.
 
     Args:
         gait: The gait whose reward machine runs, or several that change on request.
@@ -87,6 +86,7 @@ def MakeLocomotion(  # noqa: N802
         policy: The controller. Its estimator gives the observed body state and the foot heights
             that the reward machine reads; they are the true ones where the scenario says so, and
             where no policy is given.
+        senses: Where no policy is given, what is observed by; the true body state by default.
         meshcat: Shows robot, contacts and machine state there.
         intervention: Gives the policy another observation for some control steps; the outputs are
             the robot's own.
@@ -105,22 +105,26 @@ def MakeLocomotion(  # noqa: N802
     # and without, and the same noise whatever the robot's pose is drawn from.
     drawn = AddCommand(builder, gait, scenario.command, meshcat)
     command, commanded_dwell = AddGivenCommand(builder, gait, drawn)
-    joint_noise = AddNoise(builder, "sensor_noise", scenario.sensor_noise, 2 * quadruped.N_JOINTS)
-    contact_noise = AddNoise(builder, "contact_noise", scenario.contact_flips, quadruped.N_LEGS)
+    if policy is not None:
+        senses = Senses.of(policy, true_body_state=scenario.true_body_state)
+    senses = senses or Senses()
+    errors = AddSensorErrors(builder, scenario, imu=senses.need_imu)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
     plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
     state = plant.get_state_output_port()
 
-    foot_sensor = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
-    builder.Connect(state, foot_sensor.get_state_input_port())
+    sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)
+    foot_sensor = sensors.feet
     sensed = Sensed(
-        state=state,
-        foot_contact=_sensed_contact(builder, scenario, foot_sensor, contact_noise),
+        joints=sensors.joints,
+        foot_contact=sensors.foot_contact,
         command=command,
         commanded_dwell=commanded_dwell,
+        touching=sensors.touching,
+        imu=sensors.imu,
+        state=state,
         foot_height=foot_sensor.get_foot_height_output_port(),
-        joint_noise=joint_noise,
     )
     machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
     controller = AddController(
@@ -130,8 +134,7 @@ def MakeLocomotion(  # noqa: N802
         sensed,
         machine=machine,
         policy=policy,
-        true_body_state=scenario.true_body_state,
-        sensor_noise=scenario.sensor_noise,
+        senses=senses,
         intervention=intervention,
     )
     hold = controller.hold
@@ -171,38 +174,12 @@ def MakeLocomotion(  # noqa: N802
         "command": command,
         "commanded_dwell": commanded_dwell,
         "state": state,
-    }
+    } | ({} if sensors.imu is None else {"imu": sensors.imu})
     for name, port in exported.items():
         builder.ExportOutput(port, name)
     diagram = builder.Build()
     diagram.set_name("Locomotion")
     return diagram
-
-
-def AddNoise(  # noqa: N802
-    builder: DiagramBuilder, name: str, share: float, size: int
-) -> OutputPort | None:
-    """Adds a source of numbers from 0 to 1, new ones every control step; None where share is 0."""
-    if share == 0:
-        return None
-    noise = RandomSource(RandomDistribution.kUniform, size, CONTROL_PERIOD)
-    return builder.AddNamedSystem(name, noise).get_output_port()
-
-
-def _sensed_contact(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    foot_sensor: FootSensor,
-    noise: OutputPort | None,
-) -> OutputPort:
-    """Returns the contacts that the machine reads."""
-    contact = foot_sensor.get_foot_contact_output_port()
-    if noise is None:
-        return contact
-    sensors = builder.AddNamedSystem("contact_sensors", ContactNoise(scenario.contact_flips))
-    builder.Connect(contact, sensors.get_foot_contact_input_port())
-    builder.Connect(noise, sensors.get_uniform_noise_input_port())
-    return sensors.get_sensed_contact_output_port()
 
 
 def _acting_action(builder: DiagramBuilder, scenario: Scenario, hold: ActionHold) -> OutputPort:

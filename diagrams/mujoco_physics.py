@@ -148,7 +148,8 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     spec.option.gravity = station.gravity()
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
-        geometry.contype, geometry.conaffinity = 1, 0
+        meets = not station.feet_only or geometry.name.endswith("_foot")
+        geometry.contype, geometry.conaffinity = int(meets), 0
     ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
     ground.contype, ground.conaffinity = 0, 1
     trunk = spec.body("trunk")

@@ -19,9 +19,11 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import Count, NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import (
     NOMINAL,
     ContactFlips,
+    EncoderBias,
     Latency,
     Randomization,
 )
@@ -64,7 +66,10 @@ class Scenario(Settings):
         station: Physics.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         command: Where commands come from.
-        sensor_noise: Factor on the noise of the joints' sensors; 0 for none, 1 for the task's.
+        sensor_noise: Factor on the noise of the joints' sensors and of the IMU; 0 for none, 1 for
+            the task's.
+        encoder_bias: Greatest constant error of each measured joint position (rad).
+        imu: What is wrong with the IMU's readings, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
@@ -86,6 +91,8 @@ class Scenario(Settings):
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
     sensor_noise: NotNegative = 1.0
+    encoder_bias: EncoderBias = 0.0
+    imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
     latency: Latency = 0.0
     pushes: Pushes = field(default_factory=Pushes)
@@ -117,7 +124,7 @@ class Scenario(Settings):
         if abs(round(self.latency / step) * step - self.latency) > 1e-12:
             raise InputError(
                 f"{self.refused_as()}: latency is {self.latency:g}, no multiple of "
-                f"station.time_step, {step:g}; give one that is, up to {CONTROL_PERIOD:g}"
+                f"station.time_step, {step:g}; give one that is, up to {2 * CONTROL_PERIOD:g}"
             )
 
     def _check_integrator(self) -> None:
@@ -178,6 +185,8 @@ class Scenario(Settings):
             push_speed=self.pushes.speed,
             push_interval=self.pushes.interval,
             observation_noise=self.sensor_noise,
+            encoder_bias=self.encoder_bias,
+            imu=self.imu,
             contact_flips=self.contact_flips,
             latency=(self.latency, self.latency),
         )

@@ -18,8 +18,8 @@ from glassgait.studies.common.exit_codes import (
 PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
     "see it all in minutes": {
         "demo": (
-            "reproduction.demo.command:Demo",
-            "Distil the shipped trot expert quickly, compare, and write runs/demo/report.html.",
+            "reproduction.demo:Demo",
+            "Distil the trot's expert quickly, compare, and write runs/demo/report.html.",
         ),
     },
     "make controllers": {
@@ -85,7 +85,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Roll a student out alone and write a page that explains its every action.",
         ),
         "explain terms": (
-            "explanation.terms_command:ExplainTerms",
+            "explanation.command:ExplainTerms",
             "Print the formulas of a policy: the lines that its file holds, and that act.",
         ),
         "explain interventions": (

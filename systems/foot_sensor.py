@@ -28,12 +28,14 @@ class FootSensor(LeafSystem):
         output_ports:
         - foot_contact
         - foot_height
+        - touching
 
     Inputs: state (37), the plant's, as laid out in `glassgait.models.robots.quadruped`.
     Outputs: foot_contact (4, {0, 1}), FL FR RL RR, now or at the previous control step.
-    foot_height (4, m), of each foot's lowest point above the ground, world frame.
+    foot_height (4, m), of each foot's lowest point above the ground, world frame. touching (4,
+    {0, 1}), which feet press on the ground at this instant.
     State: contacts of the previous control step, latched every 20 ms (unrestricted update).
-    Feedthrough: state to both outputs.
+    Feedthrough: state to all outputs.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -43,7 +45,7 @@ class FootSensor(LeafSystem):
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
-        # Both outputs and the update come from one look at the feet.
+        # All outputs and the update come from one look at the feet.
         self._sense = self.DeclareCacheEntry(
             description="foot sense",
             value_producer=ValueProducer(
@@ -63,6 +65,12 @@ class FootSensor(LeafSystem):
             calc=self._calc_foot_height,
             prerequisites_of_calc={self._sense.ticket()},
         )
+        self._touching_port = self.DeclareVectorOutputPort(
+            name="touching",
+            size=quadruped.N_LEGS,
+            calc=self._calc_touching,
+            prerequisites_of_calc={self._sense.ticket()},
+        )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
         )
@@ -79,6 +87,10 @@ class FootSensor(LeafSystem):
         """Gives how high the feet are."""
         return self._foot_height_port
 
+    def get_touching_output_port(self) -> OutputPort:
+        """Returns which feet touch at this instant."""
+        return self._touching_port
+
     def _calc_sense(self, context: Context, output: AbstractValue) -> None:
         previously = context.get_discrete_state(self._touching).value() > 0.5
         output.set_value(sense_feet(self._robot, self._state_port.Eval(context), previously))
@@ -91,6 +103,9 @@ class FootSensor(LeafSystem):
 
     def _calc_foot_height(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._eval_sense(context).height)
+
+    def _calc_touching(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._eval_sense(context).touching.astype(float))
 
     def _latch(self, context: Context, state: State) -> None:
         touching = self._eval_sense(context).touching

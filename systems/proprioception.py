@@ -1,13 +1,12 @@
 """Observes what needs no estimator."""
 
-import math
-
 from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task.observation import JOINT_NOISE, ObservationLayout, proprioception
+from glassgait.models.task.imu import N_IMU
+from glassgait.models.task.observation import ObservationLayout, proprioception
 from glassgait.systems.function import FunctionSystem
 
 
@@ -18,58 +17,44 @@ class Proprioception(FunctionSystem):
 
         name: Proprioception
         input_ports:
-        - state
+        - joints
         - command
         - commanded_dwell
         - previous_action
         - rm_state
         - rm_iterations
-        - uniform_noise
+        - imu
         output_ports:
         - proprioception
 
-    Inputs: state (37), the plant's. command (2; m/s, rad/s), forward speed and yaw rate, trunk
-    frame. commanded_dwell (1, control steps). previous_action (12). rm_state (n_states, one-hot).
-    rm_iterations (1, control steps). uniform_noise (24, in [0, 1]), on joint positions, then
-    velocities; may stay unconnected, and then there is no noise.
-    Outputs: proprioception (40 + n_states), in the order of `ObservationLayout`.
+    Inputs: joints (24; rad, rad/s), measured positions, then velocities. command (2; m/s, rad/s),
+    forward speed and yaw rate, trunk frame. commanded_dwell (1, control steps). previous_action
+    (12). rm_state (n_states, one-hot). rm_iterations (1, control steps). imu (9), the reading, only
+    where the layout has an IMU.
+    Outputs: proprioception (40 + n_states, 46 + n_states with an IMU), in the order of
+    `ObservationLayout`.
     State: none. Feedthrough: all inputs. Converts to AutoDiffXd.
     """
 
-    def __init__(self, robot: Robot, layout: ObservationLayout, noise_factor: float = 1.0) -> None:
-        """
-        Args:
-            robot: The robot.
-            layout: The observation's layout.
-            noise_factor: Factor on the noise of the joints' sensors.
-
-        Raises:
-            ValueError: if the factor is negative or not finite.
-        """
-        if not 0.0 <= noise_factor < math.inf:
-            raise ValueError(
-                f"proprioception: noise_factor is {noise_factor}; it must be 0 or more"
-            )
+    def __init__(self, robot: Robot, layout: ObservationLayout) -> None:
         self._robot = robot
-        self._half_width = noise_factor * JOINT_NOISE
         super().__init__(
             inputs={
-                "state": quadruped.N_POSITIONS + quadruped.N_VELOCITIES,
+                "joints": 2 * quadruped.N_JOINTS,
                 "command": 2,
                 "commanded_dwell": 1,
                 "previous_action": quadruped.N_JOINTS,
                 "rm_state": layout.n_machine_states,
                 "rm_iterations": 1,
-                "uniform_noise": 2 * quadruped.N_JOINTS,
+                **({"imu": N_IMU} if layout.imu else {}),
             },
-            optional=("uniform_noise",),
             output=("proprioception", layout.n_proprioceptive),
             function=self._observe,
         )
 
-    def get_state_input_port(self) -> InputPort:
-        """Takes the plant's state."""
-        return self.GetInputPort("state")
+    def get_joints_input_port(self) -> InputPort:
+        """Takes the measured joints."""
+        return self.GetInputPort("joints")
 
     def get_command_input_port(self) -> InputPort:
         """Takes forward speed and yaw rate."""
@@ -91,9 +76,9 @@ class Proprioception(FunctionSystem):
         """Takes the control steps spent in that state."""
         return self.GetInputPort("rm_iterations")
 
-    def get_uniform_noise_input_port(self) -> InputPort:
-        """Takes the noise of the joints' sensors."""
-        return self.GetInputPort("uniform_noise")
+    def get_imu_input_port(self) -> InputPort:
+        """Takes the IMU's reading; only where the layout has one."""
+        return self.GetInputPort("imu")
 
     def get_proprioception_output_port(self) -> OutputPort:
         """Gives the observation without the body state."""
@@ -101,22 +86,22 @@ class Proprioception(FunctionSystem):
 
     def _observe(
         self,
-        state: Array,
+        joints: Array,
         command: Array,
         commanded_dwell: Array,
         previous_action: Array,
         rm_state: Array,
         rm_iterations: Array,
-        uniform_noise: Array | float = 0.5,
+        imu: Array | None = None,
     ) -> Array:
         return proprioception(
             self._robot,
             command=command,
-            joint_position=state[quadruped.JOINT_POSITION],
-            joint_velocity=state[quadruped.JOINT_VELOCITY],
+            joint_position=joints[: quadruped.N_JOINTS],
+            joint_velocity=joints[quadruped.N_JOINTS :],
             previous_action=previous_action,
             rm_state=rm_state,
             rm_iterations=rm_iterations[0],
             commanded_dwell=commanded_dwell[0],
-            joint_noise=self._half_width * (2.0 * uniform_noise - 1.0),
+            imu=imu,
         )

@@ -4,8 +4,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from glassgait.models.link.messages import sensors_t
-from glassgait.models.link.packing import unpack_state, unpack_touching
+from glassgait.models.link.packing import unpack_imu, unpack_joints, unpack_touching
 from glassgait.models.robots import quadruped
+from glassgait.models.task.imu import N_IMU
 
 
 class SensorsReceiver(LeafSystem):
@@ -17,12 +18,13 @@ class SensorsReceiver(LeafSystem):
         input_ports:
         - message
         output_ports:
-        - state
+        - joints
         - touching
+        - imu
 
     Inputs: message (sensors_t).
-    Outputs: state (37), the plant's as far as sensors measure it: the joints' entries, and NaN for
-    the trunk's. touching (4, {0, 1}), FL FR RL RR, at the message's instant.
+    Outputs, at the message's instant: joints (24; rad, rad/s), positions, then velocities. touching
+    (4, {0, 1}), FL FR RL RR. imu (9), the IMU's reading.
     State: none. Feedthrough: yes.
     """
 
@@ -32,10 +34,10 @@ class SensorsReceiver(LeafSystem):
             "message", AbstractValue.Make(sensors_t())
         )
         of_message = {self.all_input_ports_ticket()}
-        self._state_port = self.DeclareVectorOutputPort(
-            name="state",
-            size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES,
-            calc=self._calc_state,
+        self._joints_port = self.DeclareVectorOutputPort(
+            name="joints",
+            size=2 * quadruped.N_JOINTS,
+            calc=self._calc_joints,
             prerequisites_of_calc=of_message,
         )
         self._touching_port = self.DeclareVectorOutputPort(
@@ -44,21 +46,31 @@ class SensorsReceiver(LeafSystem):
             calc=self._calc_touching,
             prerequisites_of_calc=of_message,
         )
+        self._imu_port = self.DeclareVectorOutputPort(
+            name="imu", size=N_IMU, calc=self._calc_imu, prerequisites_of_calc=of_message
+        )
 
     def get_message_input_port(self) -> InputPort:
         """Takes the message."""
         return self._message_port
 
-    def get_state_output_port(self) -> OutputPort:
-        """Gives the joints, in the plant's state."""
-        return self._state_port
+    def get_joints_output_port(self) -> OutputPort:
+        """Returns the measured joints."""
+        return self._joints_port
 
     def get_touching_output_port(self) -> OutputPort:
         """Returns which feet touch."""
         return self._touching_port
 
-    def _calc_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(unpack_state(self._message_port.Eval(context)))
+    def get_imu_output_port(self) -> OutputPort:
+        """Returns the IMU's reading."""
+        return self._imu_port
+
+    def _calc_joints(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(unpack_joints(self._message_port.Eval(context)))
 
     def _calc_touching(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(unpack_touching(self._message_port.Eval(context)).astype(float))
+
+    def _calc_imu(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(unpack_imu(self._message_port.Eval(context)))

@@ -1,5 +1,6 @@
 """What tests share: gaits, a policy that needs no training, and checks of leaf systems."""
 
+import copy
 import os
 import random
 import signal
@@ -21,6 +22,7 @@ from glassgait.models.export.controller import ControllerSource, write_controlle
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
+from glassgait.models.policies.neural import Network, NeuralPolicy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
@@ -28,6 +30,7 @@ from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Gait, Transition, load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
 from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
@@ -136,6 +139,24 @@ def make_policy() -> Callable[..., LinearPolicy]:
         return LinearPolicy(gait.name, names, weights, np.zeros(quadruped.N_JOINTS))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def odometry_expert() -> NeuralPolicy:
+    """The shipped trot expert, but odometry estimates what it observes."""
+    expert = copy.copy(load_expert("trot"))
+    expert._estimator = Odometry()
+    return expert
+
+
+@pytest.fixture(scope="session")
+def imu_expert() -> NeuralPolicy:
+    """A network of small random weights that observes an IMU, and moves all joints of a trot."""
+    layout, generator = ObservationLayout(2, imu=True), np.random.default_rng(2)
+    sizes = [(32, layout.size), (quadruped.N_JOINTS, 32)]
+    weights = tuple(generator.normal(size=size) / size[1] ** 0.5 for size in sizes)
+    biases = tuple(np.zeros(size[0]) for size in sizes)
+    return NeuralPolicy("trot", layout.names, Network(weights, biases), Odometry(gain=0.3))
 
 
 @pytest.fixture(scope="session")

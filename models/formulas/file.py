@@ -39,7 +39,7 @@ and is given once, as is each target. What a formula is, `text.py` says; the pro
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
@@ -86,6 +86,13 @@ class FormulaFile:
     limits_targets: bool = False
     robot: str = DEFAULT_ROBOT
     odometry: Odometry | None = None
+
+    def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
+        """Returns the file with other formulas, and the definitions that they use."""
+        places = sorted(formulas)
+        vocabulary, kept = self.vocabulary.using(formulas[place] for place in places)
+        whole = dict(zip(places, kept, strict=True))
+        return replace(self, vocabulary=vocabulary, formulas=whole)
 
     @property
     def n_states(self) -> int | None:

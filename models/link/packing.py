@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.export.binding import Sensors
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.watchdog import Answer
-from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, limit_command
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.imu import ImuReading
 
 MICROSECONDS = 1e6
 
@@ -44,19 +43,31 @@ def control_step(time: float) -> int:
     return round(time / CONTROL_PERIOD)
 
 
-def pack_sensors(session: int, time: float, sensors: Sensors, *, followed: bool) -> sensors_t:
+def pack_sensors(
+    session: int,
+    time: float,
+    *,
+    joints: Array,
+    touching: NDArray[np.bool_],
+    imu: Array,
+    followed: bool,
+) -> sensors_t:
     """Packs what the robot senses.
 
     Args:
         session: Number of the start of the robot's process.
         time: Time since that start (s).
-        sensors: What it senses.
+        joints: Measured joint positions, then velocities (24; rad, rad/s).
+        touching: Whether each foot presses on the ground (4).
+        imu: The IMU's reading (9).
         followed: Whether the joints follow the targets.
     """
     message = stamp(sensors_t(), session, time)
-    message.joint_position = sensors.joint_position.tolist()
-    message.joint_velocity = sensors.joint_velocity.tolist()
-    message.foot_contact = sensors.touching.tolist()
+    position, velocity = np.split(joints, 2)
+    message.joint_position, message.joint_velocity = position.tolist(), velocity.tolist()
+    message.foot_contact = touching.tolist()
+    for part, own in ImuReading.of(imu)._asdict().items():
+        setattr(message, part, own.tolist())
     message.followed = followed
     return message
 
@@ -78,15 +89,15 @@ def pack_targets(answered: Stamped, targets: Array) -> targets_t:
     return message
 
 
-def unpack_state(message: sensors_t) -> Array:
-    """Returns the plant's state x (37) as far as sensors measure it.
+def unpack_joints(message: sensors_t) -> Array:
+    """Returns measured joint positions, then velocities (24; rad, rad/s)."""
+    return np.array([*message.joint_position, *message.joint_velocity])
 
-    The trunk's entries are NaN: what would read them does not go by sensors alone.
-    """
-    state = np.full(quadruped.N_POSITIONS + quadruped.N_VELOCITIES, np.nan)
-    state[quadruped.JOINT_POSITION] = message.joint_position
-    state[quadruped.JOINT_VELOCITY] = message.joint_velocity
-    return state
+
+def unpack_imu(message: sensors_t) -> Array:
+    """Returns the IMU's reading (9)."""
+    parts = [getattr(message, part) for part in ImuReading._fields]
+    return np.concatenate(parts)
 
 
 def unpack_touching(message: sensors_t) -> NDArray[np.bool_]:

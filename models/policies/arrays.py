@@ -106,7 +106,6 @@ def take_arrays(
     """Checks the arrays of a policy and returns them as it computes with them.
 
     Args:
-        arrays: The arrays by name.
         specs: What each must be.
         sizes: Sizes that are known, such as "joints" and "observations".
 

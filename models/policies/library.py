@@ -111,7 +111,6 @@ def save_policy(policy: Policy, path: Path, observations: Array) -> None:
     """Saves a policy, loads it again at once, and compares how both act.
 
     Args:
-        policy: The policy.
         path: Its file, which is deleted where it does not hold the policy.
         observations: Where the actions are compared (m, n).
 
@@ -173,7 +172,6 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
     """Loads a student, with the estimator of its expert; a neural one has its own.
 
     Args:
-        expert: The expert.
         path: The student's file, beside which a record may name its expert.
 
     Raises:

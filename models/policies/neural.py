@@ -161,7 +161,6 @@ class NeuralPolicy(Policy):
     ) -> None:
         """
         Args:
-            gait: Name of the gait.
             observation_names: Names of the observations, in order.
             actor: Network from the observation to the action.
             estimator: Network from proprioception to the last seven entries of the observation, or

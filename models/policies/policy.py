@@ -66,7 +66,6 @@ def contributions_of_action(
     """Turns parts of a joint's actions into parts of its targets.
 
     Args:
-        robot: The robot.
         terms: What the parts come from (k), the intercept first.
         values: How much each adds to the action (..., k).
         joint: Index of the joint, whose default stance the intercept takes up.
@@ -120,7 +119,6 @@ class Policy(ABC):
     ) -> None:
         """
         Args:
-            gait: Name of the gait.
             observation_names: Names of the observations, in order.
             in_order: The first of what `array_specs` lists, in its order.
             robot: The robot that it is made for; the default one by default.
@@ -179,8 +177,6 @@ class Policy(ABC):
         """Rebuilds the policy that `to_arrays` took apart.
 
         Args:
-            arrays: Its arrays.
-            values: Its values.
             names: Its `gait`, `observation_names` and `robot`.
 
         Raises:

@@ -54,7 +54,6 @@ class SwitchedPolicy(Policy):
     ) -> None:
         """
         Args:
-            switch: The gaits.
             controllers: The controller of each, in their order: one policy alone.
             greatest_change: Greatest squared change of the action in a control step.
 

@@ -22,7 +22,7 @@ from glassgait.models.formulas.text import write_formula
 from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.task.odometry import Odometry
 
 
@@ -167,26 +167,24 @@ class FormulaPolicy(Policy):
         """Builds the policy that a file holds, of the robot that it names.
 
         It has an estimator of its own where the file holds odometry.
+
+        Args:
+            robot: That robot, where it does not ship.
         """
-        rows = file.formulas.values()
         kind: type[FormulaPolicy] = SymbolicPolicy
-        expressions: Any = tuple(rows)
+        expressions: Any = tuple(file.formulas.values())
         if file.n_states is not None:
             kind, joints = StatewiseSymbolicPolicy, quadruped.N_JOINTS
-            expressions = tuple(
-                tuple(expressions[start : start + joints])
-                for start in range(0, len(expressions), joints)
-            )
-        definitions = file.vocabulary.definitions
-        names = file.vocabulary.names
+            starts = range(0, len(expressions), joints)
+            expressions = tuple(expressions[start : start + joints] for start in starts)
         policy = kind(
             file.gait,
-            names,
+            file.vocabulary.names,
             expressions,
-            definitions=definitions,
+            definitions=file.vocabulary.definitions,
             mirror=file.mirror,
             limits_targets=file.limits_targets,
-            robot=robot,
+            robot=robot or load_robot(file.robot),
         )
         policy._estimator = file.odometry
         return policy

@@ -258,6 +258,8 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
             another robot; the message names the file, the key and the remedy.
     """
     path = Path(robot)
+    if path.is_dir() and str(robot) not in robot_names():
+        raise InputError(f"{path}: is a folder; give a robot's file in it, as {path / ROBOT_FILE}")
     if path.suffix not in (".yaml", ".yml"):
         if str(robot) not in robot_names():
             raise InputError(

@@ -21,6 +21,9 @@ Friction = Annotated[NotNegative, Le(1000.0)]
 ContactFlips = Annotated[NotNegative, Le(1.0)]
 """Share of a contact sensor's readings that are wrong."""
 
+EncoderBias = Annotated[NotNegative, Le(1.0)]
+"""Greatest constant error of a measured joint position (rad)."""
+
 Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 """Time from an observation until its action reaches the joints (s), two control periods at most."""
 
@@ -53,7 +56,7 @@ class Randomization(Settings):
     push_speed: NotNegative = 1.0
     push_interval: Annotated[float, Ge(CONTROL_PERIOD)] = 15.0
     observation_noise: NotNegative = 1.0
-    encoder_bias: Annotated[NotNegative, Le(1.0)] = 0.0
+    encoder_bias: EncoderBias = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
     straight: Annotated[NotNegative, Le(1.0)] = 0.0

@@ -1,7 +1,9 @@
 """HTML pages: one look for all, figures inside, nothing fetched from elsewhere."""
 
 import base64
+import json
 from pathlib import Path
+from typing import Any
 
 import jinja2
 
@@ -26,6 +28,11 @@ def page_template(folder: Path, name: str) -> jinja2.Template:
     )
     environment.filters["cell"] = format_cell
     return environment.get_template(name)
+
+
+def embedded(value: Any) -> str:
+    """Writes a value as JSON that may stand inside a script element."""
+    return json.dumps(value).replace("<", "\\u003c")
 
 
 def inline_image(path: Path) -> str:

@@ -48,7 +48,6 @@ def collect(
     change every 10 s. A robot that falls starts again, its episode going on.
 
     Args:
-        gait: The gait.
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
         n_steps: Control steps of each.
@@ -102,10 +101,8 @@ def collect_alone(
     Forward speeds are those of a distillation, in turn; yaw rates are drawn to both sides alike.
 
     Args:
-        gait: The gait.
         expert: The expert; its estimator observes for the policy.
         policy: The policy that acts: a student, or the expert.
-        n_robots: Number of robots.
         n_steps: Control steps of each.
         seed: Seed of initial states, commands and noise.
 

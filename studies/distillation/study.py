@@ -87,8 +87,6 @@ def distill(
 
     Args:
         config: Settings.
-        gait: The gait that they name.
-        expert: The expert.
         folder: Where the run is kept.
         report: Called with a line of progress.
         resume: Whether to continue the run that the folder holds.

@@ -20,6 +20,7 @@ from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.foot_sensor import FootSensor
+from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward_machine import RewardMachineSystem
@@ -35,6 +36,7 @@ def make_diagram() -> Diagram:
     dwell = builder.AddSystem(ConstantVectorSource([8.0]))  # control steps in a state
     feet = builder.AddSystem(FootSensor(robot))
     machine = builder.AddSystem(RewardMachineSystem(gait))
+    joints = builder.AddSystem(JointSensor())
     sensed = builder.AddSystem(Proprioception(robot, layout))
     body = builder.AddSystem(BodyStateSensor(robot))
     observation = builder.AddSystem(Multiplexer([layout.n_proprioceptive, N_ESTIMATED]))
@@ -42,7 +44,7 @@ def make_diagram() -> Diagram:
     hold = builder.AddSystem(ActionHold())
     targets = builder.AddSystem(JointTargets(robot, actuated_joints(plant)))
 
-    for system in (feet, sensed, body):
+    for system in (feet, joints, body):
         builder.Connect(plant.get_state_output_port(), system.GetInputPort("state"))
     for source, target, ports in [
         (feet, machine, ("foot_contact", "foot_height")),
@@ -50,6 +52,7 @@ def make_diagram() -> Diagram:
     ]:
         for port in ports:
             builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
+    builder.Connect(joints.get_output_port(), sensed.GetInputPort("joints"))
     for system in (machine, sensed):
         builder.Connect(dwell.get_output_port(), system.GetInputPort("commanded_dwell"))
     builder.Connect(command.get_output_port(), sensed.GetInputPort("command"))

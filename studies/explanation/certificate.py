@@ -23,7 +23,7 @@ from glassgait.models.certificates.reading import (
 from glassgait.models.formulas.quantities import RobotUnits
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.studies.explanation.variables import variables_of
+from glassgait.studies.explanation.policy_data import variables_of
 
 MARKS: dict[Outcome, str] = {"proved": "✓", "refuted": "✗", "undecided": "○"}
 """Signs of what became of a claim, readable without colour."""
@@ -59,7 +59,6 @@ class CertificatePanel:
         ships: Whether it ships.
         checked_by: The command that checks it.
         counts: Claims by what became of them.
-        rows: The claims.
         outside: At how many steps of the rollout the robot was outside of the boxes, in words.
         data: What the page computes with: `limits` of the joints (12, 2; rad); `outside`, of each
             step the observations that are outside of the operating box and by how much of the
@@ -83,8 +82,6 @@ def certificate_panel(
 
     Args:
         certificate: The policy's certificate.
-        policy: The policy.
-        policy_file: Its file.
         observed: What it observed (n_steps, n).
     """
     ships = certificate.path in shipped_certificates()
@@ -118,7 +115,6 @@ def outside_in_words(box: str, beyond: Array, titles: tuple[str, ...]) -> str:
     """Counts at how many moments a robot was outside of a box.
 
     Args:
-        box: Name of the box.
         beyond: By how much of its range's width each observation is outside (n_steps, n).
         titles: Names of the observations (n), and perhaps of more.
     """

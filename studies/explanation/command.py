@@ -1,4 +1,4 @@
-"""`glassgait explain page`: a page that explains every action of a rollout."""
+"""`glassgait explain page` and `explain terms`: every action of a rollout, and every formula."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,24 +7,25 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import yaml
 from annotated_types import Ge
+from rich.text import Text
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.visualization import open_meshcat
+from glassgait.models.certificates.reading import OUTCOME_WORDS
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, read_yaml, write_atomically
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import Seed, Settings
+from glassgait.models.settings import Seed
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.play import Seconds, play
 from glassgait.studies.common.run_folder import refuse_run
 from glassgait.studies.common.serialization import to_plain
-from glassgait.studies.distillation.students.library import default_student, find_certificate
-from glassgait.studies.distillation.students.registry import sums_of_terms
+from glassgait.studies.distillation.students.library import OnePolicy, find_certificate
+from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
 from glassgait.studies.importance.additive_figures import contribution_figure
@@ -41,22 +42,16 @@ STEP = 100
 
 
 @dataclass(frozen=True)
-class ExplainPage(Settings):
+class ExplainPage(OnePolicy):
     """Roll a student out alone and write a page that explains its every action.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: A kind of student whose actions are sums of terms, or the path of a policy file; by
-            default one that ships with the gait.
         joint: Joint that is shown first, and whose figures are drawn.
         step: Control step that is shown first, and whose contributions are drawn; by default 100,
             or the last one of a shorter rollout.
         command: Commanded speed, yaw rate and rhythm.
         seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
         seed: Seed of the sensors' noise.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
             runs/certification/<gait> that is of this very policy, or a shipped one.
         output: Folder of the page; runs/explanation/<gait>/<policy> by default.
@@ -64,15 +59,11 @@ class ExplainPage(Settings):
 
     title: ClassVar[str] = "explain"
 
-    gait: str = "trot"
-    policy: str | None = None
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] | None = None
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
     seconds: Seconds = 6.0
     seed: Seed = 0
-    robot: str | None = None
-    source: Path | None = None
     certificate: Path | None = None
     output: Path | None = None
 
@@ -82,9 +73,8 @@ class ExplainPage(Settings):
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
-        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        found, policy = self.find()
         gait = found.gait
-        policy = self.policy or default_student(found)
         if policy == "expert":
             raise InputError(
                 "--policy expert: the expert's actions are no sums of terms; name a student, of "
@@ -162,3 +152,66 @@ def _refuse_another(folder: Path, whose: dict[str, Any]) -> None:
             raise InputError(
                 f"{folder}: holds the page of another student; name a new folder with --output"
             )
+
+
+@dataclass(frozen=True)
+class ExplainTerms(OnePolicy):
+    """Print the formulas of a policy: the lines that its file holds, and that act.
+
+    Attributes:
+        joint: Joint whose lines alone are printed, such as FL_calf; all by default.
+    """
+
+    title: ClassVar[str] = "show"
+
+    joint: str | None = None
+
+    def run(self) -> None:
+        """Prints the formulas."""
+        found, name = self.find()
+        student = found.formulas(name)
+        if self.joint is not None:
+            quadruped.joint_index(self.joint)
+        lines = student.to_text().splitlines()
+        for line in lines_of_joint(lines, self.joint) if self.joint else lines:
+            console.print(_colored(line), soft_wrap=True)
+        written = len(student.to_file().written())
+        # A comment, so that what is printed is a file that can be taken and changed.
+        console.print(
+            f"\n# {student_title(name)}: {student.n_terms()} terms in {written} formulas, on "
+            f"{len(lines)} lines",
+            style="dim",
+        )
+        certificate = find_certificate(found.file(name), found.gait, robot=student.robot)
+        if certificate:
+            counts = certificate.counts().items()
+            found = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in counts)
+            console.print(
+                f"# Claims about it: {found}; 'glassgait explain page' shows them", style="dim"
+            )
+
+
+def lines_of_joint(lines: list[str], joint: str) -> list[str]:
+    """Leaves, of a file's lines, the titles and those of one joint.
+
+    Args:
+        lines: Lines of a formula file.
+    """
+    kept, mine = [], False
+    for line in lines:
+        if not line.startswith(" "):
+            mine = line.startswith(f"{joint} ")
+        if mine or line.startswith(("state ", "every state")):
+            kept.append(line)
+    return kept
+
+
+def _colored(line: str) -> Text:
+    """Sets apart comments, titles and the names of joints."""
+    code, sign, comment = line.partition("#")
+    text = Text(code)
+    if code.startswith(("state ", "every state", "definitions")):
+        text.stylize("bold")
+    elif not code.startswith(" ") and " = " in code:
+        text.stylize("bold cyan", 0, code.index(" = "))
+    return text.append(sign + comment, style="dim")

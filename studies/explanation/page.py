@@ -1,6 +1,5 @@
 """The page: replay, gait diagram and the terms of every target, in one file that opens offline."""
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +18,10 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
-from glassgait.studies.common.pages import inline_image, page_template
+from glassgait.studies.common.pages import embedded, inline_image, page_template
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.explanation.certificate import CertificatePanel
-from glassgait.studies.explanation.file_lines import file_lines
-from glassgait.studies.explanation.variables import variables_of
+from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -116,7 +114,6 @@ def render_page(
     """Renders the page.
 
     Args:
-        gait: The gait.
         policy_name: Kind of student, or stem of its file.
         policy: The student.
         rollout: What it did.
@@ -156,8 +153,8 @@ def render_page(
         additive=any(not term.weights for own in explained for term in own.terms),
         formulas=isinstance(policy, FormulaPolicy),
         certificate=certificate,
-        data=_embedded(data),
-        replay=_embedded(replay),
+        data=embedded(data),
+        replay=embedded(replay),
         figures=[(path.stem, inline_image(path)) for path in figures],
     )
 
@@ -223,8 +220,3 @@ def _joint_data(explained: ExplainedJoint, quantities: Sequence[Expression]) -> 
 
 def _rounded(values: np.ndarray) -> list:
     return np.round(values, 5).tolist()
-
-
-def _embedded(value: Any) -> str:
-    """Writes JSON that may stand inside a script element."""
-    return json.dumps(value).replace("<", "\\u003c")

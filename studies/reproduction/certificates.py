@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import pandas as pd
 
@@ -16,72 +16,56 @@ from glassgait.models.certificates.reading import (
 )
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.robots.robot import Robot, robot_folder
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
 from glassgait.studies.distillation.students.library import certificates_of
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.explanation.command import CONFIG, DIGEST
+from glassgait.studies.reproduction.page import Section, Table
 
-_VERDICTS = [OUTCOME_WORDS[outcome] for outcome in OUTCOMES]
-
-
-@dataclass(frozen=True)
-class CertifiedPolicy:
-    """A policy that has a certificate.
-
-    Attributes:
-        title: What the report calls it.
-        claims: Its claims by verdict: those that are proved, then refuted, then open.
-        page: Its explanation page, from the report's folder; None where there is none.
-        explain: The command that writes that page.
-    """
-
-    title: str
-    claims: pd.DataFrame
-    page: str | None
-    explain: str
+NOTE = (
+    "A claim is about every observation between a least and a greatest value of each, whatever the "
+    "robot does. Refuted is what an observation breaks; it was calculated, and no robot need ever "
+    "meet it. A certificate is of one policy file: students that were distilled for this report "
+    "are other policies, which `glassgait verify prove` certifies."
+)
 
 
-def certified_policies(gaits: Sequence[str], folder: Path) -> list[CertifiedPolicy]:
+def certificates(gaits: Sequence[str], robot: Robot, folder: Path) -> Section:
     """Lists the policies of gaits that have a certificate, made here or shipped.
 
     Args:
         gaits: Names of the gaits.
-        folder: The report's folder.
+        robot: Their robot.
+        folder: The report's folder, from which links to explanation pages go.
+
+    Returns:
+        Of such policies a table of how many claims have which verdict, and then one of each
+        policy: the claims that are proved, then refuted, then open.
     """
-    return [
-        _certified(certificate, gait, folder)
+    policies = [
+        _claims_of(certificate, robot, folder)
         for gait in map(load_gait, gaits)
-        for certificate in certificates_of(gait)
+        for certificate in certificates_of(gait, robot)
     ]
-
-
-def verdicts_table(policies: Sequence[CertifiedPolicy]) -> pd.DataFrame:
-    """Counts the claims of each policy by verdict."""
-    return pd.DataFrame(
-        [
-            {"policy": policy.title}
-            | {word: int((policy.claims["verdict"] == word).sum()) for word in _VERDICTS}
-            for policy in policies
-        ],
-        columns=["policy", *_VERDICTS],
+    verdicts = pd.DataFrame(
+        {"policy": own.heading}
+        | {
+            OUTCOME_WORDS[outcome]: int((own.frame["verdict"] == OUTCOME_WORDS[outcome]).sum())
+            for outcome in OUTCOMES
+        }
+        for own in policies
+    )
+    return Section(
+        "Certificates: what policies can never do",
+        note=NOTE if policies else f"{NOTE} No policy of these gaits has one.",
+        tables=[Table(verdicts), *policies] if policies else [],
     )
 
 
-def _certified(certificate: Certificate, gait: Gait, folder: Path) -> CertifiedPolicy:
+def _claims_of(certificate: Certificate, robot: Robot, folder: Path) -> Table:
     stem = Path(certificate.policy_file).stem
-    name = stem if stem in STUDENTS else certificate.policy_file
-    page = explanation_page(certificate)
-    return CertifiedPolicy(
-        title=f"{gait.name.capitalize()}: {policy_title(stem)}",
-        claims=claims_by_verdict(certificate),
-        page=Path(os.path.relpath(page, folder)).as_posix() if page else None,
-        explain=f"glassgait explain page --gait {gait.name} --policy {name}",
-    )
-
-
-def claims_by_verdict(certificate: Certificate) -> pd.DataFrame:
-    """Returns a row a claim: its verdict, what it says, over which box, what was found."""
     rows = [
         {
             "verdict": OUTCOME_WORDS[verdict.outcome],
@@ -93,12 +77,23 @@ def claims_by_verdict(certificate: Certificate) -> pd.DataFrame:
         for verdict in certificate.verdicts
         if verdict.outcome == outcome
     ]
-    return pd.DataFrame(rows, columns=["verdict", "claim", "over the", "found"])
+    page = explanation_page(certificate, robot)
+    if page is None:
+        name = stem if stem in STUDENTS else certificate.policy_file
+        command = f"glassgait explain page --gait {certificate.gait} --policy {name}"
+        note = f"`{command}` writes the page that shows the witnesses beside a rollout."
+    else:
+        link = f"{quote(Path(os.path.relpath(page, folder)).as_posix())}#certificate"
+        note = f"[Its explanation page]({link}) shows the witnesses beside a rollout."
+    columns = pd.Index(["verdict", "claim", "over the", "found"])
+    title = f"{certificate.gait.capitalize()}: {policy_title(stem)}"
+    return Table(pd.DataFrame(rows, columns=columns), title, note)
 
 
-def explanation_page(certificate: Certificate) -> Path | None:
+def explanation_page(certificate: Certificate, robot: Robot) -> Path | None:
     """Finds the page that explains the very policy of a certificate."""
-    for config in sorted(Path("runs/explanation", certificate.gait).glob(f"*/{CONFIG}")):
+    pages = robot_folder(Path("runs/explanation"), robot.name) / certificate.gait
+    for config in sorted(pages.glob(f"*/{CONFIG}")):
         page = config.with_name("index.html")
         try:
             found = read_yaml(config)

@@ -1,21 +1,20 @@
 """The report's contents: each of the paper's tables and figures, and ours for it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
-from glassgait.models.robots.robot import load_robot
+from glassgait.models.robots.robot import Robot
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.registry import STUDENTS, paper_students, student_title
 from glassgait.studies.reproduction.gait import GaitResults
+from glassgait.studies.reproduction.page import Section, Table
 
 FRAMEWORK = Path(__file__).parents[1] / "pictures" / "locomotion.svg"
 
 DEVIATIONS = (
-    f"The robot is a {load_robot().full_name} in Drake, SAP contact at 10 ms; "
-    "the paper names neither its simulator's contact model nor its time step.",
     "Experts are trained with 256 robots for 9 to 15 % of the paper's control steps, "
     "with a curriculum on the reward machine that the paper does not have.",
     "GBM (boosted trees) has more and deeper trees than scikit-learn's defaults, each fitted to a "
@@ -36,12 +35,9 @@ DEVIATIONS = (
     "Importances of legs are merged by a stated rule: added up over observations that differ by "
     "leg alone; each of a type's four joints names its own first, second and third.",
 )
-
+"""What a report of experts that are there does otherwise than the paper."""
 
 DEVIATIONS_IN_FULL = (
-    f"The robot is a {load_robot().full_name} in Drake, SAP contact at 10 ms, "
-    "on flat ground; the paper's stands in IsaacGym. What else differs in robot and task is "
-    "listed in studies/training/README.md.",
     "Friction differs between 16 groups of robots while experts learn, not between all robots.",
     "In distillation and rollouts an episode ends where the trunk is below 0.20 m or an action "
     "changes by more than 60 squared; while experts learn, at the reference code's 0.25 m and 40.",
@@ -63,126 +59,166 @@ WITHOUT_PYSR = (
 )
 
 
+def deviations(robot: Robot, *, trains: bool) -> tuple[str, ...]:
+    """Lists what a report does otherwise than the paper, by any settings.
+
+    Args:
+        robot: The robot.
+        trains: Whether its experts are trained for it.
+    """
+    if trains:
+        return (
+            f"The robot is a {robot.full_name} in Drake, SAP contact at 10 ms, on flat ground; the "
+            "paper's stands in IsaacGym. What else differs in robot and task is listed in "
+            "studies/training/README.md.",
+            *DEVIATIONS_IN_FULL,
+        )
+    return (
+        f"The robot is a {robot.full_name} in Drake, SAP contact at 10 ms; the paper names neither "
+        "its simulator's contact model nor its time step.",
+        *DEVIATIONS,
+    )
+
+
 @dataclass(frozen=True)
-class Item:
-    """A table or figure.
+class _Figure:
+    """A figure of every gait.
 
     Attributes:
         number: The paper's number for it.
         title: What it shows.
+        files: Its pictures in a gait's folder, each with what it shows.
+        first: The gait that the paper shows; it comes first.
         note: How to read it.
-        tables: Tables, each with a heading or "".
-        figures: Pictures (PNG or SVG), each with what it shows.
         wide: Whether a picture takes the page's whole width.
     """
 
     number: str
     title: str
+    files: Mapping[str, str]
+    first: str = ""
     note: str = ""
-    tables: Sequence[tuple[str, pd.DataFrame]] = ()
-    figures: Sequence[tuple[str, Path]] = ()
-    wide: bool = False
+    wide: bool = True
+
+    def section(self, results: Sequence[GaitResults]) -> Section:
+        """Returns it as a section."""
+        ordered = sorted(results, key=lambda own: own.gait != self.first) if self.first else results
+        figures = [
+            (f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png")
+            for stem, what in self.files.items()
+            for own in ordered
+        ]
+        return Section(self.title, self.number, self.note, figures=figures, wide=self.wide)
 
 
-def contents(results: Sequence[GaitResults]) -> list[Item]:
-    """Lists everything in the paper's order."""
+ONE_JOINT = (
+    _Figure(
+        "Figure 6",
+        "A weak learner of the GBM, FL hip",
+        {f"{GBM.name}_FL_hip_tree": "decision tree"},
+        first="walk",
+    ),
+    _Figure(
+        "Figure 7",
+        "Partial dependence on the top 3 observations, GBM, FL hip",
+        {f"{GBM.name}_FL_hip_partial_dependence": "dependence"},
+        first="walk",
+    ),
+    _Figure(
+        "Figure 8, top",
+        "Functions of one observation, explainable boosting, FL hip",
+        {f"{EBM.name}_FL_hip_shapes": "shapes"},
+        first="trot",
+        note="Bands of two standard deviations between bags, where there is more than one.",
+    ),
+    _Figure(
+        "Figure 8, bottom",
+        "A function of two observations, explainable boosting, FL hip",
+        {f"{EBM.name}_FL_hip_pair_1": "pair"},
+        first="trot",
+        wide=False,
+    ),
+    _Figure(
+        "Figure 9",
+        "Local explanation, explainable boosting, FL hip",
+        {f"{EBM.name}_local": "local explanation"},
+        first="pace",
+        wide=False,
+    ),
+    _Figure(
+        "Figure 10",
+        "Global importances of the terms, explainable boosting, FL hip",
+        {f"{EBM.name}_FL_hip_terms": "importances of terms"},
+        wide=False,
+    ),
+    _Figure(
+        "Figure 11",
+        "Observation importances of the GBM, by two methods",
+        {
+            f"{GBM.name}_impurity": "impurity importance",
+            f"{GBM.name}_permutation": "permutation importance",
+        },
+    ),
+)
+"""Figures of one student and mostly one joint."""
+
+
+def contents(results: Sequence[GaitResults]) -> list[Section]:
+    """Lists everything in the paper's order, then the gait sequences of further students."""
+    further = [kind for kind in _students(results) if kind not in paper_students()]
+    papers = dict(zip(("Figure 3", "Figure 4", "Figure 5"), paper_students(), strict=True))
+    ours = {f"Ours {place}": kind for place, kind in enumerate(further, start=1)}
     return [
-        Item(
-            "Figure 1",
+        Section(
             "The framework, as the Drake diagram that runs it",
+            "Figure 1",
             "Expert and student sit behind one switch; the alternation chooses which of them acts.",
             figures=[("Block diagram of the closed loop", FRAMEWORK)],
             wide=True,
         ),
-        Item(
-            "Table I",
+        *_tables(results),
+        *(_sequences(number, kind).section(results) for number, kind in papers.items()),
+        *(figure.section(results) for figure in ONE_JOINT),
+        *(_sequences(number, kind).section(results) for number, kind in ours.items()),
+    ]
+
+
+def _tables(results: Sequence[GaitResults]) -> list[Section]:
+    ratios = _Figure("Figure 2", "", {"return": "return against ratio"}).section(results)
+    return [
+        Section(
             "Top 3 observations by importance for each joint type, GBM (boosted trees)",
+            "Table I",
             "An asterisk marks what the paper lists at the same place.",
             tables=[
-                ("Feature importance (impurity)", _tops(results, "impurity")),
-                ("Permutation importance", _tops(results, "permutation")),
+                Table(_tops(results, "impurity"), "Feature importance (impurity)"),
+                Table(_tops(results, "permutation"), "Permutation importance"),
             ],
         ),
-        Item(
-            "Table II",
+        Section(
             "R² on test sets",
+            "Table II",
             "Ours by the paper's shuffled split, the paper's beside it, and ours with whole "
             "episodes held out.",
-            tables=[("", r2_by_gait(results))],
+            tables=[Table(r2_by_gait(results))],
         ),
-        Item(
-            "Figure 2",
+        Section(
             "Return and falls against the alternation ratio",
+            "Figure 2",
             "1: the expert alone; 0: the student alone. Bars are 95 % intervals over robots; "
             "shares compare each robot with the expert's under the same commands and noise.",
-            tables=[(f"{own.gait.capitalize()}, alone", own.standalone) for own in results],
-            figures=_each(results, "return", "return against ratio"),
-        ),
-        *(
-            _sequences(results, f"Figure {number}", kind)
-            for number, kind in zip((3, 4, 5), paper_students(), strict=True)
-        ),
-        Item(
-            "Figure 6",
-            "A weak learner of the GBM, FL hip",
-            figures=_each(results, f"{GBM.name}_FL_hip_tree", "decision tree", first="walk"),
-            wide=True,
-        ),
-        Item(
-            "Figure 7",
-            "Partial dependence on the top 3 observations, GBM, FL hip",
-            figures=_each(
-                results, f"{GBM.name}_FL_hip_partial_dependence", "dependence", first="walk"
-            ),
-            wide=True,
-        ),
-        Item(
-            "Figure 8, top",
-            "Functions of one observation, explainable boosting, FL hip",
-            "Bands of two standard deviations between bags, where there is more than one.",
-            figures=_each(results, f"{EBM.name}_FL_hip_shapes", "shapes", first="trot"),
-            wide=True,
-        ),
-        Item(
-            "Figure 8, bottom",
-            "A function of two observations, explainable boosting, FL hip",
-            figures=_each(results, f"{EBM.name}_FL_hip_pair_1", "pair", first="trot"),
-        ),
-        Item(
-            "Figure 9",
-            "Local explanation, explainable boosting, FL hip",
-            figures=_each(results, f"{EBM.name}_local", "local explanation", first="pace"),
-        ),
-        Item(
-            "Figure 10",
-            "Global importances of the terms, explainable boosting, FL hip",
-            figures=_each(results, f"{EBM.name}_FL_hip_terms", "importances of terms"),
-        ),
-        Item(
-            "Figure 11",
-            "Observation importances of the GBM, by two methods",
-            figures=[
-                *_each(results, f"{GBM.name}_impurity", "impurity importance"),
-                *_each(results, f"{GBM.name}_permutation", "permutation importance"),
-            ],
-            wide=True,
-        ),
-        *(
-            _sequences(results, f"Ours {number}", kind)
-            for number, kind in enumerate(
-                (kind for kind in _students(results) if kind not in paper_students()), start=1
-            )
+            tables=[Table(own.standalone, f"{own.gait.capitalize()}, alone") for own in results],
+            figures=ratios.figures,
         ),
     ]
 
 
-def _sequences(results: Sequence[GaitResults], number: str, kind: str) -> Item:
-    return Item(
+def _sequences(number: str, kind: str) -> _Figure:
+    return _Figure(
         number,
         f"Gait sequences, {student_title(kind)}",
-        "Feet in contact (dark) over the reward machine's states, the student alone.",
-        figures=_each(results, f"{kind}_sequence", "gait sequence"),
-        wide=True,
+        {f"{kind}_sequence": "gait sequence"},
+        note="Feet in contact (dark) over the reward machine's states, the student alone.",
     )
 
 
@@ -212,11 +248,3 @@ def r2_by_gait(results: Sequence[GaitResults]) -> pd.DataFrame:
 def _tops(results: Sequence[GaitResults], method: str) -> pd.DataFrame:
     tables = [own.tops[own.tops["method"] == method] for own in results]
     return pd.concat(tables, ignore_index=True).drop(columns=["student", "method"])
-
-
-def _each(
-    results: Sequence[GaitResults], stem: str, what: str, first: str = ""
-) -> list[tuple[str, Path]]:
-    """Lists a figure of every gait; that of the paper's gait comes first."""
-    ordered = sorted(results, key=lambda own: own.gait != first) if first else results
-    return [(f"{own.gait.capitalize()}: {what}", own.folder / f"{stem}.png") for own in ordered]

@@ -1,5 +1,6 @@
 """`glassgait reproduce convergence`: which contact solvers and time steps agree."""
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -24,12 +25,12 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.cases import Case, digests_of
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.experiment import Report
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
 
 DRAKES_RELAXATION_TIME = 0.2
 """What two bodies without a relaxation time of their own add up to in SAP (s)."""
@@ -50,48 +51,33 @@ class Variant:
     scenario: Scenario
 
 
-def _discrete(
-    family: str,
-    solver: ContactSolver,
-    *steps: float,
-    relaxation_time: float = StationConfig.relaxation_time,
-) -> list[Variant]:
-    return [
-        Variant(
-            family,
-            step,
-            Scenario(
-                f"{family} {1000 * step:g} ms",
-                StationConfig(step, solver, relaxation_time=relaxation_time),
-            ),
-        )
-        for step in steps
-    ]
-
-
 SAP = "SAP"
 SAP_DEFAULT = "SAP, Drake's relaxation"
 CENIC = "CENIC"
 
-VARIANTS = (
-    *_discrete(SAP, "sap", 0.02, 0.01, 0.005, 0.002, 0.001),
-    *_discrete(
-        SAP_DEFAULT,
-        "sap",
-        *(0.02, 0.01, 0.005, 0.002, 0.001),
-        relaxation_time=DRAKES_RELAXATION_TIME,
-    ),
-    *_discrete("similar", "similar", 0.02, 0.01, 0.005, 0.002, 0.001),
-    *_discrete("lagged", "lagged", 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005),
-    *(
-        Variant(
-            CENIC,
-            accuracy,
-            Scenario(f"CENIC {accuracy:g}", StationConfig(time_step=0.0), accuracy, max_robots=1),
-        )
-        for accuracy in (1e-2, 1e-3, 1e-4, 1e-5)
-    ),
-)
+STEPS = (0.02, 0.01, 0.005, 0.002, 0.001)
+
+
+def _variants() -> Iterator[Variant]:
+    """Returns every solver at every time step (s), then CENIC at every accuracy."""
+    usual = StationConfig.relaxation_time
+    solvers: tuple[tuple[str, ContactSolver, tuple[float, ...], float], ...] = (
+        (SAP, "sap", STEPS, usual),
+        (SAP_DEFAULT, "sap", STEPS, DRAKES_RELAXATION_TIME),
+        ("similar", "similar", STEPS, usual),
+        ("lagged", "lagged", (*STEPS, 0.0005), usual),
+    )
+    for family, solver, steps, relaxation_time in solvers:
+        for step in steps:
+            station = StationConfig(step, solver, relaxation_time=relaxation_time)
+            yield Variant(family, step, Scenario(f"{family} {1000 * step:g} ms", station))
+    for accuracy in (1e-2, 1e-3, 1e-4, 1e-5):
+        station = StationConfig(time_step=0.0)
+        scenario = Scenario(f"{CENIC} {accuracy:g}", station, accuracy, max_robots=1)
+        yield Variant(CENIC, accuracy, scenario)
+
+
+VARIANTS = tuple(_variants())
 
 
 DROP_HEIGHT = 0.03
@@ -119,9 +105,8 @@ class Drop:
     penetration: float
 
 
-def drop_robot(scenario: Scenario) -> Drop:
-    """Drops the robot in its default stance, its joints held there."""
-    robot = scenario.robot_of()
+def drop_robot(robot: Robot, scenario: Scenario) -> Drop:
+    """Drops a robot in its default stance, its joints held there."""
     station = MakeStation(robot, scenario.station)
     plant = station.GetSubsystemByName("plant")
     assert isinstance(plant, MultibodyPlant)
@@ -216,6 +201,7 @@ class Convergence(Settings):
     Attributes:
         gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
@@ -227,6 +213,7 @@ class Convergence(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -234,12 +221,12 @@ class Convergence(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        folder = self.output or Path("runs/convergence") / gait.name
-        policy = alone(find_policies(gait, self.source).expert)
-        jobs = [
-            job
+        found = find_policies(gait, self.source, self.robot)
+        folder, policy = self.output or found.output("convergence"), alone(found.expert)
+        cases = [
+            case
             for variant in reversed(VARIANTS)
-            for job in rollout_cases(
+            for case in rollout_cases(
                 {"variant": variant.scenario.title},
                 gait,
                 policy,
@@ -251,18 +238,22 @@ class Convergence(Settings):
             folder,
             study="reproduce convergence",
             settings=self,
-            inputs=digests_of(jobs),
+            inputs=digests_of(cases),
             resume=self.resume,
         ):
-            results = _measure(jobs, folder)
-            write_table(results, folder / "convergence")
-            write_metrics(results.to_dict(orient="records"), folder / "metrics.json")
-            save_figure(convergence_figure(results), folder / "convergence")
-        print_table(f"{gait.name}: contact solvers and time steps", results)
+            results = _measure(policy.robot, cases, folder)
+            report = Report(
+                tables={"convergence": results},
+                metrics=results.to_dict(orient="records"),
+                figures={"convergence": convergence_figure(results)},
+                shown={f"{gait.name}: contact solvers and time steps": results},
+            )
+            report.write(folder)
+        report.show()
         console.print(f"written to {folder}")
 
 
-def _measure(jobs: list[Case], folder: Path) -> pd.DataFrame:
+def _measure(robot: Robot, cases: list[Case], folder: Path) -> pd.DataFrame:
     say("dropping the robot")
     drops = pd.DataFrame(
         [
@@ -270,13 +261,13 @@ def _measure(jobs: list[Case], folder: Path) -> pd.DataFrame:
                 "variant": variant.scenario.title,
                 "family": variant.family,
                 "resolution": variant.resolution,
-                **asdict(drop_robot(variant.scenario)),
+                **asdict(drop_robot(robot, variant.scenario)),
             }
             for variant in VARIANTS
         ]
     )
     say("rolling out")
-    return drops.merge(_means(run_rollouts(jobs, folder / "rollouts")), on="variant")
+    return drops.merge(_means(run_rollouts(cases, folder / "rollouts")), on="variant")
 
 
 def _means(scores: pd.DataFrame) -> pd.DataFrame:

@@ -18,25 +18,28 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
+from glassgait.studies.common.experiment import Report
+from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.rollouts.scoring import rollout_cases, run_rollouts
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.config import Curriculum, DistillationConfig
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
 from glassgait.studies.distillation.study import distill
 
-TICKS = {
-    "expert_only": "expert\nonly",
-    "half": "half",
-    "student_only": "student\nonly",
-    "alternation": "alternation",
-    "alternation_then_alone": "alternation,\nthen alone",
+CURRICULA = {
+    "expert_only": "Expert acts (behaviour cloning)",
+    "half": "Expert acts at half of the steps",
+    "student_only": "Student acts (DAgger)",
+    "alternation": "Alternation (the paper's)",
+    "alternation_then_alone": "Alternation, then student alone",
 }
+
+TICKS = ("expert\nonly", "half", "student\nonly", "alternation", "alternation,\nthen alone")
+"""What figures call them."""
 
 
 @styled
@@ -53,7 +56,7 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
     students = list(dict.fromkeys(table["student"]))
     for i, student in enumerate(students):
         line = STUDENTS[student]
-        mine = table[table["student"] == student].set_index("curriculum").reindex(list(TICKS))
+        mine = table[table["student"] == student].set_index("curriculum").reindex(list(CURRICULA))
         at = np.arange(len(TICKS)) + 0.12 * (i - (len(students) - 1) / 2)
         style = {"color": line.color, "marker": line.marker, "markersize": 3.5, "linestyle": "none"}
         share.errorbar(at, mine["share"], mine["share_ci"], label=line.title, capsize=1.5, **style)
@@ -62,18 +65,9 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
     share.set(ylabel="share of the\nexpert's return", ylim=(0, None), title=title)
     share.legend(ncols=2, loc="lower right")
     falls.set(ylabel="falls (%)", ylim=(-5, 105), xlabel="what acts while samples are collected")
-    falls.set_xticks(np.arange(len(TICKS)), list(TICKS.values()))
+    falls.set_xticks(np.arange(len(TICKS)), TICKS)
     figure.align_ylabels()
     return figure
-
-
-CURRICULA = {
-    "expert_only": "Expert acts (behaviour cloning)",
-    "half": "Expert acts at half of the steps",
-    "student_only": "Student acts (DAgger)",
-    "alternation": "Alternation (the paper's)",
-    "alternation_then_alone": "Alternation, then student alone",
-}
 
 
 @dataclass(frozen=True)
@@ -85,6 +79,7 @@ class Curricula(Settings):
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count.
         rollouts: How students are rolled out.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
@@ -97,6 +92,7 @@ class Curricula(Settings):
         default_factory=DistillationConfig
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
+    robot: str | None = None
     source: Path | None = None
     resume: bool = False
     output: Path | None = None
@@ -109,8 +105,8 @@ class Curricula(Settings):
     def run(self) -> None:
         """Runs the study."""
         gait = load_gait(self.gait)
-        expert = find_policies(gait, self.source).expert
-        folder = self.output or Path("runs/curricula") / gait.name
+        found = find_policies(gait, self.source, self.robot)
+        folder, expert = self.output or found.output("curricula"), found.expert
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(
             folder, study="reproduce curricula", settings=self, inputs=inputs, resume=self.resume
@@ -123,14 +119,17 @@ class Curricula(Settings):
                 r2 = distill(config, gait, expert, own, say, resume=self.resume)
                 fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
                 students[name] = load_students(own, expert)
-            jobs = standalone_jobs(gait, expert, students, self.rollouts)
-            scores = run_rollouts(jobs, folder / "rollouts")
+            cases = standalone_cases(gait, expert, students, self.rollouts)
+            scores = run_rollouts(cases, folder / "rollouts")
             table = curricula_table(pd.concat(fits, ignore_index=True), scores)
-            write_table(scores, folder / "robots")
-            write_table(table, folder / "curricula")
-            write_metrics(table.to_dict(orient="records"), folder / "metrics.json")
-            save_figure(curricula_figure(table, gait.name.capitalize()), folder / "curricula")
-        print_table(f"{gait.name}: students alone", titled(table))
+            report = Report(
+                tables={"robots": scores, "curricula": table},
+                metrics=table.to_dict(orient="records"),
+                figures={"curricula": curricula_figure(table, gait.name.capitalize())},
+                shown={f"{gait.name}: students alone": titled(table)},
+            )
+            report.write(folder)
+        report.show()
         console.print(f"written to {folder}")
 
 
@@ -148,26 +147,23 @@ def equal_budgets(config: DistillationConfig) -> dict[str, DistillationConfig]:
     )
     rounds_alone = config.alone_rounds * size
     whole = replace(config, episodes=config.episodes + rounds_alone, alone_rounds=0)
-    return {
-        "expert_only": replace(whole, curriculum="expert_only"),
-        "half": replace(whole, curriculum="half"),
-        "student_only": replace(whole, curriculum="student_only"),
-        "alternation": replace(whole, curriculum="alternation"),
-        "alternation_then_alone": replace(config, curriculum="alternation"),
+    names: tuple[Curriculum, ...] = ("expert_only", "half", "student_only", "alternation")
+    return {name: replace(whole, curriculum=name) for name in names} | {
+        "alternation_then_alone": replace(config, curriculum="alternation")
     }
 
 
-def standalone_jobs(
+def standalone_cases(
     gait: Gait,
     expert: NeuralPolicy,
     students: Mapping[str, Mapping[str, Policy]],
     config: RolloutConfig,
 ) -> list[Case]:
-    """Lists the rollouts of the expert and of every curriculum's students, each alone.
+    """Lists rollouts of the expert, whose curriculum is called `expert`, and of students alone.
 
     Args:
         gait: The gait.
-        expert: The expert; its curriculum is called `expert`.
+        expert: The expert.
         students: The students by curriculum and kind.
         config: How robots are rolled out.
     """
@@ -175,11 +171,13 @@ def standalone_jobs(
     for curriculum, own in students.items():
         policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}
     config = config.at_distilled_speeds(gait)
-    jobs = []
-    for (curriculum, student), policy in policies.items():
-        labels = {"curriculum": curriculum, "student": student}
-        jobs += rollout_cases(labels, gait, policy, Scenario(), config)
-    return jobs
+    return [
+        case
+        for (curriculum, student), policy in policies.items()
+        for case in rollout_cases(
+            {"curriculum": curriculum, "student": student}, gait, policy, Scenario(), config
+        )
+    ]
 
 
 def curricula_table(fits: pd.DataFrame, scores: pd.DataFrame) -> pd.DataFrame:

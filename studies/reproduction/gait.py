@@ -14,7 +14,6 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
@@ -90,24 +89,20 @@ class GaitResults:
     tops: pd.DataFrame
 
 
-def study_gait(
-    name: str, config: ReportConfig, folder: Path, *, resume: bool, expert_file: Path | None = None
-) -> GaitResults:
-    """Distils, evaluates and explains one gait.
+def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Path) -> GaitResults:
+    """Distils, evaluates and explains one gait, from where an earlier run stopped.
 
     Args:
         name: Name of the gait.
+        expert: Its expert.
         config: How thoroughly.
         folder: Where everything of this gait goes.
-        resume: Whether to keep what is done already.
-        expert_file: Policy file of the expert; the shipped one by default.
     """
     gait = load_gait(name)
-    expert = load_expert(gait, expert_file)
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)
     source = folder / "distillation"
-    r2 = distill(distillation, gait, expert, source, say, resume=resume)
+    r2 = distill(distillation, gait, expert, source, say, resume=True)
     write_r2_table(r2, name, source)
     students = load_students(source, expert)
 

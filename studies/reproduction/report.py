@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -12,36 +12,31 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
-from glassgait.models.files import write_atomically
-from glassgait.models.policies.library import load_expert, shipped_experts
+from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.robots.robot import Robot, load_robot, robot_folder
 from glassgait.models.settings import DISTINCT, FEW
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.pages import inline_image, page_template
+from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named, run_sweep
-from glassgait.studies.common.tables import print_table, to_markdown, write_table
+from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students.registry import StudentKind
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
-from glassgait.studies.reproduction.certificates import (
-    CertifiedPolicy,
-    certified_policies,
-    verdicts_table,
-)
+from glassgait.studies.reproduction.certificates import certificates
 from glassgait.studies.reproduction.contents import (
-    DEVIATIONS,
-    DEVIATIONS_IN_FULL,
     WITHOUT_PYSR,
     contents,
+    deviations,
     r2_by_gait,
 )
 from glassgait.studies.reproduction.gait import PAPER_GAITS, GaitResults, ReportConfig, study_gait
+from glassgait.studies.reproduction.page import Page, Section
 from glassgait.studies.reproduction.settings import differences, load_settings, settings_file
 from glassgait.studies.training.command import train_job
 from glassgait.studies.training.config import TrainingConfig
-
-TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
@@ -58,10 +53,14 @@ class Report(ReportConfig):
         policy: Kinds of students beside the paper's.
         engine: What searches the formulas, in place of the settings' engine. PySR, the paper's,
             needs Julia and is refused where there is none; with `operon` the report says so.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies that
+            ship. Of another robot your own experts are taken, or trained.
         quick: Do what the settings file names under `quick` instead.
         sweep: How many seeds of distillation, and where their gaits are studied.
         resume: Continue the run that the folder holds; it may name other gaits.
-        output: Folder of the report. Of several seeds each has a report in its folder seed_<seed>.
+        output: Folder of the report; runs/report by default, with --quick runs/report_quick, of the
+            paper's settings below runs/reproduce. Of several seeds each has a report in its folder
+            seed_<seed>.
     """
 
     title: ClassVar[str] = "report"
@@ -70,6 +69,7 @@ class Report(ReportConfig):
     training: Annotated[TrainingConfig | None, tyro.conf.Fixed] = None
     policy: Annotated[tuple[StudentKind, ...], FEW, DISTINCT] = ()
     engine: Engine | None = None
+    robot: str | None = None
     quick: bool = False
     sweep: Annotated[SweepConfig, tyro.conf.arg(name="")] = field(default_factory=SweepConfig)
     resume: bool = False
@@ -79,6 +79,10 @@ class Report(ReportConfig):
     def study(self) -> str:
         """What a run's record calls the study."""
         return "reproduce report" if self.training is None else "reproduce paper"
+
+    @cached_property
+    def _robot(self) -> Robot:
+        return load_robot() if self.robot is None else load_robot(self.robot)
 
     def run(self) -> None:
         """Runs every study, then writes report.html and report.md."""
@@ -92,26 +96,49 @@ class Report(ReportConfig):
                 runs.enter_context(open_run(folder, settings=own, free=("gait",), **of))
             results = _study(names, reports)
             for folder, own in reports.items():
-                certified = () if self.training else certified_policies(names, folder)
-                write_report(
-                    results[folder],
-                    own,
-                    folder,
-                    deviations=own.deviations(folder),
-                    quick=self.quick,
-                    certified=certified,
-                )
+                page = own.page(results[folder], folder)
+                path = page.write(folder)
                 print_table("R²", r2_by_gait(results[folder]))
-                console.print(f"report written to {folder / 'report.html'} and report.md")
+                console.print(f"report written to {path} and report.md")
         console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
+
+    def page(self, results: Sequence[GaitResults], folder: Path) -> Page:
+        """Makes the page, and writes the tables on it.
+
+        Args:
+            results: What was found about each gait.
+            folder: The report's folder.
+        """
+        gaits = [found.gait for found in results]
+        sections = contents(results)
+        for section in sections:
+            for place, table in enumerate(section.tables, start=1):
+                stem = section.number.lower().replace(" ", "_")
+                write_table(table.frame, folder / f"{stem}_{place}")
+        certified = certificates([] if self.training else gaits, self._robot, folder)
+        for place, table in enumerate(certified.tables):
+            write_table(table.frame, folder / f"certificates{f'_{place}' * (place > 0)}")
+        rollouts, distillation = self.rollouts, self.distillation
+        quick = ": the quick setting, which is for looking, not for quoting" * self.quick
+        lead = (
+            "*Distilling Reinforcement Learning Policies for Interpretable Robot Locomotion* "
+            f"(Acero and Li), on Drake: {', '.join(gaits)}. For each gait {distillation.episodes} "
+            f"episodes of {distillation.episode_steps} control steps were distilled, and "
+            f"{rollouts.n_robots * rollouts.n_seeds} robots rolled out for {rollouts.n_steps} "
+            f"steps{quick}."
+        )
+        differs = Section("Where this differs from the paper", points=self.deviations(folder))
+        title = "The paper's tables and figures, made anew"
+        return Page(title, [lead], [differs, *sections, certified])
 
     def deviations(self, folder: Path) -> tuple[str, ...]:
         """Lists what differs from the paper: by nature and, where all is done anew, by settings.
 
         Differences in settings are printed, and written to the folder.
         """
+        by_nature = deviations(self._robot, trains=self.training is not None)
         if self.training is None:
-            return DEVIATIONS
+            return by_nature
         less = differences(load_settings(Report, settings_file("paper")), self)
         write_table(less, folder / "differences")
         if len(less):
@@ -120,10 +147,10 @@ class Report(ReportConfig):
             f"{row['setting']}: {row['here']}, not {row['in full']}." for _, row in less.iterrows()
         ]
         engine = (WITHOUT_PYSR,) if self._searches_by() == "operon" else ()
-        return (*here, *engine, *DEVIATIONS_IN_FULL)
+        return (*here, *engine, *by_nature)
 
     def settled(self) -> "Report":
-        """Returns the settings with the engine and the further students that flags name.
+        """Returns the settings with the engine, robot and further students that flags name.
 
         Raises:
             InputError: if formulas are PySR's, and Julia could not be started.
@@ -135,7 +162,11 @@ class Report(ReportConfig):
             symbolic = replace(settings.of(SYMBOLIC.name), engine=self.engine)
             settings = replace(settings, **{SYMBOLIC.name: symbolic})
         distillation = replace(own, students=students, settings=settings)
-        report = replace(self, distillation=distillation, policy=(), engine=None)
+        training = self.training
+        if training is not None and self.robot is not None:
+            training = replace(training, robot=self.robot)
+        changed = {"distillation": distillation, "training": training}
+        report = replace(self, **changed, policy=(), engine=None)
         if report._searches_by() == "pysr" and not pysr_starts():
             raise InputError(
                 "report: formulas are PySR's, which needs Julia, and Julia could not be started "
@@ -151,17 +182,22 @@ class Report(ReportConfig):
     def _inputs(self, names: Sequence[str]) -> dict[str, str]:
         if self.training is not None:
             return {f"gait {name}": load_gait(name).digest() for name in names}
-        unknown = [name for name in names if load_gait(name).name not in shipped_experts()]
-        if unknown:
-            raise InputError(
-                f"no expert of {', '.join(unknown)} ships with the project; name some "
-                f"of {', '.join(shipped_experts())} with --gait"
-            )
-        return {f"expert of the {name}": load_expert(name).digest() for name in names}
+        found = {name: find_policies(load_gait(name), robot=self.robot) for name in names}
+        return {f"expert of the {name}": own.expert.digest() for name, own in found.items()}
+
+    def expert(self, name: str, trained: Path | None = None) -> NeuralPolicy:
+        """Returns the expert of a gait: that of a run of its own, or the one that a user has."""
+        gait = load_gait(name)
+        if trained is not None:
+            return load_expert(gait, trained / f"{gait.name}.safetensors", self._robot)
+        return find_policies(gait, robot=self.robot, quiet=True).expert
 
     def _reports(self) -> dict[Path, "Report"]:
         """Returns the settings of each seed's report by its folder."""
-        report, root = self.settled(), self.output or Path("runs/report")
+        report, root = self.settled(), self.output
+        if root is None:
+            root = Path("runs/report" if self.training is None else "runs/reproduce/paper")
+            root = robot_folder(root.with_name(root.name + "_quick" * self.quick), self._robot.name)
         if self.sweep.seeds == 1:
             return {root: report}
         own = report.distillation
@@ -192,61 +228,9 @@ def _study(names: Sequence[str], reports: Mapping[Path, Report]) -> dict[Path, l
 
 def _study_job(reports: Mapping[Path, Report], job: Job) -> GaitResults:
     """Trains the expert of a gait, if it is to be, and studies it, from where the job stopped."""
-    report = reports[job.folder.parent]
-    expert = None
+    report, trained = reports[job.folder.parent], None
     if report.training is not None:
-        training = Job(job.gait, report.training.seed, job.folder / "training", job.title)
+        trained = job.folder / "training"
         say(f"{job.title}: training the expert")
-        train_job(report.training, training)
-        expert = training.folder / f"{load_gait(job.gait).name}.safetensors"
-    return study_gait(job.gait, report, job.folder, resume=True, expert_file=expert)
-
-
-def write_report(
-    results: Sequence[GaitResults],
-    config: ReportConfig,
-    folder: Path,
-    *,
-    deviations: Sequence[str],
-    quick: bool,
-    certified: Sequence[CertifiedPolicy] = (),
-) -> None:
-    """Writes report.html, report.md and the tables in them.
-
-    Args:
-        results: What was found about each gait.
-        config: How thoroughly.
-        folder: Where they go.
-        deviations: Sentences that say what differs from the paper.
-        quick: Whether a page says that it is for looking, not for quoting.
-        certified: Policies that have a certificate.
-    """
-    items = contents(results)
-    for item in items:
-        for place, (_, table) in enumerate(item.tables, start=1):
-            write_table(table, folder / f"{item.number.lower().replace(' ', '_')}_{place}")
-    verdicts = verdicts_table(certified)
-    if certified:
-        write_table(verdicts, folder / "certificates")
-    for place, policy in enumerate(certified, start=1):
-        write_table(policy.claims, folder / f"certificates_{place}")
-    values = {
-        "items": items,
-        "certified": certified,
-        "verdicts": verdicts,
-        "deviations": deviations,
-        "gaits": [found.gait for found in results],
-        "config": config,
-        "quick": quick,
-    }
-    page = page_template(TEMPLATES, "report.html").render(**values, inline=inline_image)
-    write_atomically(folder / "report.html", page)
-    text = page_template(TEMPLATES, "report.md").render(
-        **values, markdown=to_markdown, place=lambda path: _relative(path, folder)
-    )
-    write_atomically(folder / "report.md", text)
-
-
-def _relative(path: Path, folder: Path) -> str:
-    resolved, root = path.resolve(), folder.resolve()
-    return str(resolved.relative_to(root) if resolved.is_relative_to(root) else resolved)
+        train_job(report.training, Job(job.gait, report.training.seed, trained, job.title))
+    return study_gait(job.gait, report.expert(job.gait, trained), report, job.folder)

@@ -18,8 +18,8 @@ STUDY = "study"
 QUICK = "quick"
 """Key of a settings file that holds what a quick run does less of."""
 
-BESIDE = ("output", "resume", "sweep", "workers", "quick", "engine", "policy")
-"""Settings that are no difference from what was published: places, flags, students beside."""
+BESIDE = ("output", "resume", "sweep", "workers", "quick", "engine", "policy", "robot")
+"""Settings that are no difference from what was published, or show in another one."""
 
 S = TypeVar("S", bound=Settings)
 

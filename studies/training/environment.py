@@ -9,8 +9,8 @@ from tensordict import TensorDict
 from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
-from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
@@ -88,13 +88,14 @@ class TrainingEnvironment:
                 robot=robot,
                 observes_imu=observes_imu,
             ),
-            BatchPhysics(robot, *stations),
+            make_physics(robot, *stations),
             n_robots=config.n_robots,
             generator=generator,
             # A network that learns estimates here, and the reward machine reads true heights.
             estimator=estimator if isinstance(estimator, Odometry) else None,
             difficulty=config.curriculum.initial_difficulty,
         )
+        self.hardship = config.curriculum.initial_hardship
         members = self.simulator.physics.members(config.n_robots)
         self._body = np.repeat(
             [[station.payload, station.motor_strength] for station in stations],
@@ -104,6 +105,15 @@ class TrainingEnvironment:
         # Spread the ends of the first episodes, so that updates see all ages at once.
         ages = generator.integers(EPISODE_STEPS, size=config.n_robots)
         self.simulator.restore(replace(self.simulator.state, steps=ages))
+
+    @property
+    def hardship(self) -> float:
+        """Share of the pushes' speed that they have."""
+        return self.simulator.push_share
+
+    @hardship.setter
+    def hardship(self, share: float) -> None:
+        self.simulator.push_share = share
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
@@ -168,6 +178,7 @@ class TrainingEnvironment:
         arrays = dict(self.simulator.state.as_arrays(), friction=self.simulator.friction)
         values = {
             "difficulty": self.simulator.difficulty,
+            "hardship": self.hardship,
             "generator": self.generator.bit_generator.state,
         }
         return arrays, values
@@ -177,6 +188,7 @@ class TrainingEnvironment:
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.simulator.difficulty = values["difficulty"]
+        self.hardship = values["hardship"]
         self.generator.bit_generator.state = values["generator"]
 
 

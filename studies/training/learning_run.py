@@ -114,12 +114,13 @@ class LearningRun(ABC):
             "update": float(self.progress.update),
             "control_steps": float(self.control_steps),
             "difficulty": simulator.difficulty,
+            "hardship": self.environment.hardship,
             **statistics.means(),
             **losses,
             "seconds": self.progress.seconds,
             "memory_mb": psutil.Process().memory_info().rss / 2**20,
         }
-        self._raise_difficulty(row["rhythm"])
+        self._raise_demands(row["rhythm"], row["failure_rate"])
         self.progress.curve.append(row)
         return row
 
@@ -139,10 +140,14 @@ class LearningRun(ABC):
         """Control steps of all robots so far."""
         return self.progress.update * self.config.steps_per_update
 
-    def _raise_difficulty(self, rhythm: float) -> None:
-        curriculum, simulator = self.config.curriculum, self.environment.simulator
-        if rhythm > curriculum.required_rhythm:
-            simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
+    def _raise_demands(self, rhythm: float, failure_rate: float) -> None:
+        curriculum, environment = self.config.curriculum, self.environment
+        simulator = environment.simulator
+        if rhythm <= curriculum.required_rhythm:
+            return
+        if simulator.difficulty == 1.0 and failure_rate <= curriculum.most_failures:
+            environment.hardship = min(1.0, environment.hardship + curriculum.hardship_rise)
+        simulator.difficulty = min(1.0, simulator.difficulty + curriculum.rise)
 
 
 class _Statistics:

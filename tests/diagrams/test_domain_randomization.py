@@ -54,6 +54,13 @@ def test_fine_steps_are_of_one_group_each():
     assert {station.time_step for station in drawn(DomainRandomization(fine_steps=()))} == {0.01}
 
 
+def test_the_first_groups_are_of_mujoco():
+    stations = drawn(DomainRandomization(mujoco_groups=3, fine_steps=(0.005,)))
+    engines = [(station.engine, station.time_step) for station in stations]
+    assert engines == [("mujoco", 0.005)] * 3 + [("drake", 0.01)] * 12 + [("drake", 0.005)]
+    assert len({station.payload for station in stations}) == 16
+
+
 def test_the_same_seed_gives_the_same_worlds():
     assert (
         drawn(DomainRandomization(), seed=4)
@@ -79,7 +86,7 @@ def test_ranges_of_one_value_change_nothing():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n_groups": 1}, "2 fine_steps do not fit in n_groups = 1"),
+        ({"n_groups": 1}, "do not fit in n_groups = 1"),
         ({"fine_steps": (0.01,)}, "shorter than the station's time_step, 0.01"),
     ],
 )

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from glassgait.diagrams.batch import BatchSimulator
-from glassgait.diagrams.batch_physics import BatchPhysics
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.scenario import Scenario, load_scenario
@@ -14,6 +13,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.randomization import NOMINAL
 
 A1 = load_robot()
 
@@ -143,7 +143,35 @@ def test_a_diagram_is_drakes(trot):
         MakeLocomotion(trot, Scenario(station=STATION))
 
 
-def test_one_batch_has_one_engine():
-    with pytest.raises(InputError, match="drake and mujoco"):
-        make_physics(A1, DRAKE, STATION)
-    assert isinstance(make_physics(A1, DRAKE), BatchPhysics)
+def test_groups_of_two_engines_move_as_those_of_each(generator):
+    stations = [StationConfig(engine="mujoco", time_step=0.005), StationConfig(friction=0.6)]
+    states = NOMINAL.initial_states(A1, 5, generator)
+    targets = A1.default_stance + 0.1 * generator.normal(size=(5, 12))
+    mixed = make_physics(A1, *stations)
+    parts = [make_physics(A1, station) for station in stations]
+    for frictions in (None, np.array([0.3, 0.8])):
+        if frictions is not None:
+            for physics, own in ((mixed, frictions), *zip(parts, frictions[:, None], strict=True)):
+                physics.set_friction(own)
+        moved = mixed.step(states, targets)
+        alone = [
+            part.step(states[index], targets[index])
+            for part, index in zip(parts, mixed.members(5), strict=True)
+        ]
+        np.testing.assert_array_equal(moved.states, np.concatenate([own.states for own in alone]))
+        np.testing.assert_array_equal(
+            moved.touching, np.concatenate([own.touching for own in alone])
+        )
+
+
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+def test_bodies_sink_into_the_ground_where_feet_alone_collide(engine):
+    state = kinematics.standing_state(A1)
+    state[quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
+    state[quadruped.POSITION] = 0.0, 0.0, 0.06
+    for feet_only in (False, True):
+        station = StationConfig(engine=engine, time_step=0.005, feet_only=feet_only)
+        physics, lying = make_physics(A1, station), state[None]
+        for _ in range(10):
+            lying = physics.step(lying, A1.default_stance[None]).states
+        assert (lying[0, 6] < 0.0) == feet_only

@@ -17,6 +17,7 @@ from glassgait.diagrams.scenario import (
 )
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
@@ -90,6 +91,9 @@ EVERYTHING = Scenario(
     title="everything, at once",
     station=StationConfig(0.005, "lagged", 0.7, 1.5, 0.02),
     sensor_noise=0.5,
+    encoder_bias=0.02,
+    imu=ImuErrors(gyroscope_bias=0.1, delay=2),
+    latency=0.03,
     pushes=Pushes(0.3, 7.5),
     true_body_state=True,
     max_robots=3,
@@ -123,7 +127,7 @@ def test_every_setting_is_in_the_digest():
             digests.add(replace(Scenario(), **{name: getattr(EVERYTHING, name)}).digest())
     digests.add(Scenario(command=FixedCommand()).digest())
     digests.add(SHIPPED["cenic_1e-5"].digest())
-    assert len(digests) == 11
+    assert len(digests) == 14
 
 
 @pytest.mark.parametrize(
@@ -164,7 +168,17 @@ def test_every_setting_is_in_the_digest():
         ("title: 5", "title"),
         ("title: ''", "title"),
         ("latency: 0.005", "latency"),
-        ("latency: 0.03", "latency"),
+        ("latency: 0.05", "latency"),
+        ("encoder_bias: -0.01", "encoder_bias"),
+        ("encoder_bias: .nan", "encoder_bias"),
+        ("encoder_bias: 2", "encoder_bias"),
+        ("imu: 1", "imu"),
+        ("imu: {gyro_bias: 1}", "'imu.gyro_bias'"),
+        ("imu: {gyroscope_bias: -1}", "gyroscope_bias"),
+        ("imu: {accelerometer_bias: .nan}", "accelerometer_bias"),
+        ("imu: {attitude_bias: 2}", "attitude_bias"),
+        ("imu: {delay: 6}", "delay"),
+        ("imu: {delay: 0.5}", "delay"),
         ("latency: -0.01", "latency"),
         ("contact_flips: 1.5", "contact_flips"),
         ("command: {speed: fast}", "'speed'"),

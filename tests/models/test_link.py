@@ -10,7 +10,6 @@ import pytest
 
 import glassgait.models.link
 from glassgait.models.errors import InputError
-from glassgait.models.export.binding import Sensors
 from glassgait.models.link.loss import Loss
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import (
@@ -19,6 +18,8 @@ from glassgait.models.link.packing import (
     pack_targets,
     unpack_answer,
     unpack_command,
+    unpack_imu,
+    unpack_joints,
 )
 from glassgait.models.link.settings import Channels, LinkSettings
 from glassgait.models.link.tally import Tally
@@ -44,10 +45,12 @@ def test_the_types_are_what_lcms_tool_makes(tmp_path):
 
 def test_a_message_comes_out_as_it_went_in(generator, trot):
     touching = np.array([True, False, True, False])
-    sensors = Sensors(generator.normal(size=12), generator.normal(size=12), touching)
-    sent = sensors_t.decode(pack_sensors(7, 1.02, sensors, followed=True).encode())
+    joints, imu = generator.normal(size=24), generator.normal(size=9)
+    packed = pack_sensors(7, 1.02, joints=joints, touching=touching, imu=imu, followed=True)
+    sent = sensors_t.decode(packed.encode())
     assert (sent.session, sent.sequence, sent.utime, sent.followed) == (7, 51, 1_020_000, True)
-    np.testing.assert_array_equal(sent.joint_velocity, sensors.joint_velocity)
+    np.testing.assert_array_equal(unpack_joints(sent), joints)
+    np.testing.assert_array_equal(unpack_imu(sent), imu)
     assert tuple(sent.foot_contact) == tuple(touching)
     targets = generator.normal(size=12)
     answer = unpack_answer(targets_t.decode(pack_targets(sent, targets).encode()))

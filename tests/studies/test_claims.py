@@ -13,29 +13,33 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout, machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.interventions.derivation import (
+from glassgait.studies.explanation.interventions.claims import (
     claim_of,
     derive_claims,
+    following_words,
+    joint_words,
     spoken_of,
 )
-from glassgait.studies.explanation.interventions.edits import (
+from glassgait.studies.explanation.interventions.command import claims_figure
+from glassgait.studies.explanation.interventions.study import (
+    FOLDER,
+    Examiner,
+    angle_effect,
+    paired_effect,
     read_back,
     with_input_raised,
     without_input,
     written,
 )
-from glassgait.studies.explanation.interventions.effects import angle_effect, paired_effect
-from glassgait.studies.explanation.interventions.figures import claims_figure
-from glassgait.studies.explanation.interventions.study import FOLDER, Examiner
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import seen_by
-from glassgait.studies.explanation.interventions.words import following_words, joint_words
 
 A1 = load_robot()
 
 
 NAMES = ObservationLayout(2).names
 SYMBOLS = [entry.symbol for entry in ObservationLayout(2).entries]
+COMMAND = ["explain", "interventions"]
 SMALL = ["--n-claims", "2", "--n-robots", "2", "--n-steps", "110"]
 
 HEADER = """\
@@ -273,14 +277,14 @@ WORDS = [
 
 
 @pytest.mark.parametrize(("joint", "text", "words"), WORDS)
-def test_claims_are_told_in_words(joint, text, words, generator):
+def test_claims_are_written_in_words(joint, text, words, generator):
     policy = policy_of()
     walk = walk_of(policy, observations(generator))
     claim = claim_of(term_of(policy, joint, text), policy.to_file(), walk)
     assert claim is not None
-    told = joint_words(claim, policy.vocabulary)
-    assert words in told
-    assert f"{claim.step:g}" in told
+    described = joint_words(claim, policy.vocabulary)
+    assert words in described
+    assert f"{claim.step:g}" in described
     assert "by more" in following_words(claim, "going_speed_error")
 
 
@@ -289,7 +293,7 @@ def test_claims_that_fail_stay_in_the_table(tmp_path, generator):
     plain = walk_of(policy, observed)
     claims = derive_claims(policy.to_file(), plain, 3)
     # Robots that do not mind what their formulas say.
-    examiner = Examiner(policy.to_file(), plain, lambda edited: walk_of(edited, observed), tmp_path)
+    examiner = Examiner(policy, plain, lambda edited: walk_of(edited, observed), tmp_path)
     table = examiner.examine(claims)
     followed = [claim for claim in claims if claim.term.joint_name in ("FL_thigh", "RL_calf")]
     assert len(table) == 3 + len(followed)
@@ -312,15 +316,7 @@ def test_the_page_that_ships_speaks_of_many_inputs():
 
 def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
     output = tmp_path / "claims"
-    command = [
-        "explain",
-        "interventions",
-        "--policy",
-        "sparse_formula",
-        *SMALL,
-        "--output",
-        str(output),
-    ]
+    command = [*COMMAND, "--policy", "sparse_formula", *SMALL, "--output", str(output)]
     main(command)
     assert {path.name for path in output.iterdir() if path.name[0] != "."} == {
         "config.yaml", "metrics.json", "claims.csv", "claims.md", "claims.png", "claims.pdf", FOLDER
@@ -337,34 +333,24 @@ def test_command_writes_tables_figure_and_edited_files(tmp_path, refused):
 
 def test_bad_input_is_refused_before_anything_is_written(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
-    assert "not made of formulas" in refused(["explain", "interventions", "--policy", "gbm"])
-    assert "--policy" in refused(["explain", "interventions", "--policy", "pages"])
-    told = refused(["explain", "interventions", "--policy", "sparse_formula", "--n-claims", "1000"])
-    assert "1000 claims are asked for" in told
+    assert "not made of formulas" in refused([*COMMAND, "--policy", "gbm"])
+    assert "--policy" in refused([*COMMAND, "--policy", "pages"])
+    refusal = refused([*COMMAND, "--policy", "sparse_formula", "--n-claims", "1000"])
+    assert "1000 claims are asked for" in refusal
     readings = tmp_path / "readings.formulas"
     readings.write_text(policy_of({"FL_hip": "0.5*q.FL_hip + cmd.v*v.x"}).to_text())
-    told = refused(["explain", "interventions", "--policy", str(readings), "--n-claims", "1"])
-    assert "0 terms can be read" in told
+    refusal = refused([*COMMAND, "--policy", str(readings), "--n-claims", "1"])
+    assert "0 terms can be read" in refusal
     assert [path.name for path in tmp_path.iterdir()] == ["readings.formulas"]
 
 
 def test_a_term_that_never_counts_is_refused_and_leaves_no_folder(tmp_path, refused):
     path, output = tmp_path / "still.formulas", tmp_path / "runs"
     path.write_text(policy_of({"FL_hip": "0*v.z"}).to_text())
-    told = refused(
-        [
-            "explain",
-            "interventions",
-            "--policy",
-            str(path),
-            *SMALL[2:],
-            "--n-claims",
-            "1",
-            "--output",
-            str(output),
-        ]
+    refusal = refused(
+        [*COMMAND, "--policy", str(path), *SMALL[2:], "--n-claims", "1", "--output", str(output)]
     )
-    assert "0 terms can be read" in told
+    assert "0 terms can be read" in refusal
     assert not output.exists()
 
 
@@ -372,19 +358,7 @@ def test_a_term_that_never_counts_is_refused_and_leaves_no_folder(tmp_path, refu
 @pytest.mark.parametrize(("gait", "kind"), [("trot", "symbolic"), ("walk", "statewise_symbolic")])
 def test_formulas_of_every_shape_are_tested(gait, kind, tmp_path):
     output = tmp_path / "claims"
-    main(
-        [
-            "explain",
-            "interventions",
-            "--gait",
-            gait,
-            "--policy",
-            kind,
-            *SMALL,
-            "--output",
-            str(output),
-        ]
-    )
+    main([*COMMAND, "--gait", gait, "--policy", kind, *SMALL, "--output", str(output)])
     assert len(pd.read_csv(output / "claims.csv")) >= 2
 
 
@@ -393,8 +367,6 @@ def test_equal_seeds_give_equal_tables(tmp_path):
     page = str(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     tables = []
     for name in ("a", "b"):
-        main(
-            ["explain", "interventions", "--policy", page, *SMALL, "--output", str(tmp_path / name)]
-        )
+        main([*COMMAND, "--policy", page, *SMALL, "--output", str(tmp_path / name)])
         tables.append((tmp_path / name / "claims.csv").read_text())
     assert tables[0] == tables[1]

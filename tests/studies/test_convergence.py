@@ -5,6 +5,7 @@ import pytest
 
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
+from glassgait.models.robots.robot import load_robot
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.reproduction.convergence import (
     CENIC,
@@ -17,7 +18,7 @@ from glassgait.studies.reproduction.convergence import (
 
 def drop(**station):
     accuracy = station.pop("accuracy", None)
-    return drop_robot(Scenario("dropped", StationConfig(**station), accuracy))
+    return drop_robot(load_robot(), Scenario("dropped", StationConfig(**station), accuracy))
 
 
 @pytest.fixture(scope="module")

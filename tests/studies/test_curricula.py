@@ -23,7 +23,8 @@ def test_every_curriculum_has_as_many_episodes():
         for config in budgets.values()
         for kind in ("linear", "symbolic")
     }
-    assert list(budgets) == list(CURRICULA) == list(TICKS)
+    assert list(budgets) == list(CURRICULA)
+    assert len(TICKS) == len(CURRICULA)
     assert last == {62}
     for config in budgets.values():
         assert {own.steps for own in rounds(config, "linear")} == {config.episode_steps}

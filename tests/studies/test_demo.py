@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.policies.library import load_student
+from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure, subplots
@@ -16,9 +16,9 @@ from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
-from glassgait.studies.reproduction.demo import command, report
-from glassgait.studies.reproduction.demo.reductions import reductions
-from glassgait.studies.reproduction.demo.report import Contents, Replay, formula_rows, write_report
+from glassgait.studies.reproduction import demo
+from glassgait.studies.reproduction.demo import Parts, demo_page, formula_texts
+from glassgait.studies.reproduction.page import Page
 
 TINY = DistillationConfig(
     students=("linear", "statewise_symbolic"),
@@ -35,7 +35,7 @@ VOID = {"meta", "img", "br", "link"}
 MISSING = "Not there yet"
 
 
-class Page(HTMLParser):
+class Strict(HTMLParser):
     """Reads a page strictly: what is opened is closed, in order; links lead somewhere."""
 
     def __init__(self, text):
@@ -65,29 +65,27 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def complete(tmp_path):
-    """The contents of a complete page, its pictures in the folder."""
-    replays = [Replay("shipped", "Shipped"), Replay("expert", "Expert"), Replay("own", "Own")]
-    for name in (*(replay.figure for replay in replays), "return.png"):
-        save_figure(subplots()[0], (tmp_path / name).with_suffix(""), ("png",))
-    formulas = load_student("trot", "statewise_symbolic")
-    return Contents(
-        load_gait("trot"),
-        speed=0.5,
-        n_observations=len(formulas.observation_names),
-        n_students=2,
-        reductions=reductions(command.QUICK, RolloutConfig(n_seeds=1), command.RATIO_PERIODS),
+    """What a complete page shows, its pictures in the folder."""
+    replays = {"shipped": "Shipped", "expert": "Expert", "own": "Own"}
+    for name in (*(f"{name}_gait" for name in replays), "return"):
+        save_figure(subplots()[0], tmp_path / name, ("png",))
+    trot = load_gait("trot")
+    return Parts(
+        trot,
+        load_expert("trot"),
+        RolloutConfig(n_seeds=1),
         replays=replays,
         standalone=pd.DataFrame({"policy": ["Open loop"], "falls": ["3 of 26"]}),
         return_figure=tmp_path / "return.png",
-        r2=pd.DataFrame({"student": ["Open loop", "Linear"], "R²": [0.9, 0.95]}),
-        formulas=formula_rows(load_gait("trot"), formulas),
+        r2=pd.DataFrame({"student": list(demo.QUICK.students), "R²": 0.9}),
+        formulas=formula_texts(trot, load_student("trot", "statewise_symbolic")),
         minutes=2.0,
     )
 
 
-def written(folder, contents):
-    text = write_report(folder, contents).read_text()
-    Page(text)
+def written(folder, parts):
+    text = demo_page(parts, folder).write(folder).read_text()
+    Strict(text)
     return text
 
 
@@ -101,7 +99,7 @@ def test_complete_page_misses_nothing(complete, tmp_path):
 
 def test_page_says_what_is_missing(complete, tmp_path):
     parts = {
-        "replays": ([], "further replays"),
+        "replays": ({}, "further replays"),
         "standalone": (None, "how every student walks alone"),
         "return_figure": (None, "take turns"),
         "formulas": ([], "the formulas"),
@@ -114,13 +112,13 @@ def test_page_says_what_is_missing(complete, tmp_path):
 
 
 def test_page_says_how_many_students_are_missing(complete, tmp_path):
-    some = replace(complete, r2=complete.r2[:1], minutes=None)
-    assert f"{MISSING}: 1 of 2 students" in written(tmp_path, some)
+    some = replace(complete, r2=complete.r2[:-2], minutes=None)
+    assert f"{MISSING}: 2 of 9 students" in written(tmp_path, some)
     none = replace(complete, r2=None, minutes=None)
-    assert f"{MISSING}: the first of 2 students" in written(tmp_path, none)
+    assert f"{MISSING}: the first of 9 students" in written(tmp_path, none)
 
 
-def test_page_tells_what_is_smaller_and_what_is_lost(complete, tmp_path):
+def test_page_lists_what_is_smaller_and_what_is_lost(complete, tmp_path):
     page = written(tmp_path, complete)
     assert "What is smaller here, and what is lost" in page
     assert "12 episodes of 10 s" in page
@@ -141,21 +139,21 @@ def road(tmp_path_factory):
     command_line = ["demo", "--output", str(folder), "--n-robots", "2"]
     pages, before = [], []
 
-    def write(own_folder, contents):
-        path = report.write_report(own_folder, contents)
+    def write(page, own_folder):
+        path = own_write(page, own_folder)
         pages.append(path.read_text())
         return path
 
     def distill(*arguments, **options):
         before.extend(path.name for path in folder.iterdir())
-        return command_distill(*arguments, **options)
+        return own_distill(*arguments, **options)
 
-    command_distill = command.distill
+    own_distill, own_write = demo.distill, Page.write
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "QUICK", TINY)
-        patch.setattr(command, "REPLAY_SECONDS", 1.0)
-        patch.setattr(command, "write_report", write)
-        patch.setattr(command, "distill", distill)
+        patch.setattr(demo, "QUICK", TINY)
+        patch.setattr(demo, "REPLAY_SECONDS", 1.0)
+        patch.setattr(Page, "write", write)
+        patch.setattr(demo, "distill", distill)
         main(command_line)
         yield folder, command_line, pages, before
 
@@ -173,7 +171,7 @@ def test_replay_and_page_are_there_before_distillation_begins(road):
 def test_page_grows_until_it_is_complete(road):
     folder, _, pages, _ = road
     for page in pages:
-        Page(page)
+        Strict(page)
     missing = [page.count(MISSING) for page in pages]
     assert missing == sorted(missing, reverse=True)
     assert missing[0] == 5
@@ -186,7 +184,7 @@ def test_page_grows_until_it_is_complete(road):
 def test_demo_writes_a_page_with_tables_formulas_and_replays(road, refused, capsys):
     folder, command_line, pages, _ = road
     page = pages[-1]
-    assert page.count("<b>FL_hip in q") == 2
+    assert page.count("<strong>FL_hip in q") == 2
     assert "Linear" in page
     for name in ("shipped", "expert", "statewise_symbolic"):
         assert f'src="{name}_replay.html"' in page

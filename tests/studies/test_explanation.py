@@ -16,9 +16,8 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.file_lines import file_lines
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.explanation.variables import variables_of
+from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from glassgait.models.formulas.reader import read_formulas
 from glassgait.models.policies.library import load_student
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
-from glassgait.studies.explanation.file_lines import file_lines
+from glassgait.studies.explanation.policy_data import file_lines
 
 MIRRORED = "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n\nstate 0\n" + "".join(
     f"{joint} = 0.{place + 1}*q.{joint}\n" for place, joint in enumerate(quadruped.JOINTS)

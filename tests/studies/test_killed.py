@@ -1,13 +1,11 @@
 """Killed at a random moment and resumed, every resumable command ends as if it had not been."""
 
 import json
+import multiprocessing
 import os
 import random
-import signal
-import subprocess
-import sys
+import runpy
 import time
-from pathlib import Path
 
 import pytest
 
@@ -18,20 +16,42 @@ from glassgait.studies.distillation.study import distill
 
 SEED = int(os.environ.get("KILL_SEED", "0")) or random.SystemRandom().randrange(1, 2**31)
 
-# What takes minutes by its command is made small; all else is the command's own.
+# What takes minutes by its command is made small; all else is the command's own. Everything is
+# imported once, in the process that every run is a fork of.
 DRIVER = """
+import os
 import sys
-from glassgait.studies.cli import main
 
-if sys.argv[1] == "importance":
-    import glassgait.studies.importance.study
-    glassgait.studies.importance.study.EPISODE_STEPS = 20
-if sys.argv[1] == "demo":
-    sys.path.insert(0, sys.argv.pop())
-    import glassgait.studies.reproduction.demo.command, test_demo
-    glassgait.studies.reproduction.demo.command.QUICK = test_demo.TINY
-    glassgait.studies.reproduction.demo.command.REPLAY_SECONDS = 0.2
-main(sys.argv[1:])
+os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
+os.environ["OMP_NUM_THREADS"] = "1"
+
+from glassgait.studies import cli
+from glassgait.studies.distillation.config import DistillationConfig
+from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
+from glassgait.studies.importance import study
+from glassgait.studies.reproduction import demo
+
+for name in cli.COMMANDS:
+    cli.command_class(name)
+study.EPISODE_STEPS = 20
+demo.REPLAY_SECONDS = 0.2
+demo.QUICK = DistillationConfig(
+    students=("linear", "statewise_symbolic"),
+    episodes=5,
+    alone_rounds=0,
+    episode_steps=60,
+    settings=StudentsSettings(
+        statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
+    ),
+    n_jobs=1,
+)
+
+if __name__ == "run":
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    # Cases run here: workers would import everything anew.
+    os.cpu_count = lambda: 1
+    cli.main(ARGUMENTS)
 """
 
 LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2"]
@@ -79,22 +99,35 @@ COMMANDS = {
 }
 
 
-def start(command, folder, distilled, *more):
-    arguments = [text.format(distilled=distilled) for text in COMMANDS[command]]
-    tail = [str(Path(__file__).parent)] if command == "demo" else []
-    whole = [*command.split(), *arguments, "--output", str(folder), *more, *tail]
-    # In a group of its own, so that a kill leaves no process behind.
-    return subprocess.Popen(
-        [sys.executable, "-c", DRIVER, *whole],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+@pytest.fixture(scope="module")
+def start(distilled, tmp_path_factory):
+    """Starts a command, and returns its process."""
+    driver = tmp_path_factory.mktemp("driver") / "killed_driver.py"
+    driver.write_text(DRIVER)
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([driver.stem])
+
+    def fork(arguments):
+        process = context.Process(
+            target=runpy.run_path, args=(str(driver), {"ARGUMENTS": arguments}, "run")
+        )
+        process.start()
+        return process
+
+    def run(command, output, *more):
+        settings = [text.format(distilled=distilled) for text in COMMANDS[command]]
+        return fork([*command.split(), *settings, "--output", str(output), *more])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(driver.parent))
+        # Its time is that of all imports.
+        finish(fork(["--version"]))
+        yield run
 
 
 def finish(process):
-    _, message = process.communicate(timeout=300)
-    assert process.returncode == 0, message.decode()
+    process.join(timeout=100)
+    assert process.exitcode == 0
 
 
 def results(folder):
@@ -116,17 +149,17 @@ def results(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_killed_run_resumes_to_the_same_end(command, distilled, tmp_path):
+def test_a_killed_run_resumes_to_the_same_end(command, start, tmp_path):
     print(f"KILL_SEED={SEED}")
     moments = random.Random(f"{SEED} {command}")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     began = time.monotonic()
-    finish(start(command, whole, distilled))
+    finish(start(command, whole))
     seconds = time.monotonic() - began
-    process = start(command, killed, distilled)
-    time.sleep(moments.uniform(0.3, 1.0) * seconds)
-    os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
-    finish(start(command, killed, distilled, "--resume"))
+    process = start(command, killed)
+    time.sleep(moments.uniform(0.1, 1.0) * seconds)
+    process.kill()
+    process.join()
+    finish(start(command, killed, "--resume"))
     assert results(killed) == results(whole)
     assert not list(killed.rglob(".*.partial"))

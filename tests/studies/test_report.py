@@ -13,11 +13,10 @@ from glassgait.models.policies.library import (
     STUDENT_DIRECTORY,
     shipped_experts,
 )
+from glassgait.models.robots.robot import load_robot
 from glassgait.studies.cli import main
-from glassgait.studies.common.pages import page_template
 from glassgait.studies.common.rollouts.config import RolloutConfig
 from glassgait.studies.common.serialization import to_plain
-from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,
@@ -29,10 +28,12 @@ from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,
 )
-from glassgait.studies.reproduction import report
-from glassgait.studies.reproduction.certificates import certified_policies, verdicts_table
-from glassgait.studies.reproduction.contents import DEVIATIONS, contents, r2_by_gait
+from glassgait.studies.reproduction.certificates import certificates
+from glassgait.studies.reproduction.contents import contents, deviations, r2_by_gait
 from glassgait.studies.reproduction.gait import GaitResults, ReportConfig
+from glassgait.studies.reproduction.page import Page
+
+A1 = load_robot()
 
 PAPER_CONTROL_STEPS = 36.9e6
 """1,500 updates of 1,024 robots and 24 steps."""
@@ -77,7 +78,7 @@ def results(tmp_path):
 
 
 def test_every_number_of_the_paper_is_there(results):
-    numbers = [item.number.split(",")[0] for item in contents(results)]
+    numbers = [section.number.split(",")[0] for section in contents(results)]
     figures = [f"Figure {number}" for number in range(1, 12)]
     assert set(numbers) == {"Table I", "Table II", *figures}
 
@@ -90,17 +91,10 @@ def test_r2_stands_beside_the_papers(results):
     assert table["Symbolic", "paper"] == 0.7331
 
 
-def rendered(name, certified):
-    return page_template(report.TEMPLATES, name).render(
-        items=[],
-        deviations=[],
-        gaits=["trot"],
-        config=TINY,
-        quick=True,
-        certified=certified,
-        verdicts=verdicts_table(certified),
-        markdown=to_markdown,
-    )
+def rendered(section, folder):
+    """Writes a page of one section, and returns its HTML and its Markdown."""
+    page = Page("Certificates", [], [section]).write(folder)
+    return page.read_text(), page.with_suffix(".md").read_text()
 
 
 def explained(folder, policy_sha256):
@@ -111,20 +105,22 @@ def explained(folder, policy_sha256):
 
 def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    certified = certified_policies(["half_bound", "trot"], tmp_path / "runs" / "report")
-    assert [own.title for own in certified] == ["Trot: Page of formulas", "Trot: Symbolic"]
-    told = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
-    table = verdicts_table(certified).set_index("policy").loc["Trot: Page of formulas"]
+    certified = certificates(["half_bound", "trot"], A1, tmp_path / "runs" / "report")
+    verdicts, *policies = certified.tables
+    assert [own.heading for own in policies] == ["Trot: Page of formulas", "Trot: Symbolic"]
+    listed = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
+    counts = verdicts.frame.set_index("policy").loc["Trot: Page of formulas"]
     for verdict, outcome in (("proved", "proved"), ("refuted", "refuted"), ("open", "undecided")):
-        names = [claim["name"] for claim in told if claim["outcome"] == outcome]
-        claims = certified[0].claims
+        names = [claim["name"] for claim in listed if claim["outcome"] == outcome]
+        claims = policies[0].frame
         assert list(claims.loc[claims["verdict"] == verdict, "claim"]) == names
-        assert table[verdict] == len(names)
-    for name in ("report.html", "report.md"):
-        page = rendered(name, certified)
-        assert "FR calf in q0: target of −5.67 rad" in page
-        assert "glassgait explain page --gait trot --policy sparse_formula" in page
-    assert "No policy of these gaits has one." in rendered("report.html", [])
+        assert counts[verdict] == len(names)
+    for text in rendered(certified, tmp_path):
+        assert "FR calf in q0: target of −5.67 rad" in text
+        assert "glassgait explain page --gait trot --policy sparse_formula" in text
+    none = certificates(["half_bound"], A1, tmp_path)
+    assert not none.tables
+    assert "No policy of these gaits has one." in none.note
 
 
 def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatch):
@@ -134,16 +130,17 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
     (pages / "damaged").mkdir()
     (pages / "damaged" / "config.yaml").write_text("{")
     folder = tmp_path / "runs" / "report"
-    page, symbolic = certified_policies(["trot"], folder)
-    assert page.page is symbolic.page is None
+    _, page, symbolic = certificates(["trot"], A1, folder).tables
+    assert "](" not in page.note + symbolic.note
     explained(
         pages / "sparse_formula", digest(STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas")
     )
-    page, symbolic = certified_policies(["trot"], folder)
-    assert page.page == "../explanation/trot/sparse_formula/index.html"
-    assert symbolic.page is None
-    for name in ("report.html", "report.md"):
-        assert "../explanation/trot/sparse_formula/index.html#certificate" in rendered(name, [page])
+    certified = certificates(["trot"], A1, folder)
+    _, page, symbolic = certified.tables
+    link = "../explanation/trot/sparse_formula/index.html#certificate"
+    assert f"({link})" in page.note
+    assert "](" not in symbolic.note
+    assert all(link in text for text in rendered(certified, tmp_path))
 
 
 def test_unknown_gaits_are_refused(refused):
@@ -172,8 +169,9 @@ def test_command_writes_one_page_and_resumes(tmp_path, refused):
 
 
 def test_the_deviations_are_those_of_what_ships():
-    told = " ".join(DEVIATIONS)
+    said = " ".join(deviations(A1, trains=False))
+    assert "Unitree A1" in said
     shares = [expert["control_steps"] / PAPER_CONTROL_STEPS * 100 for expert in EXPERTS]
-    assert f"{min(shares):.0f} to {max(shares):.0f} % of the paper's control steps" in told
+    assert f"{min(shares):.0f} to {max(shares):.0f} % of the paper's control steps" in said
     nodes = max(length for _, length in StatewiseSymbolicSettings().shapes)
-    assert f"one per RM state at most {nodes}" in told
+    assert f"one per RM state at most {nodes}" in said

@@ -23,6 +23,19 @@ def test_senses_contact_and_height(standing, fix_inputs):
     np.testing.assert_allclose(height.min(), 0.05)
 
 
+def test_touching_is_of_this_instant_alone(standing, fix_inputs, latch):
+    system = FootSensor(A1)
+    lifted = standing.copy()
+    standing[6] -= 0.012
+    lifted[6] += 0.05
+    context = fix_inputs(system, state=standing)
+    port = system.get_touching_output_port()
+    np.testing.assert_array_equal(port.Eval(context), 1)
+    latch(system, context)
+    fix_inputs(system, context, state=lifted)
+    np.testing.assert_array_equal(port.Eval(context), 0)
+
+
 def test_contact_outlasts_the_touch_by_one_control_step(standing, fix_inputs, latch):
     system = FootSensor(A1)
     lifted = standing.copy()

@@ -16,6 +16,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.systems.body_state_sensor import BodyStateSensor
 from glassgait.systems.function import FunctionSystem
+from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.symbolic_policy import make_symbolic_policy
@@ -39,6 +40,7 @@ def from_state_to_targets():
     """A controller between the plant's state and the joints' targets, all else exported too."""
     builder = DiagramBuilder()
     sensor = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(A1))
+    joints = builder.AddNamedSystem("joint_sensor", JointSensor())
     proprioception = builder.AddNamedSystem("proprioception", Proprioception(A1, LAYOUT))
     observation = builder.AddSystem(Multiplexer([LAYOUT.n_proprioceptive, N_ESTIMATED]))
     policy = builder.AddSystem(make_symbolic_policy(load_student("trot", "statewise_symbolic")))
@@ -48,7 +50,8 @@ def from_state_to_targets():
     builder.Connect(observation.get_output_port(), policy.get_input_port())
     builder.Connect(policy.get_output_port(), targets.get_action_input_port())
     state = builder.ExportInput(sensor.get_state_input_port(), "state")
-    builder.ConnectInput(state, proprioception.get_state_input_port())
+    builder.ConnectInput(state, joints.get_state_input_port())
+    builder.Connect(joints.get_joints_output_port(), proprioception.get_joints_input_port())
     for name in ("command", "commanded_dwell", "previous_action", "rm_state", "rm_iterations"):
         builder.ExportInput(proprioception.GetInputPort(name), name)
     builder.ExportOutput(targets.get_desired_state_output_port(), "desired_state")
@@ -82,7 +85,13 @@ def test_optional_ports_may_stay_unconnected_and_others_not(fix_inputs):
 
 @pytest.mark.parametrize(
     "system",
-    [saxpy(), JointTargets(A1, quadruped.JOINTS), BodyStateSensor(A1), Proprioception(A1, LAYOUT)],
+    [
+        saxpy(),
+        JointTargets(A1, quadruped.JOINTS),
+        JointSensor(),
+        BodyStateSensor(A1),
+        Proprioception(A1, LAYOUT),
+    ],
     ids=lambda system: type(system).__name__,
 )
 def test_the_twin_with_derivatives_has_the_same_values(system, generator):

@@ -23,6 +23,8 @@ from glassgait.models.task.assurance import Hysteresis, Region
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.randomization import Randomization
 from glassgait.systems.action_delay import ActionDelay
 from glassgait.systems.action_hold import ActionHold
 from glassgait.systems.alternation import AlternationSchedule
@@ -40,15 +42,19 @@ from glassgait.systems.function import FunctionSystem
 from glassgait.systems.gait_display import GaitDisplay
 from glassgait.systems.gait_switch import GaitSwitchSystem
 from glassgait.systems.given_command import GivenCommand
+from glassgait.systems.imu import ImuSensor
+from glassgait.systems.joint_sensor import JointSensor
 from glassgait.systems.joint_targets import JointTargets
 from glassgait.systems.link_watchdog import LinkWatchdog
 from glassgait.systems.meshcat_command import MeshcatCommand
 from glassgait.systems.meshcat_gait_request import MeshcatGaitRequest
 from glassgait.systems.observation_offset import ObservationOffset
+from glassgait.systems.odometry import OdometrySystem
 from glassgait.systems.policy import PolicySystem
 from glassgait.systems.proprioception import Proprioception
 from glassgait.systems.reward import RewardSystem
 from glassgait.systems.reward_machine import RewardMachineSystem
+from glassgait.systems.sensor_bias import SensorBias
 from glassgait.systems.sensors_receiver import SensorsReceiver
 from glassgait.systems.sensors_sender import SensorsSender
 from glassgait.systems.state_estimator import StateEstimator
@@ -110,7 +116,7 @@ PORTS: dict[Any, Ports] = {
         {"state": 37, "action": 12, "previous_action": 12},
         {"failures": 6},
     ),
-    FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, FEET),
+    FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),
     GaitDisplay: Ports(
         lambda meshcat: GaitDisplay(A1, TROT, meshcat),
         {"state": 37, "rm_state": 2, "foot_contact": 4},
@@ -133,6 +139,16 @@ PORTS: dict[Any, Ports] = {
             ("drawn_dwell", "commanded_dwell"),
         },
     ),
+    ImuSensor: Ports(
+        lambda: ImuSensor(np.array([0.0, 0.0, -9.81]), delay=2),
+        {"state": 37, "uniform_noise": 9, "imu_bias": 9},
+        {"imu": 9},
+    ),
+    JointSensor: Ports(
+        lambda: JointSensor(0.5),
+        {"state": 37, "uniform_noise": 24, "encoder_bias": 12},
+        {"joints": 24},
+    ),
     JointTargets: Ports(
         lambda: JointTargets(A1, quadruped.JOINTS), {"action": 12}, {"desired_state": 24}
     ),
@@ -151,18 +167,24 @@ PORTS: dict[Any, Ports] = {
         {"observation": 3},
         {"given_observation": 3},
     ),
+    OdometrySystem: Ports(
+        lambda: OdometrySystem(A1, Odometry()),
+        {"joints": 24, "imu": 9, "touching": 4},
+        {"body_state": 7, "previous_foot_height": 4},
+        {(source, "body_state") for source in ("joints", "imu", "touching")},
+    ),
     PolicySystem: Ports(lambda: PolicySystem(POLICY), {"observation": 49}, {"action": 12}),
     Proprioception: Ports(
-        lambda: Proprioception(A1, LAYOUT),
+        lambda: Proprioception(A1, ObservationLayout(2, imu=True)),
         {
-            "state": 37,
+            "joints": 24,
             **COMMAND,
             "previous_action": 12,
             "rm_state": 2,
             "rm_iterations": 1,
-            "uniform_noise": 24,
+            "imu": 9,
         },
-        {"proprioception": 42},
+        {"proprioception": 48},
     ),
     RandomCommand: Ports(lambda: RandomCommand(TROT), {"seed": 1}, COMMAND),
     RewardMachineSystem: Ports(
@@ -194,10 +216,15 @@ PORTS: dict[Any, Ports] = {
         }
         | {("reward_multiplier", "reward")},
     ),
-    SensorsReceiver: Ports(SensorsReceiver, {"message": ABSTRACT}, {"state": 37, "touching": 4}),
+    SensorBias: Ports(
+        lambda: SensorBias(Randomization()), {"seed": 1}, {"encoder_bias": 12, "imu_bias": 9}
+    ),
+    SensorsReceiver: Ports(
+        SensorsReceiver, {"message": ABSTRACT}, {"joints": 24, "touching": 4, "imu": 9}
+    ),
     SensorsSender: Ports(
-        lambda: SensorsSender(A1, session=3),
-        {"state": 37, "followed": 1, "uniform_noise": 24},
+        lambda: SensorsSender(session=3),
+        {"joints": 24, "touching": 4, "imu": 9, "followed": 1},
         {"message": ABSTRACT},
     ),
     StateEstimator: Ports(
@@ -212,7 +239,7 @@ PORTS: dict[Any, Ports] = {
     make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
 }
 
-CONVERTING = {BodyStateSensor, JointTargets, Proprioception, make_symbolic_policy}
+CONVERTING = {BodyStateSensor, JointSensor, JointTargets, Proprioception, make_symbolic_policy}
 
 
 @pytest.fixture(scope="module")

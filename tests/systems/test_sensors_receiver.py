@@ -4,32 +4,22 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 
-from glassgait.models.export.binding import Sensors
 from glassgait.models.link.messages import sensors_t, targets_t
 from glassgait.models.link.packing import pack_sensors
-from glassgait.models.robots import quadruped
 from glassgait.systems.sensors_receiver import SensorsReceiver
 
 
-def test_gives_joints_and_feet_and_no_trunk(generator):
+def test_gives_joints_feet_and_imu(generator):
     system = SensorsReceiver()
     context = system.CreateDefaultContext()
-    sent = Sensors(
-        generator.normal(size=12), generator.normal(size=12), np.array([True, False, False, True])
-    )
-    message = sensors_t.decode(pack_sensors(3, 0.02, sent, followed=True).encode())
+    joints, imu = generator.normal(size=24), generator.normal(size=9)
+    touching = np.array([True, False, False, True])
+    packed = pack_sensors(3, 0.02, joints=joints, touching=touching, imu=imu, followed=True)
+    message = sensors_t.decode(packed.encode())
     system.get_message_input_port().FixValue(context, AbstractValue.Make(message))
     clone = context.Clone()
-    state = system.get_state_output_port().Eval(context)
-    np.testing.assert_array_equal(state[quadruped.JOINT_POSITION], sent.joint_position)
-    np.testing.assert_array_equal(state[quadruped.JOINT_VELOCITY], sent.joint_velocity)
-    for trunk in (
-        quadruped.QUATERNION,
-        quadruped.POSITION,
-        quadruped.ANGULAR_VELOCITY,
-        quadruped.LINEAR_VELOCITY,
-    ):
-        assert np.all(np.isnan(state[trunk]))
+    np.testing.assert_array_equal(system.get_joints_output_port().Eval(context), joints)
+    np.testing.assert_array_equal(system.get_imu_output_port().Eval(context), imu)
     np.testing.assert_array_equal(system.get_touching_output_port().Eval(clone), [1, 0, 0, 1])
 
 
@@ -40,9 +30,9 @@ def test_before_the_first_message_no_foot_touches():
     np.testing.assert_array_equal(system.get_touching_output_port().Eval(context), 0)
 
 
-def test_a_message_of_another_kind_is_no_state():
+def test_a_message_of_another_kind_is_refused():
     system = SensorsReceiver()
     context = system.CreateDefaultContext()
     system.get_message_input_port().FixValue(context, AbstractValue.Make(targets_t()))
     with pytest.raises(AttributeError):
-        system.get_state_output_port().Eval(context)
+        system.get_joints_output_port().Eval(context)

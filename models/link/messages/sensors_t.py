@@ -19,11 +19,11 @@ import struct
 class sensors_t(object):
     """ What the robot senses, sent once every control step. """
 
-    __slots__ = ["session", "sequence", "utime", "joint_position", "joint_velocity", "foot_contact", "followed"]
+    __slots__ = ["session", "sequence", "utime", "joint_position", "joint_velocity", "foot_contact", "angular_velocity", "velocity_change", "gravity", "followed"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "boolean", "boolean"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "boolean", "double", "double", "double", "boolean"]
 
-    __dimensions__ = [None, None, None, [12], [12], [4], None]
+    __dimensions__ = [None, None, None, [12], [12], [4], [3], [3], [3], None]
 
     def __init__(self):
         self.session = 0
@@ -62,6 +62,25 @@ class sensors_t(object):
         LCM Type: boolean[4]
         """
 
+        self.angular_velocity = [ 0.0 for dim0 in range(3) ]
+        """
+        What the gyroscope measures, in the trunk's frame (rad/s).
+        LCM Type: double[3]
+        """
+
+        self.velocity_change = [ 0.0 for dim0 in range(3) ]
+        """
+        What the accelerometer measured, summed over the control step that ends now, in the trunk's
+        frame (m/s): at rest 0.02 s times gravity, upward.
+        LCM Type: double[3]
+        """
+
+        self.gravity = [ 0.0 for dim0 in range(3) ]
+        """
+        The direction of gravity in the trunk's frame, a unit vector.
+        LCM Type: double[3]
+        """
+
         self.followed = False
         """
         Whether the joints follow the targets. A controller that is not followed starts anew with
@@ -81,6 +100,9 @@ class sensors_t(object):
         buf.write(struct.pack('>12d', *self.joint_position[:12]))
         buf.write(struct.pack('>12d', *self.joint_velocity[:12]))
         buf.write(struct.pack('>4b', *self.foot_contact[:4]))
+        buf.write(struct.pack('>3d', *self.angular_velocity[:3]))
+        buf.write(struct.pack('>3d', *self.velocity_change[:3]))
+        buf.write(struct.pack('>3d', *self.gravity[:3]))
         buf.write(struct.pack(">b", self.followed))
 
     @staticmethod
@@ -100,13 +122,16 @@ class sensors_t(object):
         self.joint_position = struct.unpack('>12d', buf.read(96))
         self.joint_velocity = struct.unpack('>12d', buf.read(96))
         self.foot_contact = [bool(x) for x in struct.unpack('>4b', buf.read(4))]
+        self.angular_velocity = struct.unpack('>3d', buf.read(24))
+        self.velocity_change = struct.unpack('>3d', buf.read(24))
+        self.gravity = struct.unpack('>3d', buf.read(24))
         self.followed = bool(struct.unpack('b', buf.read(1))[0])
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if sensors_t in parents: return 0
-        tmphash = (0x3d0e0a1c2b442408) & 0xffffffffffffffff
+        tmphash = (0x60d4b9ec05fbed4a) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -9,51 +9,38 @@ import tyro
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import policy_path
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import Settings
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console
-from glassgait.studies.common.policies import EXPERT, find_policies
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.command import show_learning
 
 
 @dataclass(frozen=True)
-class Refine(Settings):
+class Refine(OnePolicy):
     """Let a policy of formulas learn on in closed loop, by PPO: its numbers change alone.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
-            default.
         config: Settings of the run.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
         resume: Continue from the folder's checkpoint.
     """
 
     title: ClassVar[str] = "refine"
 
-    gait: str = "trot"
-    policy: str | None = None
     config: Annotated[RefinementConfig, tyro.conf.arg(name="")] = field(
         default_factory=RefinementConfig
     )
-    robot: str | None = None
-    source: Path | None = None
     output: Path | None = None
     resume: bool = False
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.gait)
-        found = find_policies(gait, self.source, self.robot)
-        named = self.policy or default_student(found)
+        found, named = self.find()
+        gait = found.gait
         policy, expert = found.formulas(named), found.expert_of(named)
         terms = self.config.terms
         if terms is not None and not _is_weighted_sum(policy):

@@ -1,7 +1,6 @@
 """Formulas as a network: PPO changes their numbers, and nothing else."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -155,11 +154,7 @@ class FormulaNetwork(nn.Module):
             for place, formula in self._written.items()
         }
         every = written if self._mirror is None else self._mirror.complete(written)
-        places = sorted(every)
-        vocabulary, formulas = self._file.vocabulary.using(every[place] for place in places)
-        whole = dict(zip(places, formulas, strict=True))
-        file = replace(self._file, vocabulary=vocabulary, formulas=whole)
-        return FormulaPolicy.from_file(file, self._robot)
+        return FormulaPolicy.from_file(self._file.with_formulas(every), self._robot)
 
     def _numbers(self) -> torch.Tensor:
         return self.kept * (self.start + self.unit @ self.changes)

@@ -88,7 +88,6 @@ class RefinementConfig(Settings):
 
         Args:
             update: Updates done.
-            at_first: Terms at first.
         """
         if self.terms is None:
             return at_first
@@ -101,7 +100,6 @@ class RefinementConfig(Settings):
 
         Args:
             update: Updates done; 0 for the formulas that the run begins with.
-            n_terms: Terms that they have.
         """
         due = update % self.candidate_updates == 0 or update == self.updates
         return due and (self.terms is None or n_terms <= self.terms)
@@ -112,7 +110,6 @@ class RefinementConfig(Settings):
         """Returns the settings as those of a run that learns.
 
         Args:
-            gait: Name of the gait.
             robot: Name of the robot, or path of its robot.yaml.
             limit_targets: Whether joints follow targets within their ranges alone.
 
@@ -156,7 +153,6 @@ class RefinementRun(LearningRun):
         """
         Args:
             config: Settings; a resumed run must have the same, except for more updates.
-            gait: The gait.
             expert: The expert; its estimator, which no longer learns, observes for the policy.
             policy: The policy to begin with.
             folder: Where policy, checkpoint, curve and TensorBoard events go.

@@ -24,15 +24,9 @@ RIDGE = 1.0
 
 def untrained_student(expert: Policy) -> Policy:
     """Returns the student before its first fit: it asks for the default stance."""
-    n = len(expert.observation_names)
-    zero = np.zeros((quadruped.N_JOINTS, n))
-    return LinearPolicy(
-        expert.gait,
-        expert.observation_names,
-        zero,
-        np.zeros(quadruped.N_JOINTS),
-        robot=expert.robot,
-    )
+    names, n_joints = expert.observation_names, quadruped.N_JOINTS
+    weights, intercepts = np.zeros((n_joints, len(names))), np.zeros(n_joints)
+    return LinearPolicy(expert.gait, names, weights, intercepts, robot=expert.robot)
 
 
 def _fit_linear(
@@ -75,11 +69,8 @@ ITERATIONS = 16
 def _fit_open_loop(
     samples: TrainingSet, settings: StudentSettings, *, seed: int, n_jobs: int
 ) -> OpenLoopPolicy:
-    names, observations, actions = (
-        samples.observation_names,
-        samples.observations,
-        samples.actions,
-    )
+    names, observations = samples.observation_names, samples.observations
+    actions = samples.actions
     one_hot = observations[:, machine_state_entries(names)]
     state, n_states = np.argmax(one_hot, axis=1), one_hot.shape[1]
     (iterations,) = indices_of("iterations", names)

@@ -48,7 +48,6 @@ def latex_formula(formula: Expression, symbols: Sequence[str]) -> str:
     """Writes a formula in canonical form as the right side of `align*`, a few terms a line.
 
     Args:
-        formula: The formula.
         symbols: Symbols of the variables, in order.
     """
     pieces = _terms(formula, symbols)

@@ -1,6 +1,7 @@
 """Where students and their certificates are kept, and finding them."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from glassgait.models.certificates.certificate import shipped_certificates
@@ -16,9 +17,10 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder
-from glassgait.models.task.gait import Gait
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.policies import Policies
+from glassgait.studies.common.policies import Policies, find_policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
 from glassgait.studies.distillation.students.student import ITSELF
@@ -75,6 +77,30 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
     return {kind: load_student_of(expert, policy_path(folder, kind)) for kind in kinds}
 
 
+@dataclass(frozen=True)
+class OnePolicy(Settings):
+    """Settings of a command that takes one student.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        policy: Kind of student, or path of a policy file; by default the student whose actions are
+            sums of the fewest terms.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
+    """
+
+    gait: str = "trot"
+    policy: str | None = None
+    robot: str | None = None
+    source: Path | None = None
+
+    def find(self) -> tuple[Policies, str]:
+        """Finds the policies of the gait, and returns the name of the one that is taken."""
+        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        return found, self.policy or default_student(found)
+
+
 def default_student(found: Policies) -> str:
     """Names the student of a gait that is explained where a person names none.
 
@@ -116,8 +142,6 @@ def find_certificate(
     """Finds the certificate of a policy, by the digest of the policy's file.
 
     Args:
-        policy_file: File of the policy.
-        gait: Its gait.
         path: File of the certificate; by default one in runs/certification/<gait> or, where that
             holds none of this policy, one that ships.
         robot: The policy's robot; the default one by default.

@@ -13,7 +13,6 @@ from annotated_types import Ge
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
-from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import FormulaMirror, Place
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.tape import Tape
@@ -151,11 +150,7 @@ def condense(samples: TrainingSet, n_terms: int, *, mirrored: bool) -> FormulaPo
         formulas |= zip(part.places, readable(sums, values, part.targets), strict=True)
     if mirror is not None:
         formulas = FormulaMirror.of(fit.vocabulary, mirror).complete(formulas)
-    places = sorted(formulas)
-    vocabulary, kept = fit.vocabulary.using(formulas[place] for place in places)
-    whole = dict(zip(places, kept, strict=True))
-    file = FormulaFile(samples.gait, vocabulary, whole, mirror, robot=samples.robot.name)
-    return FormulaPolicy.from_file(file, samples.robot)
+    return fit.policy(samples.gait, formulas, mirror)
 
 
 def allot(errors: Sequence[Array], n_terms: int) -> list[int]:

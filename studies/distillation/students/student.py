@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -68,13 +69,10 @@ class TrainingSet:
     """What a student is fitted to.
 
     Attributes:
-        gait: Name of the gait.
-        observation_names: Names of the observations.
         observations: Samples (m, n).
         actions: The expert's actions there (m, 12).
         starts: Whether each sample is of an episode's start (m,).
         mirror: State that each state of the machine is in the mirror; None where it favours a side.
-        robot: The robot.
     """
 
     gait: str
@@ -153,48 +151,48 @@ class Student:
             POLICY_CLASSES[self.policy.kind] = self.policy
 
 
-def fit_joints(
-    fit: Callable[[Array, Array, int, Any], Any],
+def compiled_student(
+    name: str,
+    title: str,
+    fit_joint: Callable[[Array, Array, int, Any], Any],
+    compile_models: Callable[..., Policy],
+    **options: Any,
+) -> Student:
+    """Returns a student whose joints are models of a library, which are compiled to a policy.
+
+    Args:
+        name: What commands, files and tables' columns call it.
+        title: What people call it.
+        fit_joint: Fits the model of a joint: `fit_joint(observations, target, seed, settings)`.
+        compile_models: Makes the policy: `compile_models(gait, names, models, robot)`.
+        options: The other attributes of `Student`.
+    """
+    fit_models = partial(_fit_models, fit_joint)
+    fit = partial(_fit_compiled, fit_models, compile_models)
+    return Student(name, title, fit, fit_models=fit_models, compile=compile_models, **options)
+
+
+def _fit_models(
+    fit_joint: Callable[..., Any],
     samples: TrainingSet,
     settings: StudentSettings,
     *,
     seed: int,
     n_jobs: int,
 ) -> list[Any]:
-    """Fits a library's model for each joint.
-
-    Args:
-        fit: Fits one: `fit(observations, target, seed, settings)`.
-        samples: What to fit to.
-        settings: Its settings.
-        seed: Seed of the first joint; the others count on.
-        n_jobs: Joints that are fitted at once.
-    """
     jobs = (
-        delayed(fit)(samples.observations, samples.actions[:, joint], seed + joint, settings)
+        delayed(fit_joint)(samples.observations, samples.actions[:, joint], seed + joint, settings)
         for joint in range(quadruped.N_JOINTS)
     )
     return list(run_parallel(jobs, n_jobs))
 
 
-def fit_compiled(
-    fit: Callable[[Array, Array, int, Any], Any],
+def _fit_compiled(
+    fit_models: Callable[..., list[Any]],
     compile_models: Callable[..., Policy],
     samples: TrainingSet,
     settings: StudentSettings,
-    *,
-    seed: int,
-    n_jobs: int,
+    **options: int,
 ) -> Policy:
-    """Fits a library's model for each joint, and compiles them to a policy.
-
-    Args:
-        fit: Fits one: `fit(observations, target, seed, settings)`.
-        compile_models: Makes the policy: `compile_models(gait, names, models, robot)`.
-        samples: What to fit to.
-        settings: Its settings.
-        seed: Seed of the first joint; the others count on.
-        n_jobs: Joints that are fitted at once.
-    """
-    models = fit_joints(fit, samples, settings, seed=seed, n_jobs=n_jobs)
+    models = fit_models(samples, settings, **options)
     return compile_models(samples.gait, samples.observation_names, models, samples.robot)

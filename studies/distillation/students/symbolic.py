@@ -5,11 +5,14 @@ They are fitted as they are written: in the robot's units, with three digits.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, canonical, constant
+from glassgait.models.formulas.file import FormulaFile
+from glassgait.models.formulas.mirror import Place
 from glassgait.models.formulas.quantities import (
     GATES,
     RobotUnits,
@@ -19,10 +22,7 @@ from glassgait.models.formulas.quantities import (
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.symbolic import (
     FormulaPolicy,
-    StatewiseSymbolicPolicy,
-    SymbolicPolicy,
 )
-from glassgait.models.robots.quadruped import N_JOINTS
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.student import Student, TrainingSet
@@ -69,7 +69,6 @@ class FormulaFit:
     ) -> None:
         """
         Args:
-            robot: The robot.
             names: Names of the observations (n).
             gates: Returns what says where in the gait the robot is.
         """
@@ -108,12 +107,19 @@ class FormulaFit:
         formulas = fit_formulas(values, targets, seed, settings, self._gates, n, n_jobs)
         return readable(formulas, values, targets)
 
+    def policy(
+        self, gait: str, formulas: Mapping[Place, Expression], mirror: tuple[int, ...] | None = None
+    ) -> FormulaPolicy:
+        """Returns the policy that acts by formulas, without the definitions that none uses."""
+        robot = self._units.robot
+        file = FormulaFile(gait, self.vocabulary, formulas, mirror, robot=robot.name)
+        return FormulaPolicy.from_file(file.with_formulas(formulas), robot)
+
 
 def settled(formula: Expression, names: Sequence[str], state: int) -> Expression:
     """Puts what is known in a state of the machine, which state it is, into a formula.
 
     Args:
-        formula: The formula.
         names: Names of the observations, of the formula's first variables.
         state: Index of the state.
     """
@@ -154,7 +160,7 @@ def short_numbers(policy: FormulaPolicy) -> FormulaPolicy:
     """Rounds the numbers of all formulas of a policy to the digits that are shown."""
     file = policy.to_file()
     formulas = {place: rounded(formula) for place, formula in file.formulas.items()}
-    return FormulaPolicy.from_file(replace(file, formulas=formulas))
+    return FormulaPolicy.from_file(replace(file, formulas=formulas), policy.robot)
 
 
 def _rounded(formula: Expression, digits: int) -> Expression:
@@ -177,81 +183,30 @@ def _raised(formula: Expression, by: float) -> Expression:
             return formula
 
 
-def _repeated_starts(samples: TrainingSet, settings: SymbolicSettings) -> TrainingSet:
+def _fit(
+    samples: TrainingSet, settings: SymbolicSettings, *, statewise: bool, seed: int, n_jobs: int
+) -> FormulaPolicy:
+    """Fits a formula for each joint, or one for each joint and state of the machine."""
     counts = np.where(samples.starts, settings.start_weights[0], 1)
-    return samples.subset(np.repeat(np.arange(len(counts)), counts))
-
-
-def fit_policy(
-    samples: TrainingSet,
-    gates: Callable[[Vocabulary], Sequence[Expression]],
-    settings: SymbolicSettings,
-    *,
-    statewise: bool,
-    seed: int = 0,
-    n_jobs: int = 1,
-) -> FormulaPolicy:
-    """Fits a formula for each joint, or one for each joint and state of the machine.
-
-    Args:
-        samples: What the formulas are fitted to.
-        gates: Returns what encodes where in the gait the robot is.
-        settings: Engine and budget; of several shapes the first counts.
-        statewise: Whether each state of the machine has formulas of its own.
-        seed: Seed of the search.
-        n_jobs: Formulas that are searched at once.
-
-    Raises:
-        InputError: if the engine is PySR and Julia cannot start, or its search fails.
-    """
+    samples = samples.subset(np.repeat(np.arange(len(counts)), counts))
     names = samples.observation_names
-    fit = FormulaFit(samples.robot, names, gates)
-    if not statewise:
-        formulas = fit(samples.observations, samples.actions, seed, settings, n_jobs)
-        vocabulary, kept = fit.vocabulary.using(formulas)
-        return SymbolicPolicy(
-            samples.gait,
-            names,
-            kept,
-            definitions=vocabulary.definitions,
-            robot=samples.robot,
-        )
-    formulas = [
-        settled(formula, names, state)
-        for state, mine in enumerate(samples.by_state())
-        for formula in fit(
-            samples.observations[mine], samples.actions[mine], seed, settings, n_jobs
-        )
-    ]
-    vocabulary, kept = fit.vocabulary.using(formulas)
-    rows = [kept[start : start + N_JOINTS] for start in range(0, len(kept), N_JOINTS)]
-    return StatewiseSymbolicPolicy(
-        samples.gait,
-        names,
-        rows,
-        definitions=vocabulary.definitions,
-        robot=samples.robot,
-    )
-
-
-def _fit_symbolic(
-    samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
-) -> FormulaPolicy:
-    own = _repeated_starts(samples, settings)
-    return fit_policy(own, shared_gates, settings, statewise=False, seed=seed, n_jobs=n_jobs)
-
-
-def _fit_statewise_symbolic(
-    samples: TrainingSet, settings: SymbolicSettings, *, seed: int, n_jobs: int
-) -> FormulaPolicy:
-    own = _repeated_starts(samples, settings)
-    return fit_policy(own, gates, settings, statewise=True, seed=seed, n_jobs=n_jobs)
+    fit = FormulaFit(samples.robot, names, gates if statewise else shared_gates)
+    parts = samples.by_state() if statewise else [np.ones(len(samples.actions), dtype=bool)]
+    formulas: dict[Place, Expression] = {}
+    for state, mine in enumerate(parts):
+        own = fit(samples.observations[mine], samples.actions[mine], seed, settings, n_jobs)
+        if statewise:
+            own = [settled(formula, names, state) for formula in own]
+        formulas |= {
+            (state, joint) if statewise else (joint,): formula for joint, formula in enumerate(own)
+        }
+    return fit.policy(samples.gait, formulas)
 
 
 SYMBOLIC = Student(
     "symbolic",
     "Symbolic",
-    _fit_symbolic,
+    partial(_fit, statewise=False),
     color="#009E73",
     marker="D",
     settings=SymbolicSettings(),
@@ -262,7 +217,7 @@ SYMBOLIC = Student(
 STATEWISE_SYMBOLIC = Student(
     "statewise_symbolic",
     "Symbolic per RM state",
-    _fit_statewise_symbolic,
+    partial(_fit, statewise=True),
     color="#CC79A7",
     marker="P",
     settings=StatewiseSymbolicSettings(),

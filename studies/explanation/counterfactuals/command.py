@@ -1,10 +1,12 @@
 """`glassgait explain counterfactual`: what a joint would have had to observe to do otherwise."""
 
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+import pandas as pd
 from annotated_types import Ge, Lt
 
 from glassgait.diagrams.commands import FixedCommand
@@ -12,22 +14,24 @@ from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.pair_replay import ReplayedRobot, save_pair_replay
 from glassgait.diagrams.rollout import Rollout
 from glassgait.diagrams.scenario import Scenario
+from glassgait.models.arrays import Array
 from glassgait.models.counterfactuals.question import Answer, Intervention, Question, Room
-from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched
+from glassgait.models.counterfactuals.search import Answers, answer, refuse_unsearched, search_of
 from glassgait.models.errors import InputError
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import Count, Natural, Seed, Settings
+from glassgait.models.settings import Count, Natural, Seed
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import Gait, load_gait
-from glassgait.studies.common.console import console, say
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import console, progress_bar, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts.play import Seconds, roll_one_out
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.explanation.counterfactuals.futures import (
     AFTER,
     WAS,
@@ -35,27 +39,102 @@ from glassgait.studies.explanation.counterfactuals.futures import (
     Futures,
     course_figure,
 )
-from glassgait.studies.explanation.counterfactuals.page import render_page
-from glassgait.studies.explanation.counterfactuals.survey import ask_many, summary
-from glassgait.studies.explanation.counterfactuals.words import (
+from glassgait.studies.explanation.counterfactuals.page import (
     answer_table,
     certainty_in_words,
     outcome_in_words,
     question_in_words,
+    render_page,
 )
+
+COLUMNS = (
+    "joint",
+    "step",
+    "by",
+    "distance",
+    "gap",
+    "changed",
+    "fewest",
+    "seconds",
+    "fewest_seconds",
+)
+
+
+def ask_many(
+    policy: Policy, observations: Array, room: Room, *, count: int, by: float, seed: int
+) -> pd.DataFrame:
+    """Asks questions of random moments and joints, up and down by turns.
+
+    Args:
+        observations: What it observed (m, n).
+        room: What may be observed instead.
+        count: Number of questions.
+        by: By how much the target is to change (rad), either way.
+        seed: Seed of moments and joints.
+
+    Returns:
+        A row a question, with `COLUMNS`: the nearest answer's distance (spreads), gap and number of
+        observations that it changes, NaN where there is none; how many change at `fewest`, NaN for
+        more than two; and the processor's time of both answers (s).
+    """
+    generator = np.random.default_rng(seed)
+    steps = generator.integers(len(observations), size=count)
+    joints = generator.integers(quadruped.N_JOINTS, size=count)
+    rows = []
+    with progress_bar(count) as (progress, task):
+        for number, (joint, step) in enumerate(zip(joints.tolist(), steps.tolist(), strict=True)):
+            way = abs(by) * (1 if number % 2 == 0 else -1)
+            question = Question(policy, joint, observations[step], way, room)
+            rows.append((quadruped.JOINTS[joint], step, way, *_asked(question)))
+            progress.update(task, advance=1, text=f"{number + 1} questions")
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _asked(question: Question) -> tuple[float, ...]:
+    start = time.process_time()
+    search = search_of(question)
+    nearest = search.nearest()
+    middle = time.process_time()
+    fewest = search.fewest()
+    end = time.process_time()
+    found = (np.nan, np.nan, np.nan)
+    if nearest is not None:
+        found = (nearest.distance, nearest.gap, len(nearest.changed))
+    few = np.nan if fewest is None else len(fewest.changed)
+    return *found, few, middle - start, end - middle
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """Sums up the questions in one row, under what people call the columns."""
+    nearest = table.dropna(subset=["distance"])
+    return pd.DataFrame(
+        [
+            {
+                "questions": len(table),
+                "answered": len(nearest),
+                "largest gap": float(nearest["gap"].max()),
+                "median time (s)": float(table["seconds"].median()),
+                "longest (s)": float(table["seconds"].max()),
+                "median of fewest (s)": float(table["fewest_seconds"].median()),
+                "median distance": float(nearest["distance"].median()),
+                "observations, nearest": float(nearest["changed"].median()),
+                "one is enough": int((table["fewest"] == 1).sum()),
+                "two are": int((table["fewest"] == 2).sum()),
+                "more": int(table["fewest"].isna().sum()),
+            }
+        ]
+    )
+
 
 REPETITIONS = 100
 """How often the short replay plays before it stands still."""
 
 
 @dataclass(frozen=True)
-class ExplainCounterfactual(Settings):
+class ExplainCounterfactual(OnePolicy):
     """Ask what a robot would have had to observe for a joint to do otherwise, and let it.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: A kind of student, or the path of a policy file; linear, additive, of formulas or of
-            trees. By default one that ships with the gait.
         joint: The joint.
         step: Control step that the question is about.
         by: By how much the joint's target should have been greater (rad), or smaller, where it is
@@ -69,9 +148,6 @@ class ExplainCounterfactual(Settings):
             the step asks for it.
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         resume: Answer anew in a folder that holds the same question.
         output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
             default.
@@ -79,8 +155,6 @@ class ExplainCounterfactual(Settings):
 
     title: ClassVar[str] = "counterfactual"
 
-    gait: str = "trot"
-    policy: str | None = None
     joint: str = "FR_calf"
     step: Annotated[int, Ge(0), Lt(180_000)] = 280
     by: float = 0.1
@@ -91,8 +165,6 @@ class ExplainCounterfactual(Settings):
     seconds: Seconds = 6.0
     survey: Natural = 0
     seed: Seed = 0
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -105,9 +177,8 @@ class ExplainCounterfactual(Settings):
 
     def run(self) -> None:
         """Asks, lets the robot walk with the answer, and writes the page."""
-        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        found, name = self.find()
         gait = found.gait
-        name = self.policy or default_student(found)
         if name == "expert":
             raise InputError("--policy expert: a network is not searched; name a student")
         controller, joint = found.controller(name), joint_index(self.joint)

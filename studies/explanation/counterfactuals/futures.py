@@ -30,11 +30,9 @@ class Futures:
     """Two rollouts that are the same up to a moment.
 
     Attributes:
-        was: The rollout as it was.
         would_be: The rollout whose policy was given another observation.
         step: Control step of the moment.
         joint: Index of the joint that was asked about.
-        robot: The robot.
     """
 
     was: Rollout

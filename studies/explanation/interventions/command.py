@@ -6,63 +6,133 @@ from typing import Annotated, ClassVar
 
 import pandas as pd
 from annotated_types import Ge
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.settings import Count, Seed, Settings
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.settings import Count, Seed
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.distillation.students.library import default_student
+from glassgait.studies.distillation.students.library import OnePolicy
 from glassgait.studies.distillation.students.registry import student_title
-from glassgait.studies.explanation.interventions.derivation import derive_claims, refuse_too_few
-from glassgait.studies.explanation.interventions.figures import claims_figure
+from glassgait.studies.explanation.interventions.claims import derive_claims, refuse_too_few
 from glassgait.studies.explanation.interventions.study import Examiner, readable_table
 from glassgait.studies.explanation.interventions.terms import readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk, walk
 
+HOLDS, FAILS, PREDICTED = "#1b6ca8", "#c0392b", "0.35"
+"""Colours of claims that hold, of those that do not, and of what was predicted."""
+
+TITLES = {
+    "joint": "The term sees one standard deviation more of its input",
+    "following": "The term is replaced by its mean",
+}
+LABELS = {
+    "joint": "movement of its joint (rad)",
+    "following": "by how much more robots miss their command (m/s or rad/s)",
+}
+"""What stands above and below the panel of each subject."""
+
+ROW = 0.3
+"""Height of a row (inches)."""
+
+
+@styled
+def claims_figure(table: pd.DataFrame, title: str) -> Figure:
+    """Draws each claim's predicted effect and the measured one with its 95 % interval, a row each.
+
+    Args:
+        table: What `Examiner.examine` returned.
+        title: What stands above.
+    """
+    parts = [part for _, part in table.groupby("subject", sort=False)]
+    heights = [len(part) + 1 for part in parts]
+    figure, panels = subplots(
+        len(parts),
+        1,
+        figsize=(2 * COLUMN_WIDTH, ROW * sum(heights) + 0.7 * len(parts) + 0.4),
+        squeeze=False,
+        height_ratios=heights,
+    )
+    for panel, part in zip(panels[:, 0], parts, strict=True):
+        _draw(panel, part)
+        panel.set_title(TITLES[part["subject"].iloc[0]])
+        panel.set_xlabel(LABELS[part["subject"].iloc[0]])
+    figure.legend(handles=_legend(table), loc="outside upper center", ncols=3, title=title)
+    return figure
+
+
+def _draw(panel: Axes, part: pd.DataFrame) -> None:
+    panel.axvline(0.0, color="0.6", linewidth=0.8)
+    for row, cell in enumerate(part.to_dict(orient="records")):
+        color = HOLDS if cell["holds"] else FAILS
+        panel.plot(
+            cell["predicted"], row, marker="D", color=PREDICTED, markersize=4, fillstyle="none"
+        )
+        panel.errorbar(
+            cell["measured"],
+            row,
+            xerr=cell["high"] - cell["measured"],
+            fmt="o" if cell["holds"] else "X",
+            color=color,
+            markersize=4,
+            elinewidth=1.2,
+            capsize=2,
+        )
+    panel.set_yticks(range(len(part)), [_label(cell) for cell in part.to_dict(orient="records")])
+    panel.set_ylim(len(part) - 0.4, -0.6)
+    panel.grid(visible=False, axis="y")
+
+
+def _label(cell: dict) -> str:
+    where = f", state {cell['state']}" if cell["state"] >= 0 else ""
+    return f"{cell['joint']}{where}: {cell['term']}"
+
+
+def _legend(table: pd.DataFrame) -> list[Line2D]:
+    style = {"linestyle": "none", "markersize": 4}
+    handles = [
+        Line2D([], [], marker="D", color=PREDICTED, fillstyle="none", label="predicted", **style),
+        Line2D([], [], marker="o", color=HOLDS, label="measured: the claim holds", **style),
+    ]
+    if not table["holds"].all():
+        fails = Line2D([], [], marker="X", color=FAILS, label="measured: it does not", **style)
+        handles.append(fails)
+    return handles
+
 
 @dataclass(frozen=True)
-class ExplainInterventions(Settings):
+class ExplainInterventions(OnePolicy):
     """Test what a policy of formulas says: change a term, and see whether the robot moves so.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: Kind of student, or path of a formula file; of the shipped formulas the shortest by
-            default.
         n_claims: Claims of joints, one a term, the terms that move a target most.
         n_robots: Robots of each walk.
         n_steps: Control steps of each.
         seed: Seed of starts, commands and noise, the same for every walk.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/claims/<gait>/<policy> by default.
     """
 
     title: ClassVar[str] = "claims"
 
-    gait: str = "trot"
-    policy: str | None = None
     n_claims: Count = 8
     n_robots: Annotated[Count, Ge(2)] = 26
     n_steps: Annotated[Count, Ge(2)] = 500
     seed: Seed = REPORTED_SEEDS[0]
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Derives claims, tests them, and writes how they did."""
-        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        found, name = self.find()
         gait = found.gait
-        name = self.policy or default_student(found)
         policy, expert = found.formulas(name), found.expert_of(name)
         stem = Path(name).stem
         folder = self.output or found.output("claims") / stem
@@ -72,14 +142,10 @@ class ExplainInterventions(Settings):
         with open_run(
             folder, study="explain interventions", settings=self, inputs=inputs, resume=self.resume
         ):
-            table, plain = self._test(gait, expert, policy, folder)
+            table, falls = self._test(gait, expert, policy, folder)
             write_table(readable_table(table), folder / "claims")
-            metrics = {
-                "claims": json_records(table),
-                "held": int(table["holds"].sum()),
-                "tested": len(table),
-                "falls": plain.falls,
-            }
+            metrics = {"claims": json_records(table), "held": int(table["holds"].sum())}
+            metrics |= {"tested": len(table), "falls": falls}
             write_metrics(metrics, folder / "metrics.json")
             title = f"{gait.name.capitalize()}, {student_title(stem)}"
             save_figure(claims_figure(table, title), folder / "claims")
@@ -88,13 +154,14 @@ class ExplainInterventions(Settings):
 
     def _test(
         self, gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, folder: Path
-    ) -> tuple[pd.DataFrame, Walk]:
+    ) -> tuple[pd.DataFrame, int]:
+        """Returns what `Examiner.examine` does, and how many robots fall with the formulas."""
+
         def walk_with(edited: FormulaPolicy) -> Walk:
             robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
             return walk(gait, expert, edited, **robots)
 
-        file = policy.to_file()
         say(f"{gait.name}: walking with the formulas as they are")
         plain = walk_with(policy)
-        claims = derive_claims(file, plain, self.n_claims)
-        return Examiner(file, plain, walk_with, folder).examine(claims), plain
+        claims = derive_claims(policy.to_file(), plain, self.n_claims)
+        return Examiner(policy, plain, walk_with, folder).examine(claims), plain.falls

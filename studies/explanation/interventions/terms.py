@@ -32,7 +32,6 @@ class Term:
 
     Attributes:
         place: Where its formula stands.
-        weight: Its weight.
         input: Index of the variable that it speaks of.
         gates: Indices of the variables that say when it counts.
         mirrored: Whether the file holds its formula for the mirror image too.

@@ -64,10 +64,8 @@ def walk(
     Equal seeds give equal starts, commands and noise, whatever the policy does.
 
     Args:
-        gait: The gait.
         expert: The expert; its estimator observes for the policy.
         policy: The controller.
-        n_robots: Number of robots.
         n_steps: Control steps of each, 2 or more.
         seed: Seed of starts, commands and noise.
     """
@@ -86,7 +84,6 @@ def seen_by(
     """Returns what a policy's robots observed, and in the mirror if its file has an image there.
 
     Args:
-        policy: The policy.
         observed: What robots observed (T + 1, n, N).
         alive: Whether each was up after the step (T + 1, n).
         scores: How they did, a row a robot.

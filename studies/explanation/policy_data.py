@@ -1,18 +1,52 @@
-"""Which lines of a formula file act."""
+"""What pages show of a policy: its variables, and which lines of its file act."""
 
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from glassgait.models.formulas.file import formula_lines
 from glassgait.models.formulas.mirror import FormulaMirror
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import entries_of
+
+
+@dataclass(frozen=True)
+class Variables:
+    """What a policy's terms are functions of, over a rollout.
+
+    Attributes:
+        titles: Their names (k).
+        units: Their units (k).
+        values: Their values (n_steps, k).
+    """
+
+    titles: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+
+
+def variables_of(policy: Policy, observations: np.ndarray) -> Variables:
+    """Returns what the terms of a policy are functions of.
+
+    Args:
+        observations: What it observed (n_steps, n).
+    """
+    entries = entries_of(policy.observation_names)
+    if not isinstance(policy, FormulaPolicy):
+        units = tuple(entry.scaled_unit(policy.robot) for entry in entries)
+        return Variables(policy.observation_names, units, observations)
+    notes = (definition.note for definition in policy.vocabulary.definitions)
+    units = (*(entry.unit for entry in entries), *notes)
+    return Variables(policy.vocabulary.symbols, units, policy.quantities(observations))
 
 
 def file_lines(policy: FormulaPolicy, n_states: int) -> dict[str, Any]:
     """Returns a policy's file by lines, and those of each state and joint.
 
     Args:
-        policy: The policy.
         n_states: Number of states of the gait's machine.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Claims: what the largest terms of a page say, with sign and size."""
+"""Claims: what the largest terms of a page say, with sign and size, and in words."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.file import FormulaFile
-from glassgait.models.task.observation import indices_of
+from glassgait.models.formulas.quantities import Vocabulary
+from glassgait.models.task.observation import entries_of, indices_of
 from glassgait.studies.explanation.interventions.terms import Term, readable_terms
 from glassgait.studies.explanation.interventions.walks import Walk
 
@@ -17,7 +18,6 @@ class Claim:
     """What a term says: a greater input moves the joint's target, while the gates are as given.
 
     Attributes:
-        term: The term.
         sides: Side of each gate that the claim speaks of, where the robot is more often: 1 or -1.
         step: One standard deviation of the input there, in its unit, to two digits.
         effect: How far the target moves for that step, mean over the instants that the claim
@@ -40,9 +40,7 @@ def derive_claims(file: FormulaFile, walk: Walk, count: int) -> list[Claim]:
     joint has one yet; if there are too few, then whatever is largest of the others.
 
     Args:
-        file: The file.
         walk: What the robots of its policy saw.
-        count: Number of claims.
 
     Raises:
         InputError: if fewer terms can be read, or ever count.
@@ -123,3 +121,93 @@ def _on_side(gate: NDArray[np.float64], side: int) -> NDArray[np.bool_]:
 
 def _alike(claim: Claim, other: Claim) -> bool:
     return claim.term.input == other.term.input or claim.term.joint == other.term.joint
+
+
+LEGS = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
+
+LEFT_LEGS = ("FL", "RL")
+
+INPUTS = {
+    "cmd.v": "{step} m/s more commanded speed",
+    "cmd.yaw": "{step} rad/s more commanded yaw rate to the left",
+    "cmd.t": "{step} control steps more of commanded time in a state",
+    "v.x": "{step} m/s more forward speed",
+    "v.y": "{step} m/s more speed to the left",
+    "v.z": "{step} m/s more upward speed",
+    "e.v": "{step} m/s more lag behind the commanded speed",
+    "h": "{step} m more height of the {leg} foot",
+    "x": "the {leg} foot {step} m further before its hip",
+    "z": "the {leg} foot {step} m higher to its hip",
+}
+"""What is said of an input, by its name, or by that of its kind where each leg has one."""
+
+FOLLOWED = {"going_speed_error": "speed", "yaw_rate_error": "yaw rate"}
+
+
+def joint_words(claim: Claim, vocabulary: Vocabulary) -> str:
+    """Describes a claim of a joint: what is greater, what then moves which way, and when."""
+    return (
+        f"{_cause(claim, vocabulary)} {_movement(claim.term.joint_name, claim.effect)}"
+        f"{_when(claim, vocabulary)}"
+    )
+
+
+def following_words(claim: Claim, score: str) -> str:
+    """Describes the claim that a command's term is there for the command."""
+    joint = _joint(claim.term.joint_name)
+    missed = FOLLOWED[score]
+    return f"Without this term of the {joint}, robots miss their commanded {missed} by more"
+
+
+def unit_of(symbol: str) -> str:
+    """Returns the unit of what robots miss by, where they follow an input."""
+    return "rad/s" if symbol == "cmd.yaw" else "m/s"
+
+
+def _cause(claim: Claim, vocabulary: Vocabulary) -> str:
+    symbol, step = vocabulary.symbols[claim.term.input], f"{claim.step:g}"
+    kind, _, leg = symbol.partition(".")
+    if symbol in INPUTS:
+        said = INPUTS[symbol].format(step=step)
+    elif kind in INPUTS and leg in LEGS:
+        said = INPUTS[kind].format(step=step, leg=LEGS[leg])
+    else:
+        # A definition of a person's own, whose note says what it is.
+        said = f"{step} more of {symbol}"
+    return said[0].upper() + said[1:]
+
+
+def _movement(name: str, effect: float) -> str:
+    leg, joint = name.split("_")
+    forth = effect > 0.0
+    match joint:
+        case "hip":
+            # Positive is to the left on both sides.
+            outward = forth == (leg in LEFT_LEGS)
+            return f"turns the {_joint(name)} {'outward' if outward else 'inward'}"
+        case "thigh":
+            return f"swings the {_joint(name)} {'back' if forth else 'forward'}"
+        case _:
+            return f"{'stretches' if forth else 'bends'} the {_joint(name)}"
+
+
+def _joint(name: str) -> str:
+    leg, joint = name.split("_")
+    return f"{LEGS[leg]} {'knee' if joint == 'calf' else joint}"
+
+
+def _when(claim: Claim, vocabulary: Vocabulary) -> str:
+    n_observed = len(entries_of(vocabulary.names))
+    state, part, feet = claim.term.state, "", []
+    for gate, side in zip(claim.term.gates, claim.sides, strict=True):
+        symbol = vocabulary.symbols[gate]
+        if gate < n_observed:
+            state = int(symbol.removeprefix("s"))
+        elif symbol == "late":
+            part = "late " if side > 0 else "early "
+        else:
+            leg = LEGS[symbol.partition(".")[2]]
+            feet.append(f"while the {leg} foot is {'in the air' if side > 0 else 'down'}")
+    if part or state is not None:
+        feet.append(f"{part}in {'a state' if state is None else f'state {state}'}")
+    return "".join(f", {foot}" for foot in feet)
