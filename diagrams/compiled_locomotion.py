@@ -40,7 +40,8 @@ def MakeCompiledLocomotion(  # noqa: N802
         scenario = replace(scenario, limit_targets=controller.limits_targets)
     robot = scenario.robot_of()
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
-    acting = builder.AddNamedSystem("compiled_controller", CompiledController(robot, controller))
+    acting = CompiledController(robot, controller, scenario.station.ground)
+    builder.AddNamedSystem("compiled_controller", acting)
     for name in ("state", "command", "commanded_dwell"):
         builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
     if isinstance(gait, GaitSwitch):

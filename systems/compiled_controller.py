@@ -18,6 +18,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 
 class CompiledController(LeafSystem):
@@ -47,9 +48,11 @@ class CompiledController(LeafSystem):
     (unrestricted update). Feedthrough: all inputs to all outputs.
     """
 
-    def __init__(self, robot: Robot, controller: LoadedController) -> None:
+    def __init__(
+        self, robot: Robot, controller: LoadedController, ground: Ground = LEVEL_GROUND
+    ) -> None:
         super().__init__()
-        self._robot, self._controller = robot, controller
+        self._robot, self._controller, self._ground = robot, controller, ground
         self._memory = self.DeclareDiscreteState(controller.initial())
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
@@ -116,7 +119,7 @@ class CompiledController(LeafSystem):
             self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
         )
         memory = context.get_discrete_state(self._memory).value()
-        sensors = sensed(self._robot, self._state_port.Eval(context))
+        sensors = sensed(self._robot, self._state_port.Eval(context), self._ground)
         requested = self._requested(context, memory)
         output.set_value(self._controller.step(memory, sensors, command, requested))
 

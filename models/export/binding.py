@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import INITIALISED, ControllerSource
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.contact import touches_ground
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.imu import ImuReading
 from glassgait.models.task.odometry import OdometryState
 
@@ -72,18 +72,21 @@ class Sensors:
     imu: Array | None = None
 
 
-def sensed(robot: Robot, state: Array, imu: Array | None = None) -> Sensors:
-    """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground.
+def sensed(
+    robot: Robot, state: Array, ground: Ground = LEVEL_GROUND, imu: Array | None = None
+) -> Sensors:
+    """Returns what a robot senses without noise, in a state x (37) of the plant.
 
     Args:
         robot: The robot.
         state: The state.
+        ground: What it stands on.
         imu: The IMU's reading (9), which depends on the state before as well.
     """
     return Sensors(
         state[quadruped.JOINT_POSITION],
         state[quadruped.JOINT_VELOCITY],
-        touches_ground(kinematics.foot_heights(robot, state)),
+        ground.touching(robot, state),
         imu,
     )
 

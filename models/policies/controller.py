@@ -1,9 +1,10 @@
 """Controllers: one policy alone, or an expert and a student that take turns at acting."""
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,60 +41,24 @@ class ControllerOutput(NamedTuple):
     memory: Any
 
 
-class Controller(Protocol):
+class Controller(ABC):
     """Acts in a closed loop, at every control step of n robots.
 
     A controller is a value: what it remembers is returned by `begin` and `advance`, and given to
     the next `advance`.
+
+    Attributes:
+        expert: The expert; its estimator, if it has one, observes for the student as well.
+        student: The student, or None.
     """
 
-    @property
-    def expert(self) -> Policy:
-        """The expert; its estimator, if it has one, observes for the student as well."""
-        ...
+    expert: Policy
+    student: Policy | None
 
     @property
-    def student(self) -> Policy | None:
-        """The student, or None."""
-        ...
-
-    @property
+    @abstractmethod
     def policies(self) -> Mapping[str, Policy]:
         """Those of `expert` and `student` that ever act, by these names."""
-        ...
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that it is made for."""
-        ...
-
-    @property
-    def estimator(self) -> Estimator | None:
-        """What estimates the body state; None where the true one is observed."""
-        ...
-
-    @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone."""
-        ...
-
-    def begin(self, n_robots: int) -> Any:
-        """Returns the memory at the start of an episode."""
-        ...
-
-    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
-        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
-        ...
-
-    def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
-        ...
-
-
-class _ExpertSenses:
-    """What a controller has from its expert."""
-
-    expert: Policy
 
     @property
     def robot(self) -> Robot:
@@ -105,9 +70,26 @@ class _ExpertSenses:
         """What estimates the body state; None where the true one is observed."""
         return self.expert.estimator
 
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone: if the expert learned so."""
+        return self.expert.limits_targets
+
+    def begin(self, n_robots: int) -> Any:
+        """Returns the memory at the start of an episode; None where nothing is remembered."""
+        return None
+
+    @abstractmethod
+    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
+
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+
 
 @dataclass(frozen=True)
-class AlternatingController(_ExpertSenses):
+class AlternatingController(Controller):
     """An expert alone, a student alone, or both by turns (paper, Algorithm 1).
 
     Attributes:
@@ -137,13 +119,10 @@ class AlternatingController(_ExpertSenses):
 
     @property
     def policies(self) -> dict[str, Policy]:
-        """Those of `expert` and `student` that ever act, by these names."""
         acting = {} if self.period == 0 else {"expert": self.expert}
-        return (
-            acting
-            if self.student is None or self.period == 1
-            else acting | {"student": self.student}
-        )
+        if self.student is None or self.period == 1:
+            return acting
+        return acting | {"student": self.student}
 
     @property
     def estimator(self) -> Estimator | None:
@@ -173,9 +152,6 @@ class AlternatingController(_ExpertSenses):
         student = self.student if self.period == 0 else None
         return self.expert.limits_targets or (student is not None and student.limits_targets)
 
-    def begin(self, n_robots: int) -> None:
-        """Returns None: a schedule goes by time alone."""
-
     def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
         """Acts by the expert at every `period`-th step, and otherwise by the student."""
         by_expert = self.student is None or bool(expert_acts(step, self.period))
@@ -183,7 +159,6 @@ class AlternatingController(_ExpertSenses):
         return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {"period": self.period}
 
 
@@ -201,7 +176,7 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
 
 
 @dataclass(frozen=True)
-class AssuredController(_ExpertSenses):
+class AssuredController(Controller):
     """A student under runtime assurance: the expert acts for robots outside of a region.
 
     Attributes:
@@ -231,16 +206,9 @@ class AssuredController(_ExpertSenses):
 
     @property
     def policies(self) -> dict[str, Policy]:
-        """Both policies, for both act."""
         return {"expert": self.expert, "student": self.student}
 
-    @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone: if the expert learned so."""
-        return self.expert.limits_targets
-
     def begin(self, n_robots: int) -> MonitorState:
-        """Returns the monitors' states before an episode's first observation."""
         return initial_monitor((n_robots,))
 
     def advance(self, step: int, observation: Array, memory: MonitorState) -> ControllerOutput:
@@ -253,7 +221,6 @@ class AssuredController(_ExpertSenses):
         return ControllerOutput(action, called, memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         corners = np.ascontiguousarray([self.region.lower, self.region.upper])
         own = {
             "hysteresis": asdict(self.hysteresis),
@@ -264,7 +231,7 @@ class AssuredController(_ExpertSenses):
 
 
 @dataclass(frozen=True)
-class WrappedController:
+class WrappedController(Controller):
     """Acts as another controller does; subclasses change what it observes or does.
 
     Attributes:
@@ -275,43 +242,31 @@ class WrappedController:
 
     @property
     def expert(self) -> Policy:
-        """The expert."""
         return self.inner.expert
 
     @property
     def student(self) -> Policy | None:
-        """The student, or None."""
         return self.inner.student
 
     @property
     def policies(self) -> Mapping[str, Policy]:
-        """Those of `expert` and `student` that ever act, by these names."""
         return self.inner.policies
 
     @property
-    def robot(self) -> Robot:
-        return self.inner.robot
-
-    @property
     def estimator(self) -> Estimator | None:
-        """What estimates the body state; None where the true one is observed."""
         return self.inner.estimator
 
     @property
     def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone."""
         return self.inner.limits_targets
 
     def begin(self, n_robots: int) -> Any:
-        """Returns the memory at the start of an episode."""
         return self.inner.begin(n_robots)
 
     def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
-        """Acts at a control step."""
         return self.inner.advance(step, observation, memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return self.inner.settings()
 
 

@@ -38,7 +38,7 @@ from glassgait.studies.common.exit_codes import report_errors, take_signals
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, refuse_to_report
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, refuse_to_report
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import (
     ALL_GAITS,

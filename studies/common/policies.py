@@ -27,7 +27,8 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
-from glassgait.models.task.gait import Gait, gait_names
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, gait_names, load_gait
 from glassgait.studies.common.console import note
 
 EXPERT = "expert"
@@ -298,6 +299,30 @@ def find_policies_of(
     if len(gaits) > 1 and (source is not None or any(is_file(name) for name in names)):
         raise InputError("--gait: several gaits take no files of your own; name one gait for them")
     return {gait.name: find_policies(gait, source, robot) for gait in gaits}
+
+
+@dataclass(frozen=True)
+class OneGait(Settings):
+    """Settings of a command that takes policies of one gait.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
+    """
+
+    gait: str = "trot"
+    robot: str | None = None
+    source: Path | None = None
+
+    def policies(self) -> Policies:
+        """Finds the policies, and prints where they are from.
+
+        Raises:
+            InputError: as `find_policies`.
+        """
+        return find_policies(load_gait(self.gait), self.source, self.robot)
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:

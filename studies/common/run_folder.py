@@ -5,6 +5,7 @@ import json
 import platform
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from filelock import FileLock, Timeout
 
 from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
-from glassgait.studies.common.serialization import to_plain
 
 CONFIG_NAME = "config.yaml"
 LOCK_NAME = ".lock"
@@ -268,3 +268,18 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def to_plain(config: Any) -> Any:
+    """Turns a configuration into values that YAML and JSON can hold."""
+    return _plain(
+        asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(entry) for entry in value]
+    return str(value) if isinstance(value, Path) else value

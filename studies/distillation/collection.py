@@ -25,7 +25,7 @@ from glassgait.studies.common.episode import (
     World,
     episode,
 )
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.distillation.students.dataset import Dataset
 
 N_SPEEDS = 4
@@ -65,7 +65,13 @@ def collect(
         limited, robot = controller.limits_targets, controller.robot
         drawn = worlds.stations(robot, generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
-        task = TaskConfig(gait, worlds.randomization, limit_targets=limited, robot=robot)
+        task = TaskConfig(
+            gait,
+            worlds.randomization,
+            limit_targets=limited,
+            robot=robot,
+            observes_imu=controller.expert.layout.imu,
+        )
         world = World(task, make_physics(robot, *stations))
     assert world is not None
     turns = None

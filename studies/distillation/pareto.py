@@ -19,12 +19,11 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import alternation_cases, for_selection, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.policies import find_expert
-from glassgait.studies.common.rollouts.alternation import alternation_cases
-from glassgait.studies.common.rollouts.config import SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.rollouts.scoring import for_selection, run_rollouts
+from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
@@ -216,7 +215,7 @@ class Pareto(Settings):
         Returns:
             The front of the robots that choose, and that of those that are reported.
         """
-        samples = data.subset(~data.held_out).training_set(gait, expert.robot)
+        samples = data.subset(~data.held_out).training_set(gait, expert)
         held_out = data.subset(data.held_out)
         students, rows = {}, []
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():

@@ -25,8 +25,8 @@ from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import run_parallel, runs_here
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_metrics, write_table
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig, Round, rounds
@@ -215,7 +215,7 @@ class _Distillation:
             student = self._fit(
                 kind,
                 config.settings.of(kind).for_rounds(),
-                seen.training_set(self.gait, self.expert.robot),
+                seen.training_set(self.gait, self.expert),
             )
         ratio = ratio_title(plan.period)
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
@@ -235,7 +235,7 @@ class _Distillation:
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert.robot))
+        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert))
         # What is scored is what is saved, rounded to single precision where that halves a file.
         student = student.compact()
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
@@ -254,7 +254,7 @@ class _Distillation:
         shuffled = self._fit(
             kind,
             settings.for_shuffled_split(),
-            paper.training_set(self.gait, self.expert.robot).subset(train),
+            paper.training_set(self.gait, self.expert).subset(train),
         )
         tested = paper.subset(np.isin(index, test))
         return {

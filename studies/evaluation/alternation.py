@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 from glassgait.models.settings import Count, Range
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import ratio_title
-from glassgait.studies.common.cases import Case
+from glassgait.studies.common.cases import PERIODS, Case, alternation_cases, not_finite_lines, score
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import not_finite_lines, score
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
-from glassgait.studies.evaluation.worlds_tables import falls_of, with_interval
+from glassgait.studies.evaluation.worlds import falls_of, with_interval
 
 LEAST_SHARE = 0.9
 """Share of the expert's return above which students differ visibly."""

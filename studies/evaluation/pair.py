@@ -27,7 +27,7 @@ from glassgait.models.task.palette import COLORS
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.rollouts.play import roll_one_out
+from glassgait.studies.common.play import roll_one_out
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 

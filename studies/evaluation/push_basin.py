@@ -1,5 +1,6 @@
 """Pushing walking robots: from every direction, at every speed, in every phase of the gait."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -220,3 +221,37 @@ def failure_counts(pushed: Pushed) -> dict[str, int]:
     """Counts how robots ended that did not survive: by their first failure, or without rhythm."""
     counts = {name: int(np.sum(pushed.failure == i)) for i, name in enumerate(FAILURES)}
     return counts | {"no_rhythm": int(np.sum(~pushed.survived & (pushed.failure < 0)))}
+
+
+@dataclass(frozen=True)
+class Basin:
+    """What one policy survives.
+
+    Attributes:
+        grid: The pushes.
+        survived: Robots that survived, by direction and speed (n_directions, n_speeds).
+        failures: Robots that did not, by how they ended.
+    """
+
+    grid: PushGrid
+    survived: Array
+    failures: Mapping[str, int]
+
+    @property
+    def shares(self) -> Array:
+        """Shares of phases in which robots survive (n_directions, n_speeds)."""
+        return self.survived / self.grid.n_phases
+
+    @property
+    def all_up_to(self) -> float:
+        """The greatest speed up to which every push is survived (m/s); 0 if there is none."""
+        return self._up_to(self.shares.min(axis=0) >= 1.0)
+
+    @property
+    def half_up_to(self) -> float:
+        """The greatest speed up to which at least half of the pushes are survived (m/s)."""
+        return self._up_to(self.shares.mean(axis=0) >= 0.5)
+
+    def _up_to(self, holds: Array) -> float:
+        count = len(holds) if holds.all() else int(np.argmin(holds))
+        return float(self.grid.speeds[count - 1]) if count else 0.0

@@ -15,7 +15,6 @@ from matplotlib.ticker import MaxNLocator
 from glassgait.models.arrays import Array
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.stability_tables import believed
 
 COLORS = mpl.colormaps["RdBu_r"]
 """Blue where differences shrink, red where they grow, white in between."""
@@ -161,3 +160,19 @@ def rhythm_of(records: Records) -> list[Mapping[str, Any]]:
     last = records[-1]
     same = (last["speed"], last["yaw_rate"])
     return [record for record in records if (record["speed"], record["yaw_rate"]) == same]
+
+
+AGREED = 0.02
+"""How far radii of the step sizes may lie apart (share) for a derivative to be believed."""
+
+
+def believed(record: Mapping[str, Any]) -> bool:
+    """Returns whether a fixed point was found and its spectral radius agrees over step sizes."""
+    radius = record.get("radius", float("nan"))
+    return bool(2.0 * radius_error(record) <= AGREED * radius)
+
+
+def radius_error(record: Mapping[str, Any]) -> float:
+    """Returns half the spread of the spectral radius over the step sizes."""
+    radii = np.array(record.get("radii", [np.nan]))
+    return float(0.5 * (radii.max() - radii.min()))

@@ -1,5 +1,7 @@
-"""What the stride map says of one policy: orbits, modes, and whether pushes decay as predicted."""
+"""Where a gait settles: a periodic orbit, one of several strides, or none; and its fixed point."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,15 +10,99 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.stride_map import (
+    Map,
     Modes,
     averaged_jacobians,
     growth,
     jackknife_error,
     jacobians,
     modes_of,
+    newton,
 )
-from glassgait.studies.evaluation.stride_orbits import Orbits, find_orbits
-from glassgait.studies.evaluation.strides import NAMES, SPEEDS, UNITS, StrideMap
+from glassgait.studies.evaluation.strides import ODOMETRY_NAMES, SPEEDS, StrideMap
+
+LONGEST_PERIOD = 4
+"""Strides of the longest orbit that is distinguished from one that wanders."""
+
+CLOSED = 1e-3
+"""How near an orbit comes back to itself to be called periodic (units of the coordinates)."""
+
+FIXED = 1e-5
+"""Residual at which a point is fixed (units of the coordinates)."""
+
+N_AVERAGED = 40
+"""Last strides whose mean is where a fixed point is looked for, if the gait did not settle."""
+
+NEWTON_STEP, NEWTON_REACH, N_NEWTON = 3e-3, 2.0, 8
+"""Of Newton's method: the differences' size, its longest move (units), and its iterations."""
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Where the gaits of m commands go.
+
+    Attributes:
+        last: The orbits' last points (m, d); NaN where the robot fell.
+        periods: Strides of each orbit (m,): 1 for a periodic gait, more for one that repeats every
+            few strides, 0 for one that wanders, -1 for a robot that fell.
+        mean: Their mean points over the last strides (m, d).
+        sway: Root mean square of the last points' distance from their mean (m,; units).
+        fixed: Fixed points (m, d), attracting or not; NaN where none was found.
+        residuals: How far a stride moves them (m,; units).
+    """
+
+    last: Array
+    periods: NDArray[np.int64]
+    mean: Array
+    sway: Array
+    fixed: Array
+    residuals: Array
+
+
+def find_orbits(step: Map, first: Array, *, n_strides: int, differentiable: bool) -> Orbits:
+    """Follows orbits until they settle, and looks for a fixed point of each.
+
+    Args:
+        step: The stride map.
+        first: Where the orbits begin (m, d), a point a problem; NaN for a robot that fell.
+        n_strides: Strides that are followed.
+        differentiable: Whether the map has derivatives, by which fixed points are found.
+    """
+    problems = np.arange(len(first))
+    points, kept = first, []
+    for _ in range(n_strides):
+        points = step(points, problems)
+        kept.append(points)
+    kept = np.array(kept[-N_AVERAGED:])
+    periods = _periods(kept)
+    mean = kept.mean(axis=0)
+    sway = np.sqrt(np.square(kept - mean).sum(axis=2).mean(axis=0))
+    start = np.where((periods == 1)[:, None], points, mean)
+    alive = np.flatnonzero((periods >= 0) & differentiable)
+    fixed, residuals = np.full_like(first, np.nan), np.full(len(first), np.nan)
+    if len(alive):
+        found, off = newton(
+            lambda x, i: step(x, alive[i]),
+            start[alive],
+            size=NEWTON_STEP,
+            tolerance=0.1 * FIXED,
+            n_iterations=N_NEWTON,
+            reach=NEWTON_REACH,
+        )
+        residuals[alive] = off
+        fixed[alive] = np.where((off <= FIXED)[:, None], found, np.nan)
+    return Orbits(points, periods, mean, sway, fixed, residuals)
+
+
+def _periods(kept: Array) -> NDArray[np.int64]:
+    """Finds the least period of each orbit, from its last points (n, m, d)."""
+    periods = np.zeros(kept.shape[1], dtype=np.int64)
+    for period in range(min(LONGEST_PERIOD, len(kept) - 1), 0, -1):
+        back = np.abs(kept[-1] - kept[-1 - period]).max(axis=1)
+        periods[back < CLOSED] = period
+    periods[~np.isfinite(kept[-1]).all(axis=1)] = -1
+    return periods
+
 
 PUSHES = (0.002, 0.01, 0.05)
 """Speeds of the pushes whose decay is compared with the slowest mode (m/s)."""
@@ -34,7 +120,7 @@ AVERAGED_STEP, N_PAIRS = 0.2, 180
 """Of the averaged Jacobian: the differences' standard deviation (units), 0.01 rad of a joint as the
 sensors' noise is, and how many there are."""
 
-TRUNK = {
+CALLED = {
     "height": "height",
     "roll": "roll",
     "pitch": "pitch",
@@ -44,8 +130,9 @@ TRUNK = {
     "forward speed": "forward speed",
     "lateral speed": "lateral speed",
     "vertical speed": "height",
+    **dict.fromkeys(ODOMETRY_NAMES, "odometry"),
 }
-"""What the trunk's coordinates are called in a mode."""
+"""What coordinates are called in a mode, those of the trunk and of odometry; others are a leg's."""
 
 
 def analyse(
@@ -121,7 +208,7 @@ def _add_rates(
             "growth": float(rate),
             "averaged_radius": modes.radius,
             "averaged_error": float(error),
-            "averaged_parts": parts_of(modes),
+            "averaged_parts": parts_of(modes, strides.names),
         }
 
 
@@ -158,7 +245,7 @@ def _add_modes(
             records[i] |= {
                 "radius": mode.radius,
                 "eigenvalues": [[value.real, value.imag] for value in mode.eigenvalues[:12]],
-                "parts": parts_of(mode),
+                "parts": parts_of(mode, strides.names),
                 "decays": decays[k],
             }
 
@@ -177,17 +264,20 @@ def _nearest(own: tuple[Modes | None, ...]) -> Modes | None:
     return there[(len(there) - 1) // 2] if there else None
 
 
-def parts_of(modes: Modes) -> dict[str, float]:
-    """Sums up what takes part in the slowest mode: motions of the trunk, and legs.
+def parts_of(modes: Modes, names: Sequence[str]) -> dict[str, float]:
+    """Sums up what takes part in the slowest mode: motions of the trunk, legs, and odometry.
+
+    Args:
+        modes: The modes.
+        names: What the coordinates are.
 
     Returns:
         Shares of 1, the greatest first. A leg's are those of its joints, their rates and its
         previous actions.
     """
     parts: dict[str, float] = {}
-    for name, share in zip(NAMES, modes.participation, strict=True):
-        leg = next((leg for leg in quadruped.LEGS if leg in name), None)
-        called = f"leg {leg}" if leg else TRUNK[name]
+    for name, share in zip(names, modes.participation, strict=True):
+        called = CALLED.get(name) or f"leg {next(leg for leg in quadruped.LEGS if leg in name)}"
         parts[called] = parts.get(called, 0.0) + float(share)
     return dict(sorted(parts.items(), key=lambda part: -part[1]))
 
@@ -201,11 +291,11 @@ def _decays(
         For each fixed point, for each of `PUSHES`, the median over directions of the factor per
         stride; NaN where nothing could be read off.
     """
-    moves = np.zeros((len(PUSHES), 4, len(NAMES)))
+    moves = np.zeros((len(PUSHES), 4, len(strides.names)))
     for i, speed in enumerate(PUSHES):
         moves[i, :, SPEEDS] = speed * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    moves = moves.reshape(-1, len(NAMES)) / UNITS
-    points = (fixed[there][:, None] + moves).reshape(-1, len(NAMES))
+    moves = moves.reshape(-1, len(strides.names)) / strides.units
+    points = (fixed[there][:, None] + moves).reshape(-1, len(strides.names))
     problems = np.repeat(there, len(moves))
     orbit = [points]
     for _ in range(N_DECAY):
@@ -213,7 +303,7 @@ def _decays(
     away = np.array(orbit).reshape(N_DECAY + 1, len(there), len(moves), -1) - fixed[there][:, None]
     factors = []
     for k, mode in enumerate(modes):
-        left = np.full(len(NAMES), np.nan) if mode is None else mode.left
+        left = np.full(len(strides.names), np.nan) if mode is None else mode.left
         amplitudes = np.abs(away[:, k] @ left)
         each = np.array([_factor(amplitudes[:, j]) for j in range(len(moves))])
         factors.append(np.median(each.reshape(len(PUSHES), -1), axis=1).tolist())

@@ -17,8 +17,8 @@ from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.distillation.students.registry import policy_title
-from glassgait.studies.evaluation.worlds_tables import policies_of, worst_first
 
 COLORS = mpl.colormaps["Reds"].copy()
 """Of one hue, darker for more falls: it is read without seeing colours."""
@@ -180,3 +180,15 @@ def _caption(table: pd.DataFrame, at_home: bool, missing: bool) -> str:
     if missing:
         parts.append("hatched: not rolled out")
     return "; ".join(parts) + "."
+
+
+def worst_first(table: pd.DataFrame) -> list[str]:
+    """Lists the scenarios by the greatest share of falls of any policy, then by the mean share."""
+    rates = table.groupby("scenario", sort=False)["fall_rate"].agg(["max", "mean"])
+    return rates.sort_values(["max", "mean"], ascending=False, kind="stable").index.tolist()
+
+
+def policies_of(table: pd.DataFrame) -> list[str]:
+    """Lists the policies of a table as they come, but for the expert, which is the first."""
+    there = list(dict.fromkeys(table["policy"]))
+    return sorted(there, key=lambda name: name != EXPERT)

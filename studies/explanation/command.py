@@ -21,15 +21,13 @@ from glassgait.models.settings import Seed
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.play import Seconds, play
-from glassgait.studies.common.run_folder import refuse_run
-from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.common.play import Seconds, play
+from glassgait.studies.common.run_folder import refuse_run, to_plain
 from glassgait.studies.distillation.students.library import OnePolicy, find_certificate
 from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.importance.additive_figures import contribution_figure
-from glassgait.studies.importance.study import draw_student
+from glassgait.studies.importance.figures import contribution_figure, draw_student
 
 CONFIG = "config.yaml"
 """File beside the page that records its run."""

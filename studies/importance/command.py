@@ -15,11 +15,11 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.cases import run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
@@ -29,9 +29,8 @@ from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.importance.faithfulness import ablation_cases, losses, rank_correlations
-from glassgait.studies.importance.figures import faithfulness_figure, loss_figure
+from glassgait.studies.importance.figures import draw_student, faithfulness_figure, loss_figure
 from glassgait.studies.importance.study import (
-    draw_student,
     held_out_samples,
     measure_importances,
     visited_samples,

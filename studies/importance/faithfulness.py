@@ -19,11 +19,10 @@ from glassgait.models.policies.controller import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.cases import Case
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import rollout_cases
+from glassgait.studies.common.cases import Case, rollout_cases
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import summarize_against
-from glassgait.studies.importance.observations import observation_groups
+from glassgait.studies.importance.measures import observation_groups
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
 

@@ -1,19 +1,108 @@
-"""Figures of importances, and of what is lost without observations."""
+"""Additive policies as interpret's models, so that its explanations and its dashboard read them."""
 
 import textwrap
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from interpret.glassbox import ExplainableBoostingRegressor
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.inspection import PartialDependenceDisplay
 
 from glassgait.models.arrays import Array
+from glassgait.models.policies.additive import AdditivePolicy
+from glassgait.models.policies.boosting import BoostedTreesPolicy
+from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
-from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.models.robots.robot import Robot
+from glassgait.studies.common.figures import (
+    COLUMN_WIDTH,
+    label_with_unit,
+    save_figure,
+    styled,
+    subplots,
+)
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
-from glassgait.studies.importance.methods import METHOD_TITLES
+from glassgait.studies.importance.measures import METHOD_TITLES
+
+HISTOGRAM_BINS = 20
+
+
+def interpret_model(
+    policy: AdditivePolicy, joint: int, observations: Array
+) -> ExplainableBoostingRegressor:
+    """Rebuilds the fitted model of a joint.
+
+    Its `explain_global` and `explain_local` return interpret's explanation objects, which
+    `interpret.show` takes.
+
+    Args:
+        policy: The additive policy.
+        joint: Index of the joint.
+        observations: Observations (m, n); their density stands below each function and weighs the
+            terms' importances.
+    """
+    model: Any = ExplainableBoostingRegressor(feature_names=list(policy.observation_names))
+    n = len(policy.observation_names)
+    cuts, pair_cuts = _trimmed(policy.cuts), _trimmed(policy.pair_cuts)
+    singles = [(feature,) for feature in range(n)]
+    mine = np.flatnonzero(policy.pair_joints == joint)
+    pairs = [tuple(policy.pairs[index].tolist()) for index in mine]
+
+    model.bins_ = [[fine, coarse] for fine, coarse in zip(cuts, pair_cuts, strict=True)]
+    model.term_features_ = singles + pairs
+    model.term_names_ = list(policy.term_names(joint))
+    for attribute, single, paired in (
+        ("term_scores_", policy.tables[joint], policy.pair_tables[mine]),
+        ("standard_deviations_", policy.deviations[joint], policy.pair_deviations[mine]),
+    ):
+        values = [single[feature, : len(cuts[feature]) + 1] for feature in range(n)]
+        values += [
+            table[: len(pair_cuts[first]) + 1, : len(pair_cuts[second]) + 1]
+            for (first, second), table in zip(pairs, paired, strict=True)
+        ]
+        setattr(model, attribute, [_with_ends(value) for value in values])
+    model.bin_weights_ = [
+        _counts(observations[:, term], [(cuts, pair_cuts)[len(term) - 1][f] for f in term])
+        for term in model.term_features_
+    ]
+    histograms = [np.histogram(column, HISTOGRAM_BINS) for column in observations.T]
+    model.histogram_weights_ = [_with_ends(counts) for counts, _ in histograms]
+    model.histogram_edges_ = [edges for _, edges in histograms]
+    model.feature_bounds_ = np.stack([observations.min(axis=0), observations.max(axis=0)], axis=1)
+    model.feature_names_in_ = list(policy.observation_names)
+    model.feature_types_in_ = ["continuous"] * n
+    model.n_features_in_ = n
+    model.intercept_ = float(policy.intercepts[joint])
+    model.link_, model.link_param_ = "identity", np.nan
+    model.has_fitted_ = True
+    return model
+
+
+def _trimmed(padded: Array) -> list[Array]:
+    return [row[np.isfinite(row)] for row in padded]
+
+
+def _with_ends(values: NDArray[Any]) -> Array:
+    """Adds interpret's bins for missing and for unseen values, which are never used here."""
+    return np.pad(values.astype(float), 1)
+
+
+def _counts(columns: Array, cuts: list[Array]) -> Array:
+    bins = [
+        np.searchsorted(own, column, side="right")
+        for own, column in zip(cuts, columns.T, strict=True)
+    ]
+    counts = np.zeros([len(own) + 1 for own in cuts])
+    np.add.at(counts, tuple(bins), 1.0)
+    return _with_ends(counts)
+
 
 _MODE_COLORS: dict[AblationMode, str] = {
     "mean": "#0072B2",
@@ -115,3 +204,307 @@ def _draw_ranks(panel: Axes, own: pd.DataFrame) -> None:
     panel.set(xlim=(0, count + 1), ylim=(0, count + 1))
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+_BOX = {"boxstyle": "round,pad=0.25", "linewidth": 0.6, "edgecolor": "0.4"}
+
+
+@styled
+def tree_figure(
+    policy: BoostedTreesPolicy,
+    joint: int,
+    observations: Array,
+    tree: int = 0,
+    depth: int = 3,
+) -> Figure:
+    """Draws the first questions of one of a joint's trees (paper, Figure 6).
+
+    Each box says how many samples come there and what the tree adds to their actions, on average.
+
+    Args:
+        policy: The boosted trees.
+        joint: Index of the joint.
+        observations: Samples (m, n).
+        tree: Index of the tree.
+        depth: Questions to draw on a branch, at most.
+    """
+    depth = min(depth, policy.depth)
+    added = policy.tree_values(observations, joint, tree)
+    figure, axes = subplots(figsize=(2 * COLUMN_WIDTH, 0.4 + 0.65 * (depth + 1)))
+    axes.set_axis_off()
+    axes.set(xlim=(0, 1), ylim=(-depth - 0.4, 0.4))
+    axes.set_title(f"{_title(joint)}: tree {tree + 1} of {policy.features.shape[1]}")
+    members = {0: np.ones(len(observations), dtype=bool)}
+    for node in range(2 ** (depth + 1) - 1):
+        if node not in members:
+            continue
+        mine = members[node]
+        mean = float(added[mine].mean()) if mine.any() else 0.0
+        label = f"{mine.sum():,} samples\nadds {mean:+.4f}"
+        face = "#fde3d3" if mean > 0 else "#d6e8f5"
+        if _level(node) < depth and np.isfinite(policy.thresholds[joint, tree, node]):
+            feature = int(policy.features[joint, tree, node])
+            threshold = float(policy.thresholds[joint, tree, node])
+            label = f"{policy.observation_names[feature]}\n≤ {threshold:.3g}?\n{label}"
+            face = "white"
+            left = observations[:, feature] <= threshold
+            members[2 * node + 1], members[2 * node + 2] = mine & left, mine & ~left
+        at = _place(node)
+        axes.text(
+            *at, label, ha="center", va="center", fontsize=5, bbox={**_BOX, "facecolor": face}
+        )
+        if node:
+            above = _place((node - 1) // 2)
+            axes.plot(*zip(above, at, strict=True), color="0.4", linewidth=0.7, zorder=0)
+            answer = "yes" if node % 2 else "no"
+            middle = np.mean([above, at], axis=0)
+            halo = {"facecolor": "white", "linewidth": 0, "pad": 0.5}
+            axes.text(*middle, answer, fontsize=5, color="0.3", ha="center", bbox=halo)
+    return figure
+
+
+@styled
+def dependence_figure(
+    policy: Policy,
+    joint: int,
+    observations: Array,
+    columns: tuple[int, ...],
+    generator: np.random.Generator,
+    n_curves: int = 50,
+) -> Figure:
+    """Draws how an action depends on single observations, on average and for single samples
+    (paper, Figure 7).
+
+    Args:
+        policy: The student.
+        joint: Index of the joint.
+        observations: Samples (m, n).
+        columns: Observations to vary.
+        generator: Source of randomness, for the samples whose curves are drawn.
+        n_curves: Number of those.
+    """
+    figure, panels = subplots(1, len(columns), figsize=(2 * COLUMN_WIDTH, 2.2), squeeze=False)
+    PartialDependenceDisplay.from_estimator(
+        _JointRegressor(policy, joint).fit(observations),
+        observations,
+        columns,
+        feature_names=list(policy.observation_names),
+        kind="both",
+        subsample=min(n_curves, len(observations)),
+        random_state=int(generator.integers(2**31)),
+        grid_resolution=40,
+        ax=list(panels[0]),
+        ice_lines_kw={"color": "0.7", "alpha": 0.5, "linewidth": 0.5},
+        pd_line_kw={"color": "#D55E00", "linewidth": 1.8, "linestyle": "-"},
+    )
+    for panel, column in zip(panels[0], columns, strict=True):
+        panel.set(xlabel=label_with_unit(policy.robot, policy.observation_names[column]), ylabel="")
+        panel.get_legend().remove()
+    panels[0][0].set_ylabel(f"action of {_title(joint)}")
+    lines = panels[0][0].get_lines()
+    lines[0].set_label("one sample")
+    lines[-1].set_label("mean")
+    panels[0][0].legend(handles=[lines[0], lines[-1]])
+    return figure
+
+
+class _JointRegressor(RegressorMixin, BaseEstimator):
+    """One joint of a policy, as scikit-learn's inspection wants to see it."""
+
+    def __init__(self, policy: Policy, joint: int) -> None:
+        self.policy = policy
+        self.joint = joint
+
+    def fit(self, X: Array, y: None = None) -> "_JointRegressor":
+        """Notes the number of observations; the policy is fitted already."""
+        self.n_features_in_ = X.shape[1]
+        return self
+
+    def predict(self, X: Array) -> Array:
+        """Returns the joint's actions (m,)."""
+        return self.policy(np.asarray(X))[:, self.joint]
+
+
+def _level(node: int) -> int:
+    return (node + 1).bit_length() - 1
+
+
+def _place(node: int) -> tuple[float, float]:
+    """Where a node of a complete binary tree, numbered breadth-first, stands."""
+    level = _level(node)
+    return (node + 1.5 - 2**level) / 2**level, -float(level)
+
+
+def _title(joint: int) -> str:
+    return quadruped.JOINTS[joint].replace("_", " ")
+
+
+POSITIVE, NEGATIVE, NEUTRAL = "#D55E00", "#0072B2", "0.55"
+
+LABEL_WIDTH = 42
+"""Characters in a line of a label."""
+
+
+@styled
+def term_figure(model: ExplainableBoostingRegressor, title: str, n_terms: int = 15) -> Figure:
+    """Ranks the terms by their mean size (paper, Figure 10)."""
+    importances = np.asarray(model.term_importances())
+    order = np.argsort(-importances, kind="stable")[:n_terms]
+    names = [model.term_names_[index] for index in order]
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * len(order)))
+    axes.barh(range(len(order)), importances[order], color="#0072B2")
+    axes.set_yticks(range(len(order)), names, fontsize=6)
+    axes.invert_yaxis()
+    axes.set(xlabel="mean |contribution| to the action", title=title)
+    return figure
+
+
+@styled
+def shape_figure(
+    robot: Robot, model: ExplainableBoostingRegressor, terms: tuple[int, ...], title: str
+) -> Figure:
+    """Draws functions of one observation with bands of two standard deviations between the bagged
+    models, above where the observations lie (paper, Figure 8, top)."""
+    explanation: Any = model.explain_global()
+    size = (2 * COLUMN_WIDTH, 2.3)
+    figure, panels = subplots(
+        2, len(terms), figsize=size, squeeze=False, height_ratios=(4, 1), sharex="col"
+    )
+    for (above, below), term in zip(panels.T, terms, strict=True):
+        _draw_shape(above, below, explanation.data(term))
+        name = model.term_names_[term]
+        below.set_xlabel(label_with_unit(robot, name))
+        below.set_yticks([])
+    panels[0, 0].set_ylabel("adds to the action")
+    panels[1, 0].set_ylabel("samples")
+    figure.suptitle(title, fontsize=8)
+    return figure
+
+
+@styled
+def pair_figure(robot: Robot, model: ExplainableBoostingRegressor, term: int, title: str) -> Figure:
+    """Draws a function of two observations as a map (paper, Figure 8, bottom)."""
+    explanation: Any = model.explain_global()
+    data = explanation.data(term)
+    first, second = (model.feature_names_in_[index] for index in model.term_features_[term])
+    left, right = _edges(data["left_names"]), _edges(data["right_names"])
+    scores = np.asarray(data["scores"])
+    reach = max(float(np.abs(scores).max()), 1e-9)
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 2.6))
+    image = axes.pcolormesh(
+        left, right, scores.T, cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True
+    )
+    axes.grid(visible=False)
+    axes.set(
+        xlabel=label_with_unit(robot, first),
+        ylabel=label_with_unit(robot, second),
+        title=title,
+    )
+    figure.colorbar(image, ax=axes).set_label("adds to the action")
+    return figure
+
+
+@styled
+def contribution_figure(contributions: Contributions, title: str, n_terms: int = 15) -> Figure:
+    """Draws the parts of one target, the largest first, and their sum (paper, Figure 9)."""
+    order = np.argsort(-np.abs(contributions.values), kind="stable")
+    shown, rest = order[:n_terms], order[n_terms:]
+    labels = [contributions.terms[index] for index in shown]
+    values = contributions.values[shown].tolist()
+    if len(rest):
+        labels.append(f"{len(rest)} other terms")
+        values.append(float(contributions.values[rest].sum()))
+    labels.append("target")
+    # Long terms go on in a second line; none is cut.
+    labels = [textwrap.fill(label, LABEL_WIDTH) for label in labels]
+    n_lines = sum(label.count("\n") + 1 for label in labels)
+    values.append(float(contributions.values.sum()))
+    colors = [POSITIVE if value > 0 else NEGATIVE for value in values]
+    colors[-1] = NEUTRAL
+    figure, axes = subplots(figsize=(COLUMN_WIDTH, 0.7 + 0.16 * n_lines))
+    axes.barh(range(len(labels)), values, color=colors)
+    axes.axvline(0.0, color="0.2", linewidth=0.6)
+    axes.set_yticks(range(len(labels)), labels, fontsize=6)
+    axes.invert_yaxis()
+    axes.set(xlabel="adds to the target (rad)", title=title)
+    return figure
+
+
+def _draw_shape(above: Axes, below: Axes, data: dict[str, Any]) -> None:
+    edges, scores = _edges(data["names"]), np.asarray(data["scores"])
+    # interpret's bounds are one standard deviation away.
+    band = 2.0 * (np.asarray(data["upper_bounds"]) - scores)
+    above.stairs(
+        scores + band, edges, baseline=scores - band, fill=True, color="#9ecae1", linewidth=0
+    )
+    above.stairs(scores, edges, baseline=None, color="#0072B2", linewidth=1.0)
+    above.axhline(0.0, color="0.5", linewidth=0.5)
+    density = data["density"]
+    below.stairs(density["scores"], density["names"], fill=True, color="0.6")
+
+
+def _edges(names: Any) -> np.ndarray:
+    return np.asarray(names, dtype=float)
+
+
+N_SHAPES = 3
+"""Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
+
+
+N_PAIRS = 2
+"""Functions of two observations that are drawn for a joint."""
+
+
+def draw_student(
+    gait: str,
+    kind: str,
+    student: Policy,
+    joint: int,
+    observations: Array,
+    folder: Path,
+    seed: int = 0,
+) -> tuple[Path, ...]:
+    """Draws what the shape of a student's model says about a joint.
+
+    Boosted trees: one tree, and the partial dependence on the three most important observations.
+    Additive models: the terms' importances, functions of one observation with their bands, and of
+    two as maps.
+
+    Args:
+        gait: The gait.
+        kind: Kind of student.
+        student: The student.
+        joint: Index of the joint.
+        observations: Observations (m, n) that importances and averages are taken over.
+        folder: Where the figures go.
+        seed: Seed of the samples whose curves are drawn.
+
+    Returns:
+        The figures' paths, less extension.
+    """
+    name = quadruped.JOINTS[joint]
+    title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
+    figures: dict[str, Figure] = {}
+    match student:
+        case BoostedTreesPolicy():
+            ranked = np.argsort(-student.importances[joint], kind="stable")[:N_SHAPES]
+            columns = tuple(int(column) for column in ranked)
+            generator = np.random.default_rng([seed, 2])
+            figures["tree"] = tree_figure(student, joint, observations)
+            figures["partial_dependence"] = dependence_figure(
+                student, joint, observations, columns, generator
+            )
+        case AdditivePolicy():
+            model = interpret_model(student, joint, observations)
+            ranked = np.argsort(-np.asarray(model.term_importances()), kind="stable").tolist()
+            n = len(student.observation_names)
+            singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
+            pairs = [term for term in ranked if term >= n][:N_PAIRS]
+            figures["terms"] = term_figure(model, title)
+            figures["shapes"] = shape_figure(student.robot, model, singles, title)
+            for place, term in enumerate(pairs, start=1):
+                figures[f"pair_{place}"] = pair_figure(student.robot, model, term, title)
+    stems = {what: folder / f"{kind}_{name}_{what}" for what in figures}
+    for what, figure in figures.items():
+        save_figure(figure, stems[what])
+    return tuple(stems.values())

@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from glassgait.models.arrays import Array
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
@@ -24,23 +21,17 @@ from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import StudentKind, student_title
-from glassgait.studies.importance.additive_figures import pair_figure, shape_figure, term_figure
-from glassgait.studies.importance.figures import importance_map
-from glassgait.studies.importance.interpret_model import interpret_model
-from glassgait.studies.importance.methods import (
-    METHOD_TITLES,
-    permutation_importance,
+from glassgait.studies.importance.figures import (
+    importance_map,
 )
-from glassgait.studies.importance.observations import merge_importances, observation_groups
-from glassgait.studies.importance.tables import PAPER_TOP, top_table
-from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
-
-N_SHAPES = 3
-"""Functions of one observation, and curves of partial dependence, that are drawn for a joint."""
-
-N_PAIRS = 2
-"""Functions of two observations that are drawn for a joint."""
-
+from glassgait.studies.importance.measures import (
+    METHOD_TITLES,
+    PAPER_TOP,
+    merge_importances,
+    observation_groups,
+    permutation_importance,
+    top_table,
+)
 
 N_VISITS = 8
 """Episodes that a shipped student visits, twice each of the speeds of a distillation."""
@@ -131,61 +122,6 @@ def measure_importances(
     write_table(every_top, folder / "top_observations")
     write_atomically(folder / "top_observations.tex", to_latex(every_top))
     return pd.concat(tables, ignore_index=True), every_top
-
-
-def draw_student(
-    gait: str,
-    kind: str,
-    student: Policy,
-    joint: int,
-    observations: Array,
-    folder: Path,
-    seed: int = 0,
-) -> tuple[Path, ...]:
-    """Draws what the shape of a student's model says about a joint.
-
-    Boosted trees: one tree, and the partial dependence on the three most important observations.
-    Additive models: the terms' importances, functions of one observation with their bands, and of
-    two as maps.
-
-    Args:
-        gait: The gait.
-        kind: Kind of student.
-        student: The student.
-        joint: Index of the joint.
-        observations: Observations (m, n) that importances and averages are taken over.
-        folder: Where the figures go.
-        seed: Seed of the samples whose curves are drawn.
-
-    Returns:
-        The figures' paths, less extension.
-    """
-    name = quadruped.JOINTS[joint]
-    title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
-    figures: dict[str, Figure] = {}
-    match student:
-        case BoostedTreesPolicy():
-            ranked = np.argsort(-student.importances[joint], kind="stable")[:N_SHAPES]
-            columns = tuple(int(column) for column in ranked)
-            generator = np.random.default_rng([seed, 2])
-            figures["tree"] = tree_figure(student, joint, observations)
-            figures["partial_dependence"] = dependence_figure(
-                student, joint, observations, columns, generator
-            )
-        case AdditivePolicy():
-            model = interpret_model(student, joint, observations)
-            ranked = np.argsort(-np.asarray(model.term_importances()), kind="stable").tolist()
-            n = len(student.observation_names)
-            singles = tuple(term for term in ranked if term < n)[:N_SHAPES]
-            pairs = [term for term in ranked if term >= n][:N_PAIRS]
-            figures["terms"] = term_figure(model, title)
-            figures["shapes"] = shape_figure(student.robot, model, singles, title)
-            for place, term in enumerate(pairs, start=1):
-                figures[f"pair_{place}"] = pair_figure(student.robot, model, term, title)
-    stems = {what: folder / f"{kind}_{name}_{what}" for what in figures}
-    for what, figure in figures.items():
-        save_figure(figure, stems[what])
-    return tuple(stems.values())
 
 
 def _by_joint(importances: Array, names: tuple[str, ...]) -> pd.DataFrame:

@@ -24,14 +24,13 @@ from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.play import play
 from glassgait.studies.common.policies import EXPERT, SHIPPED, find_policies
-from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.play import play
-from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
@@ -264,12 +263,7 @@ def formula_texts(gait: Gait, student: StatewiseSymbolicPolicy) -> list[tuple[st
 
 
 def demo_page(parts: Parts, folder: Path) -> Page:
-    """Makes the page of what there is by now.
-
-    Args:
-        parts: What there is.
-        folder: The demo's folder, with the gait diagrams of the replays.
-    """
+    """Makes the page of what there is by now."""
     smaller = Section(
         "What is smaller here, and what is lost",
         tables=[Table(reductions(QUICK, parts.rollouts, RATIO_PERIODS))],
@@ -382,13 +376,7 @@ def _formulas(parts: Parts) -> Section:
 def reductions(
     distillation: DistillationConfig, rollouts: RolloutConfig, periods: tuple[int, ...]
 ) -> pd.DataFrame:
-    """Lists what is smaller than by default, in the order of the road, and what that costs.
-
-    Args:
-        distillation: How the demo distils.
-        rollouts: How it rolls out.
-        periods: Its control steps from one action of the expert to the next.
-    """
+    """Lists what is smaller than by default, in the order of the road, and what that costs."""
     full, usual = DistillationConfig(), RolloutConfig()
     left_out = [own.title for name, own in STUDENTS.items() if name not in distillation.students]
     collector, itself = distillation.collector, "each student its own"

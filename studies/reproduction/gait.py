@@ -19,20 +19,19 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.rollouts.alternation import PERIODS, alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.scoring import run_rollouts
+from glassgait.studies.common.gait_figure import gait_figure
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import paper_students, student_title
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
-from glassgait.studies.importance.additive_figures import contribution_figure
-from glassgait.studies.importance.study import draw_student, held_out_samples, measure_importances
+from glassgait.studies.importance.figures import contribution_figure, draw_student
+from glassgait.studies.importance.study import held_out_samples, measure_importances
 
 JOINT = 0
 """The joint of the paper's single-joint figures, FL hip."""
@@ -90,14 +89,7 @@ class GaitResults:
 
 
 def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Path) -> GaitResults:
-    """Distils, evaluates and explains one gait, from where an earlier run stopped.
-
-    Args:
-        name: Name of the gait.
-        expert: Its expert.
-        config: How thoroughly.
-        folder: Where everything of this gait goes.
-    """
+    """Distils, evaluates and explains one gait, from where an earlier run stopped."""
     gait = load_gait(name)
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)

@@ -103,12 +103,7 @@ class Report(ReportConfig):
         console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
 
     def page(self, results: Sequence[GaitResults], folder: Path) -> Page:
-        """Makes the page, and writes the tables on it.
-
-        Args:
-            results: What was found about each gait.
-            folder: The report's folder.
-        """
+        """Makes the page, and writes the tables on it."""
         gaits = [found.gait for found in results]
         sections = contents(results)
         for section in sections:

@@ -10,7 +10,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml, write_atomically
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.common.run_folder import to_plain
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.progress import Progress
 

@@ -20,7 +20,7 @@ from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, progress_bar
 from glassgait.studies.common.policies import Policies, find_policies
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
 from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table

@@ -18,13 +18,12 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
-from glassgait.studies.common.cases import Case
+from glassgait.studies.common.cases import Case, cases_in_worlds
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations
 from glassgait.studies.common.parallel.loop import run_parallel
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds
+from glassgait.studies.common.rollouts import RolloutConfig
 
 MARGIN = 0.1
 """Share of its width that a measured range is widened by, on both sides."""

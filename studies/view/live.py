@@ -20,7 +20,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.rollouts.play import pusher
+from glassgait.studies.common.play import pusher
 
 STOP_BUTTON = "stop and save"
 

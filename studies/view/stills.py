@@ -11,7 +11,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import state_colors
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled
-from glassgait.studies.common.rollouts.gait_figure import draw_gait
+from glassgait.studies.common.gait_figure import draw_gait
 
 
 def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
@@ -32,12 +32,6 @@ def last_cycle(rollout: Rollout, gait: Gait) -> tuple[int, int]:
 def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) -> Figure:
     """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
     moment in the gait diagram.
-
-    Args:
-        robot: The robot.
-        rollout: A rollout with at least one whole cycle.
-        gait: Its gait.
-        n_stills: Number of stills.
 
     Raises:
         InputError: if the rollout holds no whole cycle.

@@ -16,14 +16,15 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
-from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.imu import ImuErrors
 
 A1 = load_robot()
 
@@ -78,6 +79,16 @@ def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
     expected = A1.joint_targets(one["actions"][:-1], limited=True)
     np.testing.assert_allclose(targets, expected, rtol=0, atol=1e-12)
     # It walks: a foot was lifted.
+    assert kinematics.foot_heights(A1, states).max() > 0.02
+
+
+def test_odometry_runs_at_the_controllers_end(trot, odometry_expert):
+    errors = {"encoder_bias": 0.02, "imu": ImuErrors(gyroscope_bias=0.1, delay=1)}
+    scenario = Scenario(command=DrawnCommands(), limit_targets=True, **errors)
+    states, _ = Ends(trot, alone(odometry_expert), scenario, seed=3).run(N_STEPS)
+    diagram = MakeLocomotion(trot, scenario, policy=odometry_expert)
+    one = record(make_simulator(diagram, seed=3), N_STEPS)
+    np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-12)
     assert kinematics.foot_heights(A1, states).max() > 0.02
 
 

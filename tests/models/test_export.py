@@ -45,7 +45,7 @@ from glassgait.studies.deployment.export.agreement import (
     compare_controllers,
     random_sequences,
 )
-from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+from glassgait.studies.deployment.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 

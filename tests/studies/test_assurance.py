@@ -13,17 +13,26 @@ from glassgait.models.policies.library import load_student
 from glassgait.models.task.assurance import EnsembleDisagreement, Hysteresis, Region
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SCORES
-from glassgait.studies.evaluation.assurance.calibration import Visits, guarded, visit
-from glassgait.studies.evaluation.assurance.fall_prediction import LEADS, rescues, warnings_of
-from glassgait.studies.evaluation.assurance.figures import draw_calls
-from glassgait.studies.evaluation.assurance.study import Calibration, Pair, period_of, roll_out_all
-from glassgait.studies.evaluation.assurance.tables import (
+from glassgait.studies.evaluation.assurance import (
     acting_title,
     assurance_table,
     readable_table,
 )
+from glassgait.studies.evaluation.assurance_calibration import (
+    LEADS,
+    Calibration,
+    Pair,
+    Visits,
+    guarded,
+    period_of,
+    rescues,
+    roll_out_all,
+    visit,
+    warnings_of,
+)
+from glassgait.studies.evaluation.assurance_figures import draw_calls
 
 NAMES = ObservationLayout(2).names
 HIP, SPEED = NAMES.index("DoF Pos FL Hip"), NAMES.index("Base Lin Vel Y")
@@ -165,9 +174,9 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
     def never(*_, **__):
         raise AssertionError("made anew")
 
-    for module, name in [("study", "visit"), ("pushed_robot", "record")]:
-        monkeypatch.setattr(f"glassgait.studies.evaluation.assurance.{module}.{name}", never)
-    monkeypatch.setattr("glassgait.studies.common.rollouts.scoring.roll_out", never)
+    for module, name in [("calibration", "visit"), ("figures", "record")]:
+        monkeypatch.setattr(f"glassgait.studies.evaluation.assurance_{module}.{name}", never)
+    monkeypatch.setattr("glassgait.studies.common.cases.roll_out", never)
     before = (folder / "metrics.json").read_bytes()
     (folder / "metrics.json").unlink()
     assert (run("--resume") / "metrics.json").read_bytes() == before

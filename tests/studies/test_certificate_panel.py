@@ -17,7 +17,6 @@ from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students.library import find_certificate
 from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
-from glassgait.studies.explanation.page import explain_rollout, render_page
 
 A1 = load_robot()
 
@@ -182,27 +181,16 @@ def test_a_witness_moves_the_timeline_to_the_moment_that_is_nearest(explained, b
     assert not browser.find_elements("id", "witness")
 
 
-def test_the_timeline_marks_the_steps_outside_of_the_box(panel, observed, browser, tmp_path):
+def test_the_timeline_marks_the_steps_outside_of_the_box(
+    panel, observed, explained_page, browser, tmp_path
+):
     policy = load_policy(PAGE)
     states = observed[:, machine_state_entries(policy.observation_names)]
     values = {"observations": observed, "actions": policy(observed), "rm_state": states}
     values |= {"rm_iterations": np.zeros((len(observed), 1)), "foot_contact": np.zeros((40, 4))}
     rollout = Rollout(0.02 * np.arange(len(observed)), values)
-    page = tmp_path / "index.html"
-    page.write_text(
-        render_page(
-            gait=GAIT,
-            policy_name="sparse_formula",
-            policy=policy,
-            rollout=rollout,
-            explained=explain_rollout(policy, rollout),
-            replay="",
-            joint=0,
-            step=7,
-            figures=[],
-            certificate=panel,
-        )
-    )
+    options = {"policy_name": "sparse_formula", "step": 7, "certificate": panel}
+    page = explained_page(tmp_path, GAIT, policy, rollout, **options)
     browser.get(f"file://{page}")
     (mark,) = browser.find_elements("css selector", "#gait rect.outside")
     # The timeline is 610 wide, from step 0 to step 39.

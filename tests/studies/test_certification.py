@@ -15,7 +15,7 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.verification.measurement import measure_box
 
 A1 = load_robot()

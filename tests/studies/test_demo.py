@@ -12,7 +12,7 @@ from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure, subplots
-from glassgait.studies.common.rollouts.config import RolloutConfig
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings

@@ -10,7 +10,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_policy, policy_path
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.rollouts.selection import simplest_of_the_best
+from glassgait.studies.common.selection import simplest_of_the_best
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,

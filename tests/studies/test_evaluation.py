@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-import glassgait.studies.common.rollouts.scoring
+import glassgait.studies.common.cases
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
@@ -24,14 +24,11 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
-from glassgait.studies.common.cases import Case
+from glassgait.studies.common.cases import Case, alternation_cases, cases_in_worlds, run_rollouts
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts.alternation import alternation_cases
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
-from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import (
     interval,
     return_shares,
@@ -48,7 +45,7 @@ from glassgait.studies.evaluation.tracking import (
     tracking_figure,
     tracking_table,
 )
-from glassgait.studies.evaluation.worlds_tables import falls_table, scorecard_table
+from glassgait.studies.evaluation.worlds import falls_table, scorecard_table
 from glassgait.studies.importance.faithfulness import AblatedController
 
 A1 = load_robot()
@@ -115,7 +112,7 @@ def test_scores_of_another_definition_are_not_taken_again(expert, monkeypatch):
         return case.digest()
 
     before = digest()
-    monkeypatch.setattr(glassgait.studies.common.rollouts.scoring, "SCORES", ("speed_error",))
+    monkeypatch.setattr(glassgait.studies.common.cases, "SCORES", ("speed_error",))
     assert digest() != before
 
 
@@ -294,9 +291,9 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
         return run_rollouts(jobs, folder, processes=1)
 
     rolled_out = []
-    original = glassgait.studies.common.rollouts.scoring.roll_out
+    original = glassgait.studies.common.cases.roll_out
     monkeypatch.setattr(
-        glassgait.studies.common.rollouts.scoring,
+        glassgait.studies.common.cases,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )

@@ -12,8 +12,7 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_expert, shipped_experts
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.common.tables import to_markdown
 from glassgait.studies.training.record import read_config

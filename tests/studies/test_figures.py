@@ -22,14 +22,18 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.figures import save_figure, subplots
-from glassgait.studies.common.rollouts.gait_figure import gait_figure
+from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.distillation.pareto import pareto_figure
 from glassgait.studies.evaluation.alternation import return_figure
-from glassgait.studies.evaluation.symmetry_figures import symmetry_figure
+from glassgait.studies.evaluation.symmetry import symmetry_figure
 from glassgait.studies.evaluation.tracking import COMMANDED, MEASURED, tracking_figure
 from glassgait.studies.evaluation.worlds_figures import fall_map
-from glassgait.studies.importance.additive_figures import contribution_figure
-from glassgait.studies.importance.figures import faithfulness_figure, importance_map, loss_figure
+from glassgait.studies.importance.figures import (
+    contribution_figure,
+    faithfulness_figure,
+    importance_map,
+    loss_figure,
+)
 from glassgait.studies.reproduction.curricula import curricula_figure
 from glassgait.studies.training.figures import ablation_curves, learning_curves
 from glassgait.studies.view.stills import gait_strip, last_cycle

@@ -20,9 +20,14 @@ from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.registry import StudentsSettings
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.importance import study
-from glassgait.studies.importance.methods import permutation_importance
-from glassgait.studies.importance.observations import merge_importances, observation_groups
-from glassgait.studies.importance.tables import PAPER_TOP, top_observations, top_table
+from glassgait.studies.importance.measures import (
+    PAPER_TOP,
+    merge_importances,
+    observation_groups,
+    permutation_importance,
+    top_observations,
+    top_table,
+)
 
 A1 = load_robot()
 

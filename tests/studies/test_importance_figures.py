@@ -13,9 +13,12 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
-from glassgait.studies.importance.interpret_model import interpret_model
-from glassgait.studies.importance.study import draw_student
-from glassgait.studies.importance.tree_figures import dependence_figure, tree_figure
+from glassgait.studies.importance.figures import (
+    dependence_figure,
+    draw_student,
+    interpret_model,
+    tree_figure,
+)
 
 A1 = load_robot()
 

@@ -12,13 +12,18 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.push_basin import (
+    Basin,
     Pushed,
     PushGrid,
     failure_counts,
     push_everywhere,
 )
-from glassgait.studies.evaluation.pushes import Basin, push_table, summary_table
-from glassgait.studies.evaluation.pushes_figures import half_lines, push_figure
+from glassgait.studies.evaluation.pushes import (
+    half_lines,
+    push_figure,
+    push_table,
+    summary_table,
+)
 
 TROT = load_gait("trot")
 WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))

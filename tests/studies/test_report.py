@@ -15,8 +15,8 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.robots.robot import load_robot
 from glassgait.studies.cli import main
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.serialization import to_plain
+from glassgait.studies.common.rollouts import RolloutConfig
+from glassgait.studies.common.run_folder import to_plain
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,

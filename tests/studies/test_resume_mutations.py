@@ -12,8 +12,8 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds, run_rollouts
+from glassgait.studies.common.cases import cases_in_worlds, run_rollouts
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME, load_checkpoint

@@ -19,11 +19,9 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
-from glassgait.studies.common.cases import Case
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.play import pusher
-from glassgait.studies.common.rollouts.roll_out import roll_out
-from glassgait.studies.common.rollouts.scoring import cases_in_worlds
+from glassgait.studies.common.cases import Case, cases_in_worlds
+from glassgait.studies.common.play import pusher
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.view.command import OwnCommand
 

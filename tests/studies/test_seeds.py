@@ -12,12 +12,12 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import COMMANDS, command_class
+from glassgait.studies.common import selection
+from glassgait.studies.common.cases import for_selection, rollout_cases
 from glassgait.studies.common.observers import RolloutLog
-from glassgait.studies.common.rollouts import selection
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.rollouts.scoring import for_selection, rollout_cases
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, SELECTION_SEEDS, RolloutConfig
 from glassgait.studies.distillation.pareto import smallest_that_walk
-from glassgait.studies.evaluation.assurance.command import Assurance
+from glassgait.studies.evaluation.assurance import Assurance
 
 GAIT = load_gait("trot")
 

@@ -28,18 +28,7 @@ def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
 
 def test_a_joints_lines_are_printed_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    main(
-        [
-            "explain",
-            "terms",
-            "--gait",
-            "trot",
-            "--policy",
-            "statewise_symbolic",
-            "--joint",
-            "RL_calf",
-        ]
-    )
+    main(["explain", "terms", "--policy", "statewise_symbolic", "--joint", "RL_calf"])
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line.startswith("state")] == ["state 0", "state 1"]
     # No certificate of these formulas ships.

@@ -24,8 +24,7 @@ from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.students.library import (
     default_student,
     load_students,

@@ -19,7 +19,7 @@ from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, refl
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.evaluation.symmetry_measures import (
+from glassgait.studies.evaluation.symmetry import (
     drawn_importances,
     left_right_table,
     mirror_r2,

@@ -10,7 +10,7 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.console import console, progress_bar, say
 from glassgait.studies.common.figures import save_figure, subplots
-from glassgait.studies.common.rollouts.gait_figure import draw_gait
+from glassgait.studies.common.gait_figure import draw_gait
 from glassgait.studies.common.tables import print_table, to_markdown
 
 WORDS = ["[/y]", "[bold]x[/bold]", "x[y]", ":smile:", "[link=a]b[/link]", "\\[x]"]

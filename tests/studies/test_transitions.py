@@ -9,8 +9,12 @@ from matplotlib.patches import Rectangle
 
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.transition_rollouts import Requests, settled_from
-from glassgait.studies.evaluation.transitions import Transitions, summary_table, transition_table
-from glassgait.studies.evaluation.transitions_figures import transition_figure
+from glassgait.studies.evaluation.transitions import (
+    Transitions,
+    summary_table,
+    transition_figure,
+    transition_table,
+)
 
 GAITS = ("trot", "pace", "walk")
 TITLES = {"training": "home"}

@@ -8,19 +8,22 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 
-import glassgait.studies.common.rollouts.scoring
+import glassgait.studies.common.cases
 from glassgait.models.files import read_yaml
 from glassgait.studies.cli import main
-from glassgait.studies.common.scores import SCORES
-from glassgait.studies.common.summary import wilson_interval
+from glassgait.studies.common.scores import SCORES, wilson_interval
 from glassgait.studies.distillation.students.baselines import untrained_student
-from glassgait.studies.evaluation.worlds import Worlds
-from glassgait.studies.evaluation.worlds_figures import COLORS, fall_map, readable_on
-from glassgait.studies.evaluation.worlds_tables import (
+from glassgait.studies.evaluation.worlds import (
+    Worlds,
     fall_table,
-    policies_of,
-    worst_first,
     worst_table,
+)
+from glassgait.studies.evaluation.worlds_figures import (
+    COLORS,
+    fall_map,
+    policies_of,
+    readable_on,
+    worst_first,
 )
 
 WORLDS = {"training": "home", "icy": "ice", "late": "delay", "calm": "calm"}
@@ -243,9 +246,9 @@ def test_resume_rolls_out_what_is_missing_alone(run, monkeypatch, refused):
     kept[0].unlink()
     (folder / "metrics.json").unlink()
     rolled_out = []
-    original = glassgait.studies.common.rollouts.scoring.roll_out
+    original = glassgait.studies.common.cases.roll_out
     monkeypatch.setattr(
-        glassgait.studies.common.rollouts.scoring,
+        glassgait.studies.common.cases,
         "roll_out",
         lambda *job: rolled_out.append(job) or original(*job),
     )

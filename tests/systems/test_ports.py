@@ -60,6 +60,7 @@ from glassgait.systems.sensors_sender import SensorsSender
 from glassgait.systems.state_estimator import StateEstimator
 from glassgait.systems.symbolic_policy import make_symbolic_policy
 from glassgait.systems.targets_sender import TargetsSender
+from glassgait.systems.world_state import WorldState
 
 A1, TROT, WALK = load_robot(), load_gait("trot"), load_gait("walk")
 LAYOUT = ObservationLayout(TROT.n_states)
@@ -236,6 +237,7 @@ PORTS: dict[Any, Ports] = {
     TargetsSender: Ports(
         lambda: TargetsSender(A1), {"action": 12, "sensors": ABSTRACT}, {"message": ABSTRACT}
     ),
+    WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),
     make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
 }
 

@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError, brief
-from glassgait.studies.common.parallel.worker import WORKER_LOST, run_in_worker
+from glassgait.studies.common.parallel.cluster import WORKER_LOST, run_in_worker
 
 WORKERS_AWAITED = 30.0
 """Seconds without a result after which a cluster without workers is given up."""

@@ -20,8 +20,14 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from pydantic import AfterValidator
 
 from glassgait.models.errors import InputError
-from glassgait.studies.common.parallel.cluster import AHEAD, Cluster, run_on_cluster
-from glassgait.studies.common.parallel.worker import ENDING, WORKER_LOST, in_worker
+from glassgait.studies.common.parallel.cluster import (
+    AHEAD,
+    ENDING,
+    WORKER_LOST,
+    Cluster,
+    in_worker,
+    run_on_cluster,
+)
 
 WATCH_PERIOD = 1.0
 """Seconds between two looks of a worker for its parent."""

@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from glassgait.models.errors import InputError, brief, shown
-from glassgait.studies.common.parallel.worker import ENDING, WORKER_LOST, run_in_worker
+from glassgait.studies.common.parallel.cluster import ENDING, WORKER_LOST, run_in_worker
 
 PATIENCE = 10.0
 """Seconds in which a cluster must answer."""

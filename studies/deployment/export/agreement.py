@@ -153,14 +153,7 @@ def _random_moments(
 def recorded_sequences(
     gait: Gait | GaitSwitch, controller: AlternatingController, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records what robots sense that the controller moves, in the training world.
-
-    Args:
-        gait: The gait, or several, which robots then change again and again.
-        controller: The controller, in Python.
-        n_steps: Control steps of all robots together.
-        seed: Seed of initial states, commands, requests and noise.
-    """
+    """Records what robots sense that the controller moves, in the training world."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     own_steps = n_steps // n_robots
     if isinstance(gait, GaitSwitch):
@@ -189,13 +182,6 @@ def drawn_requests(
     """Draws the numbers of the gaits that robots are asked for (n_steps, n_robots).
 
     The first gait is asked for at first, and from time to time another one than before.
-
-    Args:
-        switch: The gaits.
-        n_robots: Number of robots.
-        n_steps: Control steps.
-        every: Control steps from one request to the next.
-        seed: Seed of what is drawn.
     """
     generator = np.random.default_rng(seed)
     n_gaits, n_requests = len(switch.gaits), -(-n_steps // every)
@@ -225,11 +211,6 @@ class RecordedMoments(Observer):
     """
 
     def __init__(self, n_robots: int, requested: IntArray | None = None) -> None:
-        """
-        Args:
-            n_robots: Number of robots.
-            requested: Gaits that are requested in each control step (T, n), of several gaits.
-        """
         self.sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
         self._requested = requested
 

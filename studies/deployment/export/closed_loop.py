@@ -24,7 +24,7 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
 from glassgait.studies.common.observers import Log, Snapshots
-from glassgait.studies.common.rollouts.config import distilled_speeds
+from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.deployment.export.agreement import Moment, asking, drawn_requests, moments
 

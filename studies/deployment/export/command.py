@@ -17,7 +17,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import Policies, find_policies_of
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table

@@ -160,10 +160,6 @@ class OnnxFile(Exported):
 
     def __init__(self, deployment: Deployment, real: Real) -> None:
         """
-        Args:
-            deployment: What is exported, of one gait.
-            real: Type of what the graph reads and gives.
-
         Raises:
             InputError: if there is no graph for it, or its name can name no controller.
         """

@@ -24,8 +24,8 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
-from glassgait.studies.common.rollouts.config import distilled_speeds
-from glassgait.studies.common.rollouts.selection import rank_alone, simplest_of_the_best
+from glassgait.studies.common.rollouts import distilled_speeds
+from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
 from glassgait.studies.distillation.students.symbolic import short_numbers

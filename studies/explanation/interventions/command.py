@@ -16,7 +16,7 @@ from glassgait.models.settings import Count, Seed
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.rollouts.config import REPORTED_SEEDS
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy

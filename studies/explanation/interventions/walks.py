@@ -16,8 +16,7 @@ from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import indices_of, machine_state_entries
 from glassgait.models.task.symmetry import reflect_observation
 from glassgait.studies.common.observers import Observations
-from glassgait.studies.common.rollouts.config import RolloutConfig
-from glassgait.studies.common.rollouts.roll_out import roll_out
+from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.common.scores import score_rollouts
 
 

@@ -1,1 +1,0 @@
-"""Rolling policies out and scoring what they did: the ground that several studies share."""

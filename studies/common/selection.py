@@ -1,0 +1,94 @@
+"""Which of several students earns most alone, which R² does not predict."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+from joblib import delayed
+
+from glassgait.diagrams.scenario import Pushes, Scenario
+from glassgait.diagrams.station import StationConfig
+from glassgait.models.policies.controller import alone
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.policy import Policy
+from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.task.gait import Gait
+from glassgait.studies.common.parallel.loop import run_parallel
+from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig, roll_out
+from glassgait.studies.common.scores import score_rollouts, summarize
+
+WORTH_A_FALL = 0.97
+"""Share of the best student's return that one must earn to be preferred because it falls less."""
+
+WORTH_A_TERM = 0.99
+"""The same, to be preferred because it is simpler."""
+
+ROUGH = Scenario(
+    "rough",
+    StationConfig(friction=0.6, payload=1.5),
+    latency=0.01,
+    pushes=Pushes(speed=1.0, interval=5.0),
+)
+"""A world that most falls happen in: slippery, loaded, late and pushed at once."""
+
+SELECTION = tuple(zip(SELECTION_SEEDS, (Scenario(), ROUGH), strict=False))
+"""Seeds and worlds of the rollouts that select."""
+
+
+def rank_alone(
+    candidates: Mapping[str, Policy],
+    gait: Gait,
+    expert: NeuralPolicy,
+    n_steps: int = EPISODE_STEPS,
+    n_jobs: int = 1,
+) -> pd.DataFrame:
+    """Rolls every candidate out alone and ranks them by return.
+
+    Args:
+        candidates: Students by label.
+        gait: The gait.
+        expert: The expert, for its estimator.
+        n_steps: Control steps of a rollout.
+        n_jobs: Candidates that are rolled out at once.
+
+    Returns:
+        A row a candidate, the best first, with its means over 52 robots, half of them in the
+        training world and half in a rough one.
+    """
+    config = RolloutConfig(n_steps=n_steps).at_distilled_speeds(gait)
+    runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
+    work = (
+        delayed(roll_out)(
+            gait,
+            alone(candidates[label], expert),
+            world,
+            replace(config, seed=seed),
+        )
+        for label, seed, world in runs
+    )
+    scores = [
+        score_rollouts(log, expert.robot.mass + world.station.payload).assign(candidate=label)
+        for (label, _, world), log in zip(runs, run_parallel(work, n_jobs), strict=True)
+    ]
+    means = summarize(pd.concat(scores, ignore_index=True), ["candidate"])
+    return means.sort_values("return", ascending=False, ignore_index=True, kind="stable")
+
+
+def simplest_of_the_best(ranked: pd.DataFrame, complexity: Mapping[str, Any]) -> str:
+    """Chooses a student: falls count before simplicity, and simplicity before a little return.
+
+    Of equally complex ones it is the one that earns most.
+
+    Args:
+        ranked: What `rank_alone` returned.
+        complexity: How complex each candidate is, of any type that has an order.
+    """
+    able = _within(ranked, WORTH_A_FALL)
+    steady = _within(able[able["falls"] == able["falls"].min()], WORTH_A_TERM)
+    return min(steady["candidate"], key=lambda candidate: complexity[candidate])
+
+
+def _within(ranked: pd.DataFrame, share: float) -> pd.DataFrame:
+    best = ranked["return"].max()
+    return ranked[ranked["return"] >= best - (1.0 - share) * abs(best)]

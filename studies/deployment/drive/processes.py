@@ -1,0 +1,253 @@
+"""The two processes: a robot that is simulated at real time, and a controller that answers it."""
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.lcm import DrakeLcmInterface
+
+from glassgait.diagrams.link import ControllerEnd, RobotEnd
+from glassgait.models.link.watchdog import Phase
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.studies.common.console import say
+
+Record = dict[str, float]
+"""What a process counted, by name."""
+
+KEPT = 500_000
+"""Instants that are remembered, the latest ones: of almost three hours."""
+
+MILLISECONDS = 1e3
+
+LISTENING = 100
+"""Time for which a controller listens before it asks whether to end (ms)."""
+
+SILENCE = 1.0
+"""Time without sensors that is reported (s)."""
+
+FOREIGN = (
+    "a message came that is of another kind, or of another version: it was passed over; run both "
+    "processes of one version, or name other --channels"
+)
+
+REPORTED = {
+    (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
+    (Phase.HOLDING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.FOLLOWING, Phase.LOWERED): "no answer: the robot is lowered",
+    (Phase.LOWERED, Phase.STANDING): "answers come again: the robot rises",
+    (Phase.LOWERED, Phase.TIPPED): "answers come again, but the robot leans too far to rise",
+    (Phase.TIPPED, Phase.STANDING): "the robot is level again, and rises",
+    (Phase.STANDING, Phase.LOWERED): "the robot leans too far to stand: it is lowered",
+}
+"""Changes of phase that are reported."""
+
+
+class RobotProcess:
+    """Runs a robot at real time."""
+
+    def __init__(
+        self,
+        robot: RobotEnd,
+        lcm: DrakeLcmInterface,
+        *,
+        patience: float = 0.0,
+        pushed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """
+        Args:
+            robot: The robot.
+            lcm: Where its messages go.
+            patience: Time to wait for the answer to each message of sensors (s).
+            pushed: Called between two control steps.
+        """
+        self._robot, self._lcm, self._patience, self._pushed = robot, lcm, patience, pushed
+        self._pace = Pace(self._listen)
+        self._sent_at: float | None = None
+        self._answer_times: deque[float] = deque(maxlen=KEPT)
+        self._steps = Counter[Phase]()
+        self._changes = Counter[tuple[Phase, Phase]]()
+        self._falls = 0
+        self._warned = False
+
+    def run(self, n_steps: int | None, stopped: Callable[[], bool]) -> Record:
+        """Simulates until it is asked to end.
+
+        Args:
+            n_steps: Control steps to take; None for no end but `stopped`.
+            stopped: Asked at every control step whether to end.
+
+        Returns:
+            What was counted, by name.
+        """
+        robot, begun = self._robot, time.monotonic()
+        phase = robot.phase
+        while not stopped() and (n_steps is None or robot.step < n_steps):
+            self._take_step()
+            phase = self._reported(phase)
+            if robot.fallen:
+                self._falls += 1
+                say(f"{self._now:.2f} s: the robot fell; back on its feet")
+                robot.put_back()
+                phase = robot.phase
+            self._pushed()
+        return self._record(time.monotonic() - begun)
+
+    @property
+    def _now(self) -> float:
+        return self._robot.step * CONTROL_PERIOD
+
+    def _take_step(self) -> None:
+        robot = self._robot
+        step = robot.step
+        for part in range(robot.n_parts):
+            self._pace.wait_until(step, part / robot.n_parts)
+            if part == 0:
+                robot.send()
+                self._sent_at = time.monotonic()
+                self._listen_for(self._patience)
+            robot.advance(part)
+            self._note_answer()
+            if robot.n_foreign and not self._warned:
+                self._warned = True
+                say(FOREIGN)
+
+    def _listen_for(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while not self._robot.answered and (left := end - time.monotonic()) > 0.0:
+            self._listen(left)
+
+    def _listen(self, seconds: float) -> None:
+        """Spends some time, of which messages take none."""
+        milliseconds = int(1e3 * seconds)
+        if milliseconds == 0:
+            time.sleep(seconds)
+        self._lcm.HandleSubscriptions(milliseconds)
+        self._note_answer()
+
+    def _note_answer(self) -> None:
+        if self._sent_at is not None and self._robot.answered:
+            self._answer_times.append(time.monotonic() - self._sent_at)
+            self._sent_at = None
+
+    def _reported(self, before: Phase) -> Phase:
+        phase = self._robot.phase
+        self._steps[phase] += 1
+        if phase != before:
+            self._changes[before, phase] += 1
+            if (before, phase) in REPORTED:
+                say(f"{self._now:.2f} s: {REPORTED[before, phase]}")
+        return phase
+
+    def _record(self, wall: float) -> Record:
+        robot, tally, pace = self._robot, self._robot.tally, self._pace
+        n_steps = robot.step
+        began = Counter[Phase]()
+        for (_, after), count in self._changes.items():
+            began[after] += count
+        return {
+            "simulated (s)": self._now,
+            "on the wall (s)": wall,
+            "sensors sent": n_steps,
+            **{f"answers {name}": count for name, count in tally.rows().items()},
+            "messages of another kind": robot.n_foreign,
+            "share of steps held": self._steps[Phase.HOLDING] / max(n_steps, 1),
+            "times lowered": began[Phase.LOWERED],
+            "times kept down": began[Phase.TIPPED],
+            "falls": self._falls,
+            **pace.jitter(),
+            "slips": pace.slips,
+            "slipped (s)": pace.slipped,
+            **spread("time to an answer", np.array(self._answer_times)),
+            "load of the machine, 1 minute": os.getloadavg()[0],
+            "processors": float(os.cpu_count() or 0),
+        }
+
+
+def control(
+    controller: ControllerEnd, lcm: DrakeLcmInterface, stopped: Callable[[], bool]
+) -> Record:
+    """Answers until it is asked to end.
+
+    Returns:
+        What was counted, by name.
+    """
+    taken: deque[float] = deque(maxlen=KEPT)
+    answered, last, hears, warned = 0, time.monotonic(), False, False
+    while not stopped():
+        lcm.HandleSubscriptions(LISTENING)
+        if controller.n_foreign and not warned:
+            warned = True
+            say(FOREIGN)
+        now = time.monotonic()
+        if controller.answer():
+            answered, last = answered + 1, time.monotonic()
+            taken.append(last - now)
+            if not hears:
+                say("answering a robot")
+                hears = True
+        elif hears and now - last > SILENCE:
+            say("the robot is silent")
+            hears = False
+    return {
+        "answers sent": answered,
+        **{f"sensors {name}": count for name, count in controller.tally.rows().items()},
+        "messages of another kind": controller.n_foreign,
+        "robots heard": controller.tally.sessions,
+        **spread("time of a step", np.array(taken)),
+    }
+
+
+class Pace:
+    """Waits for control instants, 20 ms apart.
+
+    A process that is late by more than a control step does not hurry after the clock: a robot's
+    controller would have no time to answer. The clock is put back then, which counts as a slip.
+
+    Attributes:
+        slips: How often that was.
+        slipped: By how much in all (s).
+    """
+
+    def __init__(self, wait: Callable[[float], None] = time.sleep) -> None:
+        """
+        Args:
+            wait: Called with seconds to spend; it may come back early.
+        """
+        self.slips, self.slipped = 0, 0.0
+        self._wait = wait
+        self._start: float | None = None
+        self._begun: deque[float] = deque(maxlen=KEPT)
+
+    def wait_until(self, step: int, share: float) -> None:
+        """Waits for an instant."""
+        now = time.monotonic()
+        due = (step + share) * CONTROL_PERIOD
+        if self._start is None:
+            self._start = now - due
+        behind = now - self._start - due
+        if behind > CONTROL_PERIOD:
+            self.slips, self.slipped = self.slips + 1, self.slipped + behind
+            self._start += behind
+        while (left := self._start + due - time.monotonic()) > 0.0:
+            self._wait(left)
+        if share == 0.0:
+            self._begun.append(time.monotonic())
+
+    def jitter(self) -> dict[str, float]:
+        """Returns by how much steps were longer or shorter than 20 ms (ms); NaN without any."""
+        steps = np.abs(np.diff(self._begun) - CONTROL_PERIOD)
+        return spread("step jitter", steps)
+
+
+def spread(name: str, seconds: np.ndarray) -> dict[str, float]:
+    """Returns median, 99.9th percentile and maximum of times (n; s), in ms."""
+    if not len(seconds):
+        seconds = np.array([np.nan])
+    median, high, most = np.quantile(seconds, [0.5, 0.999, 1.0]) * MILLISECONDS
+    return {
+        f"{name}, median (ms)": float(median),
+        f"{name}, 99.9th percentile (ms)": float(high),
+        f"{name}, greatest (ms)": float(most),
+    }

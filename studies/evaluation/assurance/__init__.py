@@ -1,1 +1,0 @@
-"""Runtime assurance: the student acts inside of its region, the expert outside."""

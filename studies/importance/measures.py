@@ -1,0 +1,194 @@
+"""Observations merged over legs, as the paper's table names them."""
+
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.policies.policy import Policy
+from glassgait.models.robots import quadruped
+from glassgait.models.task.observation import entries_of, indices_of
+from glassgait.studies.distillation.students.dataset import Dataset, r2_scores
+
+
+def observation_groups(names: tuple[str, ...]) -> dict[str, NDArray[np.int64]]:
+    """Groups observations that differ by leg alone: columns by merged name, in order."""
+    merged = [entry.merged_name for entry in entries_of(names)]
+    return {
+        group: np.flatnonzero([name == group for name in merged]) for group in dict.fromkeys(merged)
+    }
+
+
+def merge_importances(importances: Array, names: tuple[str, ...]) -> Array:
+    """Adds importances up over the observations of each group.
+
+    Args:
+        importances: Importances (..., n).
+        names: Names of the observations.
+
+    Returns:
+        Importances (..., n_groups), in the order of `observation_groups`.
+    """
+    groups = observation_groups(names)
+    return np.stack([importances[..., own].sum(axis=-1) for own in groups.values()], axis=-1)
+
+
+METHOD_TITLES = {
+    "permutation": "permutation importance",
+    "impurity": "impurity importance",
+    "terms": "mean size of terms",
+    "derivatives": "mean slope × spread",
+}
+
+
+def permutation_importance(
+    policy: Policy, samples: Dataset, generator: np.random.Generator, repeats: int = 10
+) -> Array:
+    """Measures how much R² each joint loses when one observation is shuffled.
+
+    The entries of the machine's state are shuffled together, so that each sample keeps exactly one
+    state. What is lost without them is divided equally among them.
+
+    Args:
+        policy: The student.
+        samples: Held-out samples with the expert's actions.
+        generator: Source of randomness.
+        repeats: Shuffles of each observation.
+
+    Returns:
+        Losses of R² (repeats, 12, n).
+    """
+    whole = r2_scores(policy, samples)
+    observations = samples.observations
+    state = set(indices_of("machine state", policy.observation_names))
+    blocks = [[column] for column in range(observations.shape[1]) if column not in state]
+    blocks += [sorted(state)] if state else []
+    losses = np.zeros((repeats, len(whole), observations.shape[1]))
+    for repeat in range(repeats):
+        for columns in blocks:
+            shuffled = observations.copy()
+            shuffled[:, columns] = generator.permutation(observations[:, columns])
+            scores = r2_scores(policy, Dataset(shuffled, samples.actions, samples.episodes))
+            losses[repeat, :, columns] = (whole - scores) / len(columns)
+    return losses
+
+
+N_TOP = 3
+
+_HIP, _THIGH, _CALF = "Prev Action Hip", "Prev Action Thigh", "Prev Action Calf"
+_STATE, _ITERS, _FOOT, _X = "RM State", "RM Iters", "Foot Height", "Command X"
+
+PAPER_TOP = {
+    "impurity": {
+        "walk": {
+            "hip": ({_HIP}, {_STATE}, {_ITERS, "DoF Pos Calf", _CALF, _FOOT}),
+            "thigh": ({_THIGH}, {_STATE, _ITERS, "DoF Pos Thigh"}, {_HIP, _X}),
+            "calf": ({_HIP, _CALF}, {_ITERS, _HIP, _CALF}, {_HIP, _THIGH}),
+        },
+        "trot": {
+            "hip": ({_HIP}, {_STATE, _ITERS, _HIP, _THIGH}, {_ITERS, _CALF}),
+            "thigh": ({_HIP, _THIGH}, {_ITERS, _X, _THIGH, _CALF}, {_ITERS, _STATE, _FOOT}),
+            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
+        },
+        "pace": {
+            "hip": (
+                {_HIP, "DoF Vel Hip", _ITERS, _FOOT},
+                {"DoF Pos Thigh", "DoF Vel Thigh", _STATE, _ITERS},
+                {_HIP, _FOOT, "DoF Vel Calf"},
+            ),
+            "thigh": ({_HIP, _ITERS, _FOOT}, {_FOOT, _HIP}, {"DoF Vel Hip", "DoF Vel Thigh", _X}),
+            "calf": (
+                {_HIP, _THIGH},
+                {_THIGH, _CALF, _ITERS, _FOOT},
+                {_ITERS, "DoF Pos Thigh", "DoF Vel Thigh"},
+            ),
+        },
+        "bound": {
+            "hip": ({_HIP}, {_HIP, _THIGH}, {_CALF, "Base Lin Vel Z"}),
+            "thigh": ({_THIGH}, {_THIGH, _CALF, _ITERS}, {_FOOT, _X, _HIP, _CALF}),
+            "calf": ({_CALF, _HIP}, {_CALF, _HIP}, {_HIP, _THIGH}),
+        },
+    },
+    "permutation": {
+        "walk": {
+            "hip": ({_HIP}, {_STATE, _FOOT}, {_ITERS, _STATE, _CALF}),
+            "thigh": ({_THIGH}, {_STATE, _ITERS, _X}, {_HIP, _X}),
+            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
+        },
+        "trot": {
+            "hip": ({_HIP}, {_STATE, _ITERS, _HIP, _CALF}, {_ITERS, _THIGH, _CALF}),
+            "thigh": ({_HIP, _THIGH}, {_ITERS, _X, _THIGH, _CALF}, {_ITERS, _STATE, _FOOT}),
+            "calf": ({_HIP, _CALF}, {_CALF, _HIP, _STATE}, {_HIP, _THIGH}),
+        },
+        "pace": {
+            "hip": (
+                {_FOOT, _HIP, _ITERS},
+                {_HIP, "DoF Pos Hip", _ITERS, "DoF Vel Calf"},
+                {_HIP, _THIGH, "DoF Vel Thigh", _STATE},
+            ),
+            "thigh": ({_HIP, _ITERS, _FOOT}, {_FOOT, _HIP}, {"DoF Vel Hip", "DoF Vel Thigh", _X}),
+            "calf": (
+                {_HIP, _THIGH},
+                {_THIGH, _CALF, _ITERS, _FOOT},
+                {_ITERS, "DoF Pos Thigh", "DoF Vel Thigh"},
+            ),
+        },
+        "bound": {
+            "hip": ({_HIP}, {_HIP, _THIGH}, {_CALF, _STATE}),
+            "thigh": ({_THIGH}, {_X, _HIP}, {_STATE, _ITERS, _THIGH, _CALF}),
+            "calf": ({_CALF, _HIP}, {_CALF, _HIP, "Base Lin Vel Z"}, {_HIP, _CALF}),
+        },
+    },
+}
+"""The paper's Table I by method, gait and joint type: first, second and third observations."""
+
+
+def top_observations(importances: Array, names: tuple[str, ...]) -> dict[str, list[list[str]]]:
+    """Lists the first, second and third observations of each joint type.
+
+    The rule: importances are added up over observations that differ by leg alone; each of a type's
+    four joints names its own first, second and third; a place lists what any of the four named,
+    the most frequent first.
+
+    Args:
+        importances: Importances (12, n).
+        names: Names of the observations.
+
+    Returns:
+        For each joint type, three lists of merged names.
+    """
+    groups = tuple(observation_groups(names))
+    order = np.argsort(-merge_importances(importances, names), axis=1, kind="stable")
+    tops = {}
+    for kind_index, kind in enumerate(quadruped.LEG_JOINTS):
+        joints = range(kind_index, quadruped.N_JOINTS, len(quadruped.LEG_JOINTS))
+        places = [
+            Counter(groups[order[joint, place]] for joint in joints) for place in range(N_TOP)
+        ]
+        tops[kind] = [[name for name, _ in place.most_common()] for place in places]
+    return tops
+
+
+def top_table(importances: Array, names: tuple[str, ...], gait: str, method: str) -> pd.DataFrame:
+    """Sets the three most important observations beside the paper's.
+
+    A name that the paper lists at the same place is marked with an asterisk.
+
+    Args:
+        importances: Importances (12, n).
+        names: Names of the observations.
+        gait: The gait.
+        method: `impurity` or `permutation`.
+    """
+    paper = PAPER_TOP[method].get(gait, {})
+    rows = []
+    for kind, places in top_observations(importances, names).items():
+        row = {"gait": gait, "joint type": kind}
+        theirs = paper.get(kind, (set(),) * N_TOP)
+        for title, ours, known in zip(("1st", "2nd", "3rd"), places, theirs, strict=True):
+            row[title] = ", ".join(name + ("*" if name in known else "") for name in ours)
+            row[f"{title} (paper)"] = ", ".join(sorted(known)) or "–"
+        rows.append(row)
+    return pd.DataFrame(rows)
