@@ -140,12 +140,7 @@ class FormulaPolicy(Policy):
             for place in np.ndindex(*shape)
         }
         return FormulaFile(
-            self.gait,
-            self.vocabulary,
-            formulas,
-            self.mirror,
-            self.limits_targets,
-            self.robot.name,
+            self.gait, self.vocabulary, formulas, self.mirror, self.limits_targets, self.robot.name
         )
 
     def to_text(self) -> str:
