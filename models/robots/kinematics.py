@@ -72,27 +72,38 @@ def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
         joint_position: Joint positions (..., 12; rad).
     """
     q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
-    q_shank = q_thigh + q_calf
-    offset = np.broadcast_to(robot.side * robot.thigh_offset, q_hip.shape)
-
-    def in_trunk(x: Array, z: Array) -> Array:
-        swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
-        return robot.hip_origin + swung
-
-    knee_x = -robot.thigh_length * np.sin(q_thigh)
-    knee_z = -robot.thigh_length * np.cos(q_thigh)
-    foot_x = knee_x - robot.calf_length * np.sin(q_shank)
-    foot_z = knee_z - robot.calf_length * np.cos(q_shank)
+    hip = np.cos(q_hip), np.sin(q_hip)
+    knee = _along(robot.thigh_length, q_thigh)
+    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
     zero = np.zeros_like(q_hip)
     return LegPoints(
-        thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
+        thigh=_in_trunk(robot, *hip, zero, zero),
+        knee=_in_trunk(robot, *hip, *knee),
+        foot=_in_trunk(robot, *hip, *foot),
     )
 
 
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
-    return leg_points(robot, joint_position).foot
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    knee = _along(robot.thigh_length, q_thigh)
+    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
+    return _in_trunk(robot, np.cos(q_hip), np.sin(q_hip), *foot)
+
+
+def _along(
+    length: float, angle: Array, start: tuple[Array | float, Array | float] = (0.0, 0.0)
+) -> tuple[Array, Array]:
+    """Returns where a link ends in the leg's plane: x and z (..., 4; m)."""
+    x, z = start
+    return x - length * np.sin(angle), z - length * np.cos(angle)
+
+
+def _in_trunk(robot: Robot, cos_hip: Array, sin_hip: Array, x: Array, z: Array) -> Array:
+    """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
+    offset = robot.side * robot.thigh_offset
+    swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
+    return robot.hip_origin + swung
 
 
 def foot_velocities(robot: Robot, joint_position: Array, joint_velocity: Array) -> Array:

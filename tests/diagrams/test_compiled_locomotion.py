@@ -7,10 +7,12 @@ from glassgait.diagrams.compiled_locomotion import MakeCompiledLocomotion
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.terrain import PLANE, Terrain
 
 N_STEPS = 60
 
@@ -18,8 +20,9 @@ REQUESTED = (0, 2, 1)
 """Walk, bound and trot, by their numbers."""
 
 
-def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
-    scenario = Scenario(sensor_noise=0.0)
+@pytest.mark.parametrize("terrain", [PLANE, Terrain("blocks", amplitude=0.01, cells=2)])
+def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page, terrain):
+    scenario = Scenario(sensor_noise=0.0, station=StationConfig(terrain=terrain))
     policy = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
     diagrams = [
         MakeLocomotion(trot, scenario, policy=policy),

@@ -25,6 +25,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.imu import ImuErrors
+from glassgait.models.task.terrain import PLANE, Terrain
 
 A1 = load_robot()
 
@@ -68,10 +69,18 @@ class Ends:
 
 
 @pytest.mark.parametrize(
-    ("late", "time_step"), [(0, 0.01), (1, 0.01), (3, 0.004)], ids=["at once", "10 ms", "12 ms"]
+    ("late", "time_step", "terrain"),
+    [
+        (0, 0.01, PLANE),
+        (1, 0.01, PLANE),
+        (3, 0.004, PLANE),
+        (0, 0.01, Terrain("blocks", amplitude=0.01, cells=2)),
+    ],
+    ids=["at once", "10 ms", "12 ms", "on blocks"],
 )
-def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
-    scenario = Scenario(command=DrawnCommands(), station=StationConfig(time_step=time_step))
+def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step, terrain):
+    station = StationConfig(time_step=time_step, terrain=terrain)
+    scenario = Scenario(command=DrawnCommands(), station=station)
     states, targets = Ends(trot, page, scenario, seed=3, late=late).run(N_STEPS)
     world = replace(scenario, latency=late * time_step)
     one = record(make_simulator(MakeLocomotion(trot, world, policy=page), seed=3), N_STEPS)
