@@ -20,20 +20,22 @@ with the one before. Formulas that serve all states of the machine stand under `
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
 `targets: limited` says that joints follow the nearest targets within their ranges, where a formula
-asks for one beyond. `robot: …` names the robot, where it is not the default one.
+asks for one beyond. `robot: …` names the robot, where it is not the default one. `senses: imu` says
+that formulas may hold gravity's direction and the angular velocity, and `odometry` that the robot's
+velocity and its feet's heights are estimated by the program that stands there, with its gain.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
 with a space goes on with the line before.
 
-    file       = header [ "definitions" { name "=" formula } ] targets
+    file       = header [ "odometry" program ] [ "definitions" { name "=" formula } ] targets
     header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
-                 [ "mirror: " { number } ] [ "targets: limited" ]
+                 [ "senses: imu" ] [ "mirror: " { number } ] [ "targets: limited" ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
 Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
-and is given once, as is each target. What a formula is, `text.py` says.
+and is given once, as is each target. What a formula is, `text.py` says; the program, `odometry.py`.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -42,18 +44,22 @@ from dataclasses import dataclass, replace
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.formulas.quantities import Vocabulary
 from glassgait.models.formulas.text import written_lines
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.observation import ObservationLayout, entries_of
+from glassgait.models.task.odometry import Odometry
 
 FORMAT = 1
 
 SUFFIX = ".formulas"
 
 LIMITED = "limited"
+IMU = "imu"
 
+ODOMETRY = "odometry"
 EVERY_STATE = "every state"
 DEFINITIONS = "definitions"
 
@@ -70,6 +76,7 @@ class FormulaFile:
         mirror: State that each state is in the mirror; none where no formula has a mirror image.
         limits_targets: Whether joints follow targets within their ranges alone.
         robot: Name of the robot; files of the default one leave it out.
+        odometry: What estimates the body state; none where that is the expert's estimator.
     """
 
     gait: str
@@ -78,6 +85,7 @@ class FormulaFile:
     mirror: tuple[int, ...] | None = None
     limits_targets: bool = False
     robot: str = DEFAULT_ROBOT
+    odometry: Odometry | None = None
 
     def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
         """Returns the file with other formulas, and the definitions that they use."""
@@ -122,8 +130,8 @@ def formula_lines(file: FormulaFile, place: Place) -> list[str]:
 
 def _lines(file: FormulaFile) -> Iterator[str]:
     names, written = file.vocabulary.names, file.written()
-    n_states = sum(entry.group == "machine state" for entry in entries_of(names))
-    if names != ObservationLayout(n_states).names:
+    layout = ObservationLayout.of(names)
+    if names != layout.names:
         raise InputError("a formula file speaks of the task's observations alone, in their order")
     if "#" in file.gait or not (file.gait.isascii() and file.gait.isprintable()):
         raise InputError(
@@ -134,7 +142,9 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield f"gait: {file.gait}"
     if file.robot != DEFAULT_ROBOT:
         yield f"robot: {file.robot}"
-    yield f"states: {n_states}"
+    yield f"states: {layout.n_machine_states}"
+    if layout.imu:
+        yield f"senses: {IMU}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
     if file.limits_targets:
@@ -142,6 +152,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)
+    if file.odometry is not None:
+        yield from ("", ODOMETRY, *odometry_lines(file.odometry))
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
@@ -175,6 +187,8 @@ _LEGEND = {
     "commanded velocity": "cmd.v: commanded forward speed, m/s; cmd.yaw: yaw rate, rad/s.",
     "joint position": "q: angle of a joint, rad.",
     "joint velocity": "dq: velocity of a joint, rad/s.",
+    "gravity": "g: direction of gravity, forward, left and up.",
+    "angular velocity": "w: angular velocity of the trunk, about these axes, rad/s.",
     "previous action": "a: target of a joint at the step before, rad.",
     "machine state": "s0, s1, ...: 1 in that state of the machine, else 0.",
     "iterations": "t: control steps since the state began.",

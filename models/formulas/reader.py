@@ -11,10 +11,13 @@ from glassgait.models.formulas.file import (
     DEFINITIONS,
     EVERY_STATE,
     FORMAT,
+    IMU,
     LIMITED,
+    ODOMETRY,
     FormulaFile,
 )
 from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.odometry import STATEMENTS, read_statement
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.text import (
     TextError,
@@ -25,13 +28,14 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 
 MAX_TEXT = 1_000_000
 """Greatest number of characters of a file."""
 
 MAX_DEFINITIONS = 200
 
-HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets")
 """Keys of a file's header."""
 
 _SECTION = re.compile(r"state (\d{1,3})")
@@ -65,6 +69,8 @@ class _Reader:
     names: tuple[str, ...] = ()
     observed: tuple[str, ...] = ()
     mirror: tuple[int, ...] | None = None
+    odometry: Odometry | None = None
+    n_odometry: int = 0
     section: str = ""
 
     def read(self, text: str) -> FormulaFile:
@@ -89,12 +95,15 @@ class _Reader:
             self.lines[key] = line
         elif _is_title(bare):
             self._begin(bare, line)
+        elif self.section == ODOMETRY:
+            found = read_statement(self.n_odometry, " ".join([bare, *more]), line)
+            self.odometry, self.n_odometry = found or self.odometry, self.n_odometry + 1
         elif assigned := _STATEMENT.fullmatch(statement):
             self._assign(assigned, line)
         else:
             raise TextError(
                 f"{shown(bare)} is no line of a formula file; write 'FL_hip = …', 'state 0', "
-                "'every state', 'definitions', or a header such as 'gait: trot'",
+                "'every state', 'definitions', 'odometry', or a header such as 'gait: trot'",
                 line,
                 1,
             )
@@ -102,8 +111,11 @@ class _Reader:
     def _begin(self, title: str, line: int) -> None:
         if not self.section:
             self._take_header(line)
-        elif title == DEFINITIONS:
+        elif title == ODOMETRY:
+            raise TextError("odometry stands before all else but the header; move it up", line, 1)
+        elif title == DEFINITIONS and self.section != ODOMETRY:
             raise TextError("definitions stand before all formulas; move them up", line, 1)
+        self._refuse_incomplete_odometry(line)
         state = _SECTION.fullmatch(title)
         if state and int(state[1]) >= self._n_states:
             raise TextError(f"there are states 0 to {self._n_states - 1}; name one", line, 7)
@@ -113,6 +125,11 @@ class _Reader:
                 f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
             )
         self.section = title
+
+    def _refuse_incomplete_odometry(self, line: int) -> None:
+        if self.section == ODOMETRY and self.n_odometry < len(STATEMENTS):
+            missing = STATEMENTS[self.n_odometry]
+            raise TextError(f"odometry lacks {missing!r}; add it above", line, 1)
 
     @property
     def _n_states(self) -> int:
@@ -136,7 +153,9 @@ class _Reader:
             raise TextError(
                 f"states: must be a number from 1 to {MOST_STATES}", self.lines["states"], 1
             )
-        self.names = ObservationLayout(self._n_states).names
+        if self.header.get("senses", IMU) != IMU:
+            raise TextError(f"senses: must be {IMU!r}, or be left out", self.lines["senses"], 1)
+        self.names = ObservationLayout(self._n_states, imu="senses" in self.header).names
         self.observed = Vocabulary(self.names).symbols
         if "mirror" in self.header:
             self.mirror = self._mirror(self.header["mirror"], self.lines["mirror"])
@@ -196,6 +215,7 @@ class _Reader:
         return (int(state[1]), joint) if state else (joint,)
 
     def _finished(self, last: int) -> FormulaFile:
+        self._refuse_incomplete_odometry(last)
         vocabulary = Vocabulary(self.names, tuple(self.definitions))
         formulas = self.formulas
         if formulas and self.mirror is not None:
@@ -215,11 +235,13 @@ class _Reader:
         ordered = {place: formulas[place] for place in wanted}
         limited = "targets" in self.header
         robot = self.header.get("robot", DEFAULT_ROBOT)
-        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited, robot)
+        return FormulaFile(
+            self.header["gait"], vocabulary, ordered, self.mirror, limited, robot, self.odometry
+        )
 
 
 def _is_title(line: str) -> bool:
-    return line in (DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
+    return line in (ODOMETRY, DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

@@ -107,10 +107,11 @@ class AlternatingController(Controller):
         """
         Raises:
             ValueError: if the period is negative, or asks for a student that is not given.
-            InputError: if the student observes by the estimator of another expert.
+            InputError: if the student observes by the estimator of another expert, or by odometry
+                of its own where the expert acts as well and has another estimator.
         """
         if self.student is not None:
-            refuse_other_estimator(self.expert, self.student)
+            refuse_other_estimator(self.expert, self.student, both_act=self.period > 1)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -122,6 +123,15 @@ class AlternatingController(Controller):
         if self.student is None or self.period == 1:
             return acting
         return acting | {"student": self.student}
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """What estimates the body state; None where the true one is observed.
+
+        It is the expert's, unless a student acts alone that has odometry of its own.
+        """
+        own = self.student.estimator if self.student and self.period == 0 else None
+        return own if isinstance(own, Odometry) else self.expert.estimator
 
     @property
     def policy(self) -> Policy:
@@ -187,7 +197,7 @@ class AssuredController(Controller):
             InputError: if the region is of other observations than the student's, or the student
                 observes by the estimator of another expert.
         """
-        refuse_other_estimator(self.expert, self.student)
+        refuse_other_estimator(self.expert, self.student, both_act=True)
         if self.region.names != self.student.observation_names:
             raise InputError(
                 "assurance: the region is of other observations than the student's; measure it "

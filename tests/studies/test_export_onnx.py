@@ -136,12 +136,12 @@ def test_what_is_not_finite_on_one_side_alone_is_message(trot):
 
     assert compare_graph(graph, broken, expert, rows).target > 1e300
 
-    def both(own):
-        acted = graph(own)
+    def both(own, estimate):
+        acted = graph(own, estimate)
         acted.action[2, 3] = np.inf
         return acted
 
-    both.dtype = graph.dtype
+    both.dtype, both.reads_estimate = graph.dtype, False
     assert compare_graph(both, broken, expert, rows).target < 1e-12
 
 

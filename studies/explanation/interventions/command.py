@@ -157,8 +157,9 @@ class ExplainInterventions(OnePolicy):
     ) -> tuple[pd.DataFrame, int]:
         """Returns what `Examiner.examine` does, and how many robots fall with the formulas."""
 
-        robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
-        config = RolloutConfig(**robots, n_seeds=1)
+        config = RolloutConfig(
+            n_robots=self.n_robots, n_steps=self.n_steps, seed=self.seed, n_seeds=1
+        )
 
         def walk_with(edited: FormulaPolicy) -> Walk:
             return walk(gait, expert, edited, config)
