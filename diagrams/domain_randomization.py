@@ -1,5 +1,6 @@
 """Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar
 
@@ -195,7 +196,13 @@ class DomainRandomization(Settings):
             )
             for station in others[: self.mujoco_groups]
         ]
-        return [
-            replace(station, terrain=station.terrain.scaled(ground_difficulty))
-            for station in (*mujoco, *others[len(mujoco) :], *fine)
-        ]
+        return at_difficulty([*mujoco, *others[len(mujoco) :], *fine], ground_difficulty)
+
+
+def at_difficulty(
+    stations: Sequence[StationConfig], ground_difficulty: float
+) -> list[StationConfig]:
+    """Returns stations with the angles and heights of their grounds multiplied by a difficulty."""
+    return [
+        replace(station, terrain=station.terrain.scaled(ground_difficulty)) for station in stations
+    ]

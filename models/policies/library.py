@@ -19,13 +19,7 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
-from glassgait.models.robots.robot import (
-    DEFAULT_ROBOT,
-    Robot,
-    load_robot,
-    robot_folder,
-    robot_of,
-)
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder, robot_of
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry

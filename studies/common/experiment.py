@@ -188,7 +188,9 @@ class Experiment(Settings):
         """Runs the experiment, and writes and prints what it found."""
         names = self._gaits_with_policies()
         if self.together or len(names) == 1:
-            replace(self, gait=names)._run_one(self.output or self.default_output(names))
+            # The very same experiment holds the policies that it has found.
+            own = self if names == self.gait else replace(self, gait=names)
+            own._run_one(self.output or own.default_output(names))
             return
         folder = self.output or self.default_output(names).parent
 
@@ -222,7 +224,10 @@ class Experiment(Settings):
     def default_output(self, names: Sequence[str]) -> Path:
         """Returns the folder of a run of gaits where none is named."""
         gaits = "_".join(Path(name).stem for name in names)
-        found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
+        if names == self.gait:
+            found = self.policies[self.gaits[0].name]
+        else:
+            found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
         return found.output(self.title.split()[-1]).parent / gaits
 
     @property
@@ -243,7 +248,10 @@ class Experiment(Settings):
     @cached_property
     def policies(self) -> dict[str, Policies]:
         """Where each gait's policies are from, by the gait's name."""
-        return {gait.name: find_policies(gait, self.source, self.robot) for gait in self.gaits}
+        return {
+            gait.name: find_policies(gait, self.source, self.robot, names=self.policy)
+            for gait in self.gaits
+        }
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, AlternatingController]]:

@@ -227,7 +227,12 @@ def is_file(name: str) -> bool:
 
 
 def find_policies(
-    gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
+    gait: Gait,
+    source: Path | None = None,
+    robot: str | None = None,
+    *,
+    names: Sequence[str] = (),
+    quiet: bool = False,
 ) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
@@ -237,6 +242,7 @@ def find_policies(
             a gait that does not ship, what the default folders hold.
         robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
             and of what ships the default one.
+        names: Policies that are named: of files alone the line says where their expert is from.
         quiet: Whether nothing is printed.
 
     Raises:
@@ -257,7 +263,10 @@ def find_policies(
         found = _in_run(gait, folder, own)
     if quiet:
         return found
-    if found.place == SHIPPED:
+    if names and all(map(is_file, names)):
+        expert = "the one that ships" if found.expert_place == SHIPPED else found.expert_place
+        note(f"{name}: policies are the files that are named; the expert is {expert}")
+    elif found.place == SHIPPED:
         note(f"{name}: policies are those that ship")
     elif found.expert_place == SHIPPED:
         note(f"{name}: policies are those of {found.place}, and the expert that ships")

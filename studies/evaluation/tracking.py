@@ -95,14 +95,15 @@ class Tracking(Experiment):
         """Reports what is measured for each command, by policy or, of one policy, by gait."""
         by = "policy" if table["policy"].nunique() > 1 else "gait"
         means = tracking_table(table, by)
-        gaits, policies = (", ".join(table[name].unique()) for name in ("gait", "policy"))
+        gaits = ", ".join(table["gait"].unique())
+        policies = ", ".join(map(policy_title, table["policy"].unique()))
         scenario = self.scenario_titles[table["scenario"].iloc[0]]
         title = f"{gaits}: {policies}: commanded and measured, {scenario}"
         return Report(
             tables={"robots": table, "tracking": means},
             metrics=json_records(means),
             figures={"tracking": tracking_figure(means, title)},
-            shown={title: means},
+            shown={title: means.assign(**{by: means[by].map(policy_title)})},
         )
 
 

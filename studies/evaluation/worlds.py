@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -127,6 +128,8 @@ def readable_table(table: pd.DataFrame) -> pd.DataFrame:
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lists where each policy falls most, beside the training world and all worlds together.
 
+    `return` is the mean of all robots in all scenarios.
+
     Its worst world is that with the greatest lower end of the interval of its share of falls: one
     fall of one robot says less than twenty of 26.
     """
@@ -145,6 +148,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
                 "points more than the expert": f"{worst['points_more']:+.0f}" if fell else "–",
                 "falls in training scenario": _falls(home.iloc[0]) if len(home) else "–",
                 "scenarios without a fall": f"{(own['falls'] == 0).sum()} of {len(own)}",
+                "return": f"{np.average(own['return'], weights=own['robots']):,.0f}",
             }
         )
     return pd.DataFrame(rows)
@@ -236,11 +240,15 @@ class Worlds(Experiment):
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)
         falls = falls_table(table, self.scenario_titles)
-        names = ", ".join(self.controllers)
+        policies = [
+            f"{gait}: {policy_title(name)}"
+            for gait, own in self.controllers.items()
+            for name in own
+        ]
         return Report(
             tables={"robots": table, "scorecard": card, "falls": falls},
             metrics=summarize(table, ["gait", "scenario"]).to_dict(orient="records"),
-            shown={f"{names}: {', '.join(self.policy)}": card},
+            shown={", ".join(policies): card},
             lines=lines,
         )
 

@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.diagrams.domain_randomization import DomainRandomization, GroupRanges, TerrainRanges
+from glassgait.diagrams.domain_randomization import (
+    DomainRandomization,
+    GroupRanges,
+    TerrainRanges,
+    at_difficulty,
+)
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import load_robot
@@ -107,6 +112,7 @@ def test_difficulty_scales_the_ground_and_draws_the_same():
     whole, half = (
         worlds.stations(A1, np.random.default_rng(1), difficulty) for difficulty in (1.0, 0.5)
     )
+    assert half == at_difficulty(whole, 0.5)
     assert half == [replace(own, terrain=own.terrain.scaled(0.5)) for own in whole]
     assert any(own.terrain.kind == "steps" for own in whole)
     level = worlds.stations(A1, np.random.default_rng(1), 0.0)

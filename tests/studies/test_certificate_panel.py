@@ -53,7 +53,7 @@ def explained(tmp_path_factory):
     return output / "index.html"
 
 
-def test_every_claim_is_told_with_its_verdict(panel):
+def test_every_claim_is_shown_with_its_verdict(panel):
     assert [row.name for row in panel.rows] == [v.claim.name for v in CERTIFICATE.verdicts]
     words = {"proved": "✓ proved", "refuted": "✗ refuted", "undecided": "○ open"}
     for row, verdict in zip(panel.rows, CERTIFICATE.verdicts, strict=True):
@@ -70,11 +70,11 @@ def test_the_policy_answers_a_witness_as_the_certificate_says(panel):
     assert calves["targets"][0][5] < panel.data["limits"][5][0]
     symbols = [entry.symbol for entry in entries_of(load_policy(PAGE).observation_names)]
     witness = CERTIFICATE.verdicts[CALVES].witnesses[0]
-    told = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
-    assert told == pytest.approx({symbol: witness[symbol] for symbol in told}, abs=1e-5)
+    shown = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
+    assert shown == pytest.approx({symbol: witness[symbol] for symbol in shown}, abs=1e-5)
     # The formula of the front right calf sees the rear left foot's height, not its own hip.
-    assert "h.RL" in told
-    assert "q.FR_hip" not in told
+    assert "h.RL" in shown
+    assert "q.FR_hip" not in shown
 
 
 def test_only_refuted_claims_have_witnesses(panel):
@@ -90,7 +90,7 @@ def test_a_page_holds_numbers_that_every_browser_reads(panel):
     assert json.loads(text)["witnesses"][CALVES]["nearest"] is not None
 
 
-def test_steps_outside_of_the_box_are_told(panel, observed):
+def test_steps_outside_of_the_box_are_counted(panel, observed):
     outside = panel.data["outside"]
     last = observed.shape[1] - 1
     assert [step for step, own in enumerate(outside) if own] == [7, 8]
@@ -130,16 +130,16 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--policy", "symbolic", "--certificate", str(PATH)], "is of another policy than"),
         (["--policy", "sparse_formula", "--certificate", str(PAGE)], "is no certificate; make one"),
         (["--policy", "sparse_formula", "--certificate", "none.json"], "no such file"),
     ],
 )
-def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, told):
+def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, message):
     output = tmp_path / "sparse_formula"
-    assert told in refused(["explain", "page", *arguments, "--output", str(output)])
+    assert message in refused(["explain", "page", *arguments, "--output", str(output)])
     assert not output.exists()
 
 

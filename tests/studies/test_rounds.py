@@ -131,11 +131,7 @@ def test_all_are_fitted_to_as_many_samples(shared):
 
 def test_tables_grow_by_a_student(shared):
     _, tables = shared
-    assert [tuple(table["student"]) for table in tables] == [
-        STUDENTS[:1],
-        STUDENTS[:2],
-        STUDENTS,
-    ]
+    assert [tuple(table["student"]) for table in tables] == [STUDENTS[:1], STUDENTS[:2], STUDENTS]
 
 
 def test_other_studies_find_the_shared_samples(shared, tmp_path):

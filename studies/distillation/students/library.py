@@ -44,18 +44,13 @@ def samples_folder(folder: Path, kind: str) -> Path:
     return folder / (kind if collector == ITSELF else str(collector))
 
 
-def kept_students(folder: Path) -> tuple[str, ...]:
-    """Lists the kinds of students that a run has finished."""
-    return tuple(kind for kind in STUDENTS if policy_path(folder, kind).exists())
-
-
 def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     """Loads the students of a run, by kind.
 
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    kinds = kept_students(folder)
+    kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
     if not kinds:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
