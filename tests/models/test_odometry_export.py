@@ -28,7 +28,7 @@ from glassgait.studies.deployment.export.agreement import (
     random_sequences,
     recorded_sequences,
 )
-from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+from glassgait.studies.deployment.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 WRITTEN = {"name": "tested", "policy_name": "tested", "version": "0"}
