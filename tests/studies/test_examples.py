@@ -137,7 +137,7 @@ def test_an_experiment_of_ones_own_runs_from_any_folder_and_resumes(tmp_path):
     command = [sys.executable, script.name, "--policy", "expert", "gbm", "--n-robots", "2"]
     command += ["--n-seeds", "2"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    folder = tmp_path / "runs" / "stopping" / "trot"
+    folder = tmp_path / "runs" / "stopping" / "trot_expert_gbm"
     table = pd.read_csv(folder / "stopping.csv")
     assert table[["policy", "robots"]].to_numpy().tolist() == [["expert", 4], ["gbm", 4]]
     assert table["mean"].between(0.02, 2.0).all() and (table["falls"] == 0).all()
