@@ -150,7 +150,7 @@ class Prover:
         Raises:
             InputError: if the claim names what the gait's robots do not know.
         """
-        claim.refuse_unknown(self.gait)
+        claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
         match claim.kind:
             case "independent":
                 return self._independent(claim)

@@ -168,9 +168,13 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
     Args:
         policy: An expert or a student.
         expert: The expert whose estimator observes for a student; by default the policy's own
-            estimator observes.
+            estimator observes, and so it does where it is odometry and the expert observes other
+            things.
     """
     if expert is None or expert is policy:
+        return AlternatingController(policy)
+    is_own = isinstance(policy.estimator, Odometry)
+    if is_own and expert.observation_names != policy.observation_names:
         return AlternatingController(policy)
     return AlternatingController(expert, policy, period=0)
 

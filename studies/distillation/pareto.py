@@ -225,7 +225,7 @@ class Pareto(Settings):
                 if not path.exists():
                     start = family.fit(samples, n_terms)
                     made = self._refined(gait, expert, start, path) if family.refined else start
-                    made.save(path)
+                    made.with_estimator_of(expert).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
                 label = f"{name} {n_terms}"

@@ -234,7 +234,7 @@ class _Distillation:
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
         settings, student = self._choose(kind, self._samples(seen))
         # What is scored is what is saved, rounded to single precision where that halves a file.
-        student = student.compact()
+        student = student.compact().with_estimator_of(self.expert)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")
