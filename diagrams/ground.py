@@ -16,10 +16,20 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from glassgait.models.task.terrain import PLANE, REACH, Terrain
+from glassgait.models.task.terrain import PLANE, REACH, Terrain, grid_of
 
 PATCH = "patch"
 """Name of the boxes of the ground that have the patches' friction, before their number."""
+
+
+LAID, MOST_LAID = 2.5, 12
+"""How far around the middle period a diagram's ground is laid, in m and in cells: boxes take time
+to add, the more the more there are."""
+
+
+def laid(terrain: Terrain) -> float:
+    """Returns how far around the middle period a diagram's ground is laid (m)."""
+    return max(REACH, min(LAID, MOST_LAID * float(grid_of(terrain).cell.min())))
 
 
 def add_ground(plant: MultibodyPlant, terrain: Terrain, reach: float = REACH) -> None:

@@ -8,9 +8,10 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
-from glassgait.diagrams.station import LAID, AddStation, AddWorldState, actuated_joints
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
 from glassgait.models.link.channels import Channels
@@ -78,7 +79,9 @@ def MakeLinkedRobot(  # noqa: N802
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
     errors = AddSensorErrors(builder, scenario, imu=True)
-    plant, scene_graph, instance = AddStation(builder, robot, scenario.station, reach=LAID)
+    plant, scene_graph, instance = AddStation(
+        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
+    )
     state = AddWorldState(builder, plant, scenario.station)
 
     time_step = scenario.station.time_step

@@ -6,9 +6,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, Sensed, Senses
 from glassgait.diagrams.gait_machine import AddGaitMachine
+from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
-from glassgait.diagrams.station import LAID, AddStation, AddWorldState, actuated_joints
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.policies.controller import Controller
@@ -111,7 +112,9 @@ def MakeLocomotion(  # noqa: N802
     errors = AddSensorErrors(builder, scenario, imu=senses.need_imu)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
-    plant, scene_graph, instance = AddStation(builder, robot, scenario.station, reach=LAID)
+    plant, scene_graph, instance = AddStation(
+        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
+    )
     state = AddWorldState(builder, plant, scenario.station)
 
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)

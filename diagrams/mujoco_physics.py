@@ -138,6 +138,7 @@ class MujocoPhysics(Physics):
 
 def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
+    station.terrain.check(robot)
     spec = mujoco.MjSpec.from_string(_plain_description(robot))
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

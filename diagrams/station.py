@@ -64,9 +64,6 @@ LEAST_FORCE = 1e-3
 WORLD_STATE = "world_state"
 """Name of the system that knows where a robot on ground that repeats has gone to."""
 
-LAID = 2.5
-"""How far around the middle period a diagram's ground is laid (m)."""
-
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
 
@@ -198,13 +195,14 @@ def AddStation(  # noqa: N802
         takes 12 joint positions (rad) and 12 velocities (rad/s).
 
     Raises:
-        InputError: if the station is not Drake's.
+        InputError: if the station is not Drake's, or its ground is too high for the robot.
     """
     if config.engine != "drake":
         raise InputError(
             f"{config.title}: engine is {config.engine!r}, which steps robots in batch; a diagram "
             "needs Drake, so leave engine out"
         )
+    config.terrain.check(robot)
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=config.time_step,

@@ -17,7 +17,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from glassgait.diagrams.station import LAID
+from glassgait.diagrams.ground import laid
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
@@ -109,7 +109,7 @@ def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
 
 def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
     grid = grid_of(terrain)
-    for i, box in enumerate(terrain.boxes(LAID)):
+    for i, box in enumerate(terrain.boxes(laid(terrain))):
         # Neighbours in two shades, so that one sees where one ends.
         number = int(np.floor((box.centre[:2] - grid.origin) / grid.cell).sum())
         path = f"{BOXES_PATH}/{i}"

@@ -123,7 +123,8 @@ def run_cases(
             write_record(paths[i], values, of=names[i])
             kept[i] = pd.DataFrame(values)
             progress.update(bar, advance=1, text=cases[i].name)
-    return pd.concat([_labelled(case, kept[i]) for i, case in enumerate(cases)], ignore_index=True)
+    tables = [_labelled(case, kept[i]) for i, case in enumerate(cases) if len(kept[i])]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _numbered(index: int, measure: Measure, case: Case) -> tuple[int, pd.DataFrame]:

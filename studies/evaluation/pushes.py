@@ -79,12 +79,6 @@ class Pushes(Experiment):
         if list(self.speeds) != sorted(self.speeds):
             raise InputError(f"{self.title}: speeds is {self.speeds}; name the least first")
 
-    def cases(self) -> list[Case]:
-        """Lists the policies, once the gait is found to be made for the command."""
-        for gait in self.gaits:
-            self.command.check(gait)
-        return super().cases()
-
     def measure(self, case: Case) -> pd.DataFrame:
         """Pushes the robots of one policy: a row of counts by direction, speed and kind of end."""
         pushed = push_everywhere(

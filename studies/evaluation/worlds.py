@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case, not_finite_lines, refuse_commands, score
 from glassgait.studies.common.experiment import Experiment, Report, ScenarioNames
 from glassgait.studies.common.play import Seconds
-from glassgait.studies.common.policies import ALL, EXPERT
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
@@ -228,14 +227,6 @@ class Worlds(Experiment):
         )
         pair = self._pair()
         return found if pair is None else _joined(found, pair.report(self.seconds, self.seed))
-
-    def default_output(self, names: tuple[str, ...]) -> Path:
-        """Returns the folder of a run where none is named; policies that are named stand in it."""
-        folder = super().default_output(names)
-        if self.policy == (ALL,):
-            return folder
-        policies = "_".join(Path(name).stem for name in self.policy)
-        return folder.with_name(f"{folder.name}_{policies}")
 
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)

@@ -187,6 +187,12 @@ def test_ground_grows_under_robots_that_go_on(trot):
     assert not simulator.step(np.zeros((6, 12))).terminated.any()
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_ground_too_high_for_the_robot_is_refused(engine):
+    with pytest.raises(InputError, match="amplitude"):
+        make_physics(A1, station(Terrain("blocks", amplitude=0.5), engine))
+
+
 def test_continuous_plants_do_not_stand_on_ground_that_repeats():
     with pytest.raises(InputError, match="terrain"):
         Scenario(station=StationConfig(0.0, terrain=ROUGH["blocks"]), accuracy=1e-5)
