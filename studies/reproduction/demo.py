@@ -42,11 +42,8 @@ from glassgait.studies.distillation.students.boosting import (
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import (
-    STUDENTS,
-    StudentsSettings,
-    policy_title,
-)
+from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,

@@ -26,7 +26,7 @@ from glassgait.studies.distillation.students.boosting import (
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.reproduction.benchmark import command, controllers, python_times
 from glassgait.studies.reproduction.benchmark.controllers import Times, call_times, fastest
 from glassgait.studies.reproduction.benchmark.python_times import (

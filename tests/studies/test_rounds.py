@@ -11,7 +11,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.distillation.config import DistillationConfig, rounds
 from glassgait.studies.distillation.students.dataset import Dataset
 from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import SymbolicSettings
 from glassgait.studies.distillation.study import distill
 

@@ -28,7 +28,8 @@ from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS, StudentsSettings
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
 from glassgait.studies.reproduction.benchmark.controllers import call_times, fastest
 
