@@ -101,6 +101,7 @@ class BatchSimulator:
         self._weights = task.weights
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
+        self._ground = physics.ground(n_robots)
         self._state: TaskState = self._fresh(self._all_robots)
         self.resample_friction()
 
@@ -112,6 +113,20 @@ class BatchSimulator:
     def restore(self, state: TaskState) -> None:
         """Continues from a state taken earlier."""
         self._state = state
+
+    def change_ground(self, physics: Physics) -> None:
+        """Goes on with other physics of the same robots, which stand on what is then under them.
+
+        Args:
+            physics: Physics of as many groups.
+        """
+        self.physics = physics
+        self.physics.set_friction(self.friction)
+        self._ground = physics.ground(self.n_robots)
+        plant = self._state.plant
+        standing = self._ground.stand(self.task.robot, plant)
+        plant = np.where(self._ground.is_rough[:, None], standing, plant)
+        self._state = replace(self._state, plant=plant)
 
     def resample_friction(self) -> None:
         """Draws a new friction for every group of robots."""
@@ -161,7 +176,7 @@ class BatchSimulator:
 
     def body_state(self) -> Array:
         """Returns the true values of what the estimator estimates (n, 7)."""
-        return body_state(self.task.robot, self._state.plant)
+        return body_state(self.task.robot, self._state.plant, self._ground)
 
     def observe(self) -> Array:
         """Observes everything, the body state by the estimator or else by its true values.
@@ -185,7 +200,14 @@ class BatchSimulator:
             latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
         )
         plant = moved.states
-        shown = failures(robot, plant, action=action, previous_action=s.action, limits=task.limits)
+        shown = failures(
+            robot,
+            plant,
+            action=action,
+            previous_action=s.action,
+            limits=task.limits,
+            ground=self._ground,
+        )
         # A lost robot keeps its last sound state, so that nothing below meets a NaN.
         lost = shown[:, FAILURES.index("not_finite")]
         plant = np.where(lost[:, None], s.plant, plant)
@@ -198,7 +220,7 @@ class BatchSimulator:
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
         touching = np.where(lost[:, None], s.touching, moved.touching)
-        feet = sense_feet(robot, plant, s.touching, touching)
+        feet = sense_feet(robot, plant, s.touching, touching, self._ground)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
         machine = self._step_machine(s, feet, feet.contact ^ wrong, command)
         reward = step_reward(
@@ -279,14 +301,18 @@ class BatchSimulator:
 
     def _fresh(self, index: NDArray[np.int64]) -> TaskState:
         count = len(index)
-        plant = self.task.randomization.initial_states(self.task.robot, count, self.generator)
+        ground = self._ground.of_robots(index)
+        plant = self.task.randomization.initial_states(
+            self.task.robot, count, self.generator, ground
+        )
         return self._begin(index, plant, self._draw_commands(count))
 
     def _begin(self, index: NDArray[np.int64], plant: Array, command: Command) -> TaskState:
         count = len(plant)
         randomization = self.task.randomization
         untouched = np.zeros((count, quadruped.N_LEGS), dtype=bool)
-        feet = sense_feet(self.task.robot, plant, untouched)
+        ground = self._ground.of_robots(index)
+        feet = sense_feet(self.task.robot, plant, untouched, ground=ground)
         wrong = randomization.wrong_contacts(count, self.generator)
         nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(

@@ -7,17 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
-from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction
-from glassgait.diagrams.physics import Physics, PhysicsStep
+from glassgait.diagrams.physics import Physics, PhysicsStep, moved_by
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.contact import touches_ground
 
 FEW_ROBOTS = 2
 """Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
@@ -84,6 +83,9 @@ class BatchPhysics(Physics):
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
         sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
+        ground = self.ground(len(states))
+        away = ground.periods(states)
+        near = moved_by(states, -away)
         after = np.full_like(states, np.nan)
         members = [group[sound[group]] for group in self.members(len(states))]
 
@@ -91,11 +93,12 @@ class BatchPhysics(Physics):
             mine = members[i]
             group = self._groups[i]
             held = _Held(targets[mine], late[mine], group.delay(latency[mine]))
-            after[mine] = group.step(states[mine], held, self._parallelism)
+            after[mine] = group.step(near[mine], held, self._parallelism)
 
         for _ in self._workers.map(step, self._order):
             pass
-        return PhysicsStep(after, touches_ground(kinematics.foot_heights(self._robot, after)))
+        after = moved_by(after, away)
+        return PhysicsStep(after, ground.touching(self._robot, after))
 
 
 class _Held(NamedTuple):
@@ -124,8 +127,13 @@ class _Group:
         builder = DiagramBuilder()
         self._plant, self._scene_graph, instance = AddStation(builder, robot, station)
         builder.ExportInput(self._plant.get_desired_state_input_port(instance), "desired_state")
+        self._terrain = station.terrain
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
+        # Drake's batch copies the context at every call, which of many boxes takes longer than
+        # hundreds of steps; a simulator keeps it.
+        self._clock = None if station.terrain.is_plane else _Clock(self._diagram, self._context)
+        self._time_step = station.time_step
         port = self._diagram.GetInputPort("desired_state")
         self._desired = port.FixValue(self._context, np.zeros(2 * quadruped.N_JOINTS))
         self._actuator_order = [
@@ -134,7 +142,7 @@ class _Group:
 
     def set_friction(self, friction: float) -> None:
         context = self._scene_graph.GetMyMutableContextFromRoot(self._context)
-        set_friction(self._plant, self._scene_graph, friction, context)
+        set_friction(self._plant, self._scene_graph, friction, context, terrain=self._terrain)
 
     def delay(self, latency: Array) -> NDArray[np.int64]:
         """Returns latencies (n,; s) in steps of the plant, no more than a control period has."""
@@ -170,7 +178,7 @@ class _Group:
     ) -> Array:
         desired = np.zeros((len(states), 2 * quadruped.N_JOINTS))
         desired[:, : quadruped.N_JOINTS] = targets[:, self._actuator_order]
-        if parallelism is None or len(states) <= FEW_ROBOTS:
+        if self._clock is not None or parallelism is None or len(states) <= FEW_ROBOTS:
             pairs = zip(states, desired, strict=True)
             return np.array([self._advance_one(state, own, n_steps) for state, own in pairs])
         return BatchEvalUniquePeriodicDiscreteUpdate(
@@ -186,8 +194,42 @@ class _Group:
 
     def _advance_one(self, state: Array, desired: Array, n_steps: int) -> Array:
         self._desired.GetMutableData().get_mutable_value().SetFromVector(desired)
+        if self._clock is not None:
+            self._clock.advance(state, n_steps, self._time_step)
+            return np.array(self._context.get_discrete_state_vector().value())
         for _ in range(n_steps):
             self._context.SetDiscreteState(state)
             update = self._diagram.EvalUniquePeriodicDiscreteUpdate(self._context)
             state = np.array(update.get_vector(0).get_value())
         return state
+
+
+class _Clock:
+    """Advances a context by steps of its plant, from any state, whatever its time is."""
+
+    def __init__(self, diagram: Diagram, context: Context) -> None:
+        self._diagram, self._context = diagram, context
+        self._sound = np.array(context.get_discrete_state_vector().value())
+        self._start()
+
+    def advance(self, state: Array, n_steps: int, time_step: float) -> None:
+        """Advances a state x (37) by steps of a time step (s).
+
+        Raises:
+            RuntimeError: if the contact solver cannot advance it.
+        """
+        self._context.SetDiscreteState(state)
+        self._steps += n_steps
+        try:
+            # Between two updates, so that rounding of times neither adds one nor leaves one out.
+            self._simulator.AdvanceTo((self._steps - 0.5) * time_step, interruptible=False)
+        except RuntimeError:
+            self._start()
+            raise
+
+    def _start(self) -> None:
+        self._steps = 0
+        self._context.SetTime(0.0)
+        self._context.SetDiscreteState(self._sound)
+        self._simulator = Simulator(self._diagram, self._context)
+        self._simulator.Initialize()

@@ -11,6 +11,7 @@ from glassgait.models.export.binding import LoadedController
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.systems.compiled_controller import CompiledController
+from glassgait.systems.imu import ImuSensor
 
 
 def MakeCompiledLocomotion(  # noqa: N802
@@ -30,19 +31,27 @@ def MakeCompiledLocomotion(  # noqa: N802
     Raises:
         InputError: if the scenario's sensors have noise, or the gait is not made for the command.
     """
-    if scenario.sensor_noise > 0.0 or scenario.contact_flips > 0.0 or scenario.encoder_bias > 0.0:
+    noise = scenario.sensor_noise, scenario.contact_flips, scenario.encoder_bias
+    if any(noise) or scenario.imu.half_widths.any():
         raise InputError(
             f"{scenario.refused_as()}: its sensors have noise, which a compiled controller has no "
-            "port for; give sensor_noise 0, contact_flips 0 and encoder_bias 0"
+            "port for; give sensor_noise 0, contact_flips 0, encoder_bias 0 and an imu without bias"
         )
     builder = DiagramBuilder()
     if scenario.limit_targets is None:
         scenario = replace(scenario, limit_targets=controller.limits_targets)
     robot = scenario.robot_of()
     locomotion = builder.AddSystem(MakeLocomotion(gait, scenario))
-    acting = builder.AddNamedSystem("compiled_controller", CompiledController(robot, controller))
+    acting = CompiledController(robot, controller, scenario.station.ground)
+    builder.AddNamedSystem("compiled_controller", acting)
     for name in ("state", "command", "commanded_dwell"):
         builder.Connect(locomotion.GetOutputPort(name), acting.GetInputPort(name))
+    if controller.has_imu:
+        imu = builder.AddNamedSystem(
+            "imu", ImuSensor(scenario.station.terrain.gravity, scenario.imu.delay, noise_factor=0.0)
+        )
+        builder.Connect(locomotion.GetOutputPort("state"), imu.get_state_input_port())
+        builder.Connect(imu.get_imu_output_port(), acting.GetInputPort("imu"))
     if isinstance(gait, GaitSwitch):
         name = builder.ExportInput(locomotion.GetInputPort("requested_gait"), "requested_gait")
         builder.ConnectInput(name, acting.GetInputPort("requested_gait"))

@@ -20,6 +20,7 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import N_ESTIMATED, ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.systems.action_hold import ActionHold
@@ -80,6 +81,7 @@ class Sensed:
         state: The plant's state (37), for the true body state where there is no estimator.
         foot_height: True heights of the feet (4, m), for the reward machine where there is no
             estimator.
+        ground: What the robot stands on, for its true body state.
     """
 
     joints: OutputPort
@@ -90,6 +92,7 @@ class Sensed:
     imu: OutputPort | None = None
     state: OutputPort | None = None
     foot_height: OutputPort | None = None
+    ground: Ground = LEVEL_GROUND
 
 
 @dataclass(frozen=True)
@@ -249,7 +252,9 @@ def _add_body_state(
     """
     match estimator:
         case None:
-            sensor = builder.AddNamedSystem("body_state_sensor", BodyStateSensor(robot))
+            sensor = builder.AddNamedSystem(
+                "body_state_sensor", BodyStateSensor(robot, sensed.ground)
+            )
             builder.Connect(_needed(sensed.state, "the state"), sensor.get_state_input_port())
             heights = _needed(sensed.foot_height, "true heights of the feet")
             return sensor.get_body_state_output_port(), heights

@@ -1,21 +1,75 @@
 """Domain randomization: the loads, motors, grounds, delays and pushes that robots learn with."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le, MinLen
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, Natural, NotNegative, Positive, Settings
 from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.terrain import FLATTEST, Kind, Terrain
 
 Range = Annotated[tuple[NotNegative, NotNegative], IN_ORDER]
 
 HARSH = Randomization(push_speed=1.2, push_interval=5.0, contact_flips=0.01, latency=(0.0, 0.02))
 """What differs between robots and episodes: more than what they are to stand later."""
+
+
+Kinds = Annotated[tuple[Kind, ...], FEW, MinLen(1)]
+
+
+@dataclass(frozen=True)
+class TerrainRanges(Settings):
+    """Ranges from which the ground of each group of robots is drawn.
+
+    Attributes:
+        share: Share of the groups whose ground is drawn; that of the others is the station's.
+        kinds: Kinds of ground that those groups have, in turn; planes are slopes.
+        slope: Greatest angle of a slope (°), which rises in any direction.
+        amplitude: Greatest height of the highest cell of blocks and uneven ground above the lowest
+            (m).
+        height: Greatest height of a step (m). Steps lead up and down again, up for ever, or down.
+        patches: Share of the cells of blocks, steps and uneven ground with another friction.
+    """
+
+    title: ClassVar[str] = "terrains"
+
+    share: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+    kinds: Kinds = ("plane", "blocks", "plane", "steps", "plane", "uneven")
+    slope: Annotated[float, Ge(0.0), Le(45.0)] = 20.0
+    amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.06
+    height: Annotated[float, Gt(0.0), Le(1.0)] = 0.06
+    patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+
+    def draw(self, ground: Terrain, count: int, generator: np.random.Generator) -> list[Terrain]:
+        """Draws the ground of `count` groups; without a share of them nothing is drawn."""
+        drawn = round(self.share * count)
+        if drawn == 0:
+            return [ground] * count
+        grounds = [self._draw_one(i, drawn, generator) for i in range(drawn)]
+        order = generator.permutation(count)
+        return [grounds[i] if i < drawn else ground for i in order]
+
+    def _draw_one(self, i: int, count: int, generator: np.random.Generator) -> Terrain:
+        turn, n_kinds = divmod(i, len(self.kinds))
+        kind = self.kinds[n_kinds]
+        # As with the other ranges, each group draws from another part, the greatest first.
+        rounds = -(-count // len(self.kinds))
+        share = (rounds - turn - generator.random()) / rounds
+        direction, seed = generator.uniform(0.0, 360.0), int(generator.integers(2**31))
+        if kind == "plane":
+            return Terrain(slope=self.slope * share, direction=direction)
+        common: dict[str, Any] = {"kind": kind, "patches": self.patches, "seed": seed}
+        if kind == "steps":
+            upward = (1.0, 1.0, -1.0)[turn % 3]
+            height = max(FLATTEST, self.height * share)
+            return Terrain(height=upward * height, endless=turn % 3 > 0, **common)
+        return Terrain(amplitude=max(FLATTEST, self.amplitude * share), **common)
 
 
 @dataclass(frozen=True)
@@ -33,6 +87,7 @@ class GroupRanges(Settings):
         gains: Factors on stiffness and on damping of the joints' control, each drawn by itself.
         armature: Inertia of the motors' rotors (kg·m²).
         relaxation_time: Time in which a contact lets penetration relax (s).
+        terrains: What the groups stand on.
     """
 
     title: ClassVar[str] = "groups"
@@ -43,6 +98,7 @@ class GroupRanges(Settings):
     gains: Range = (0.8, 1.2)
     armature: Range = (0.0, 0.01)
     relaxation_time: Range = (0.005, 0.03)
+    terrains: TerrainRanges = field(default_factory=TerrainRanges)
 
     def draw(
         self, robot: Robot, station: StationConfig, count: int, generator: np.random.Generator
@@ -57,6 +113,7 @@ class GroupRanges(Settings):
         stiffness, damping = spread(*self.gains), spread(*self.gains)
         rotors, relaxation_times = spread(*self.armature), spread(*self.relaxation_time)
         x, y = (spread(-self.payload_offset, self.payload_offset) for _ in range(2))
+        grounds = self.terrains.draw(station.terrain, count, generator)
         nominal_stiffness, nominal_damping = station.gains(robot)
         return [
             replace(
@@ -68,6 +125,7 @@ class GroupRanges(Settings):
                 damping=nominal_damping * damping[i],
                 armature=rotors[i],
                 relaxation_time=relaxation_times[i],
+                terrain=grounds[i],
             )
             for i in range(count)
         ]
@@ -113,8 +171,16 @@ class DomainRandomization(Settings):
                 f"the station's time_step, {self.station.time_step}"
             )
 
-    def stations(self, robot: Robot, generator: np.random.Generator) -> list[StationConfig]:
-        """Draws the physics of every group of robots."""
+    def stations(
+        self, robot: Robot, generator: np.random.Generator, ground_difficulty: float = 1.0
+    ) -> list[StationConfig]:
+        """Draws the physics of every group of robots.
+
+        Args:
+            robot: What robots they are.
+            generator: Source of the draws, which are the same whatever the difficulty.
+            ground_difficulty: Factor on the angles and heights of the grounds, up to 1.
+        """
         drawn = self.groups.draw(robot, self.station, self.n_groups, generator)
         fine = [
             replace(station, time_step=step)
@@ -130,4 +196,13 @@ class DomainRandomization(Settings):
             )
             for station in others[: self.mujoco_groups]
         ]
-        return [*mujoco, *others[len(mujoco) :], *fine]
+        return at_difficulty([*mujoco, *others[len(mujoco) :], *fine], ground_difficulty)
+
+
+def at_difficulty(
+    stations: Sequence[StationConfig], ground_difficulty: float
+) -> list[StationConfig]:
+    """Returns stations with the angles and heights of their grounds multiplied by a difficulty."""
+    return [
+        replace(station, terrain=station.terrain.scaled(ground_difficulty)) for station in stations
+    ]

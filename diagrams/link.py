@@ -19,10 +19,11 @@ from pydrake.systems.framework import Diagram
 from glassgait.diagrams import linked_controller, linked_robot
 from glassgait.diagrams.linked_controller import MakeLinkedController
 from glassgait.diagrams.linked_robot import MakeLinkedRobot
-from glassgait.diagrams.plant_state import set_plant_state
+from glassgait.diagrams.plant_state import recenter, set_plant_state
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
+from glassgait.models.link.channels import Channels, Tally
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import (
     MICROSECONDS,
@@ -32,8 +33,6 @@ from glassgait.models.link.packing import (
     unpack_imu,
     unpack_joints,
 )
-from glassgait.models.link.settings import Channels
-from glassgait.models.link.tally import Tally
 from glassgait.models.link.watchdog import Phase, Watchdog, is_news
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot
@@ -53,7 +52,8 @@ FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
 class ControllerEnd:
     """Answers sensors, as they come, by joint targets.
 
-    Its time is that of the sensors. For steps whose sensors never came it goes on with those that
+    Whoever calls `answer` handles the subscriptions of its LCM before. Its time is that of the
+    sensors. For steps whose sensors never came it goes on with those that
     it had, so that its reward machine counts them too.
 
     Attributes:
@@ -70,13 +70,6 @@ class ControllerEnd:
         channels: Channels,
     ) -> None:
         """
-        Args:
-            robot: The robot.
-            gait: The gait whose reward machine runs.
-            policy: The controller.
-            lcm: Where messages go; whoever calls `answer` handles its subscriptions before.
-            channels: Names of the channels.
-
         Raises:
             InputError: if a policy was made for another gait or observation, or has no estimator.
         """
@@ -163,7 +156,8 @@ class ControllerEnd:
 class RobotEnd:
     """Simulates a robot that sends what it senses and follows the targets that it is sent.
 
-    A control step is a call of `send`, and of `advance` for each step of the plant.
+    A control step is a call of `send`, and of `advance` for each step of the plant, of which it has
+    `n_parts`. Its session is the number of this start, not 0.
 
     Attributes:
         tally: Counts of the answers that came; one is late if the next sensors had been sent.
@@ -186,16 +180,6 @@ class RobotEnd:
         meshcat: Meshcat | None = None,
     ) -> None:
         """
-        Args:
-            gait: The gait that commands are made for.
-            scenario: The world.
-            lcm: Where messages go.
-            channels: Names of the channels.
-            watchdog: How long the robot waits for its controller.
-            session: Number of this start, not 0.
-            seed: Seed of noise and drawn commands.
-            meshcat: Shows the robot there.
-
         Raises:
             InputError: if the scenario is not made for two processes, or the gait not for it.
             ValueError: if commands come from sliders, and there is no Meshcat.
@@ -229,15 +213,13 @@ class RobotEnd:
         return self._listener.n_foreign
 
     def advance(self, part: int) -> None:
-        """Takes the latest answer in, and a step of the plant.
-
-        Args:
-            part: Which of the control period's `n_parts`.
-        """
+        """Takes the latest answer in, and a step of the plant."""
         self._lcm.HandleSubscriptions(0)
         last = part == self.n_parts - 1
         # Between two steps of the plant nothing is due; at an instant itself rounding would decide
         # whether its updates are taken.
+        if part == 0:
+            recenter(self.diagram, self.simulator.get_mutable_context())
         share = 1.0 if last else (part + 0.5) / self.n_parts
         self.simulator.AdvanceTo((self.step + share) * CONTROL_PERIOD)
         self.step += last
@@ -291,13 +273,6 @@ class Listener:
         kind: Any,
         hear: Callable[[Any], None],
     ) -> None:
-        """
-        Args:
-            lcm: Where messages come from.
-            channel: Name of the channel.
-            kind: Type of the messages.
-            hear: Called with each.
-        """
         self._kind, self._hear = kind, hear
         self.n_foreign = 0
         self._subscription = lcm.Subscribe(channel, self._decode)

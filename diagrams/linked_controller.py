@@ -5,8 +5,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, TriggerType
 from pydrake.systems.lcm import LcmPublisherSystem
 
 from glassgait.diagrams.controller import AddController, Sensed, Senses
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import targets_t
-from glassgait.models.link.settings import Channels
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait

@@ -8,13 +8,14 @@ from pydrake.systems.lcm import LcmPublisherSystem
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from glassgait.diagrams.commands import AddCommand
+from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
-from glassgait.diagrams.station import AddStation, actuated_joints
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.errors import InputError
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import command_t, sensors_t
-from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
@@ -78,8 +79,10 @@ def MakeLinkedRobot(  # noqa: N802
     # In the order of MakeLocomotion: a seed draws the same commands and the same noise.
     command, commanded_dwell = AddCommand(builder, gait, scenario.command, meshcat)
     errors = AddSensorErrors(builder, scenario, imu=True)
-    plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
-    state = plant.get_state_output_port()
+    plant, scene_graph, instance = AddStation(
+        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
+    )
+    state = AddWorldState(builder, plant, scenario.station)
 
     time_step = scenario.station.time_step
     guard = LinkWatchdog(robot, watchdog, session=session, time_step=time_step)
@@ -123,7 +126,8 @@ def MakeLinkedRobot(  # noqa: N802
             scene_graph,
             robot,
             gait,
-            state=state,
+            terrain=scenario.station.terrain,
+            state=plant.get_state_output_port(),
             rm_state=unknown.get_output_port(),
             foot_contact=sensors.feet.get_foot_contact_output_port(),
             meshcat=meshcat,
@@ -163,7 +167,9 @@ def _check(scenario: Scenario) -> None:
 def _add_fall_monitor(
     builder: DiagramBuilder, robot: Robot, scenario: Scenario, state: OutputPort
 ) -> OutputPort:
-    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(robot, scenario.limits))
+    monitor = builder.AddNamedSystem(
+        "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)
+    )
     builder.Connect(state, monitor.get_state_input_port())
     no_action = builder.AddNamedSystem(
         "no_action", ConstantVectorSource(np.zeros(quadruped.N_JOINTS))

@@ -6,9 +6,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from glassgait.diagrams.commands import AddCommand, AddGivenCommand
 from glassgait.diagrams.controller import AddController, Sensed, Senses
 from glassgait.diagrams.gait_machine import AddGaitMachine
+from glassgait.diagrams.ground import laid
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.sensors import AddSensorErrors, AddSensors
-from glassgait.diagrams.station import AddStation, actuated_joints
+from glassgait.diagrams.station import AddStation, AddWorldState, actuated_joints
 from glassgait.diagrams.visualization import AddLocomotionDisplay
 from glassgait.models.counterfactuals.question import Intervention
 from glassgait.models.policies.controller import Controller
@@ -111,8 +112,10 @@ def MakeLocomotion(  # noqa: N802
     errors = AddSensorErrors(builder, scenario, imu=senses.need_imu)
     # The plant stands in this diagram itself: the error-controlled contact integrator looks for it
     # there.
-    plant, scene_graph, instance = AddStation(builder, robot, scenario.station)
-    state = plant.get_state_output_port()
+    plant, scene_graph, instance = AddStation(
+        builder, robot, scenario.station, reach=laid(scenario.station.terrain)
+    )
+    state = AddWorldState(builder, plant, scenario.station)
 
     sensors = AddSensors(builder, robot, scenario, state, errors, imu=senses.need_imu)
     foot_sensor = sensors.feet
@@ -125,6 +128,7 @@ def MakeLocomotion(  # noqa: N802
         imu=sensors.imu,
         state=state,
         foot_height=foot_sensor.get_foot_height_output_port(),
+        ground=scenario.station.ground,
     )
     machine = AddGaitMachine(builder, gaits, scenario.command, meshcat)
     controller = AddController(
@@ -157,7 +161,8 @@ def MakeLocomotion(  # noqa: N802
             scene_graph,
             robot,
             gait,
-            state=state,
+            terrain=scenario.station.terrain,
+            state=plant.get_state_output_port(),
             rm_state=machine.get_rm_state_output_port(),
             foot_contact=foot_sensor.get_foot_contact_output_port(),
             meshcat=meshcat,
@@ -206,7 +211,9 @@ def _add_judges(
 ) -> dict[str, OutputPort]:
     reward = RewardSystem(robot, scenario.weights, limit_targets=limited)
     builder.AddNamedSystem("reward", reward)
-    monitor = builder.AddNamedSystem("fall_monitor", FallMonitor(robot, scenario.limits))
+    monitor = builder.AddNamedSystem(
+        "fall_monitor", FallMonitor(robot, scenario.limits, scenario.station.ground)
+    )
     connect = builder.Connect
     for system in (reward, monitor):
         connect(state, system.get_state_input_port())

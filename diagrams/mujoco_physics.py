@@ -11,15 +11,14 @@ from mujoco.rollout import Rollout
 from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
-from glassgait.diagrams.physics import Physics, PhysicsStep
+from glassgait.diagrams.ground import PATCH
+from glassgait.diagrams.physics import Physics, PhysicsStep, moved_by
 from glassgait.diagrams.station import PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
-
-LEAST_FORCE = 1e-3
-"""Normal force above which a foot touches (N)."""
+from glassgait.models.task.terrain import Terrain
 
 LIMIT_TIME_CONSTANT = 0.004
 """Time in which a joint's limit gives way (s). MuJoCo's own limits are so soft that joints leave
@@ -60,9 +59,8 @@ class MujocoPhysics(Physics):
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
-        for model, value in zip(self._models, friction, strict=True):
-            # Of two geometries MuJoCo takes the greater friction; none may be above the ground's.
-            model.geom_friction[:, 0] = value
+        for model, station, value in zip(self._models, self.stations, friction, strict=True):
+            _set_friction(model, station.terrain, value)
 
     def step(
         self,
@@ -88,14 +86,16 @@ class MujocoPhysics(Physics):
         late = targets if previous_targets is None else previous_targets
         latency = np.zeros(len(states)) if latency is None else latency
         sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
+        away = self.ground(len(states)).periods(states)
+        near = moved_by(states, -away)
         after = np.full_like(states, np.nan)
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
         for group, members in enumerate(self.members(len(states))):
             mine = members[sound[members]]
             if len(mine):
                 held = self._held(group, targets[mine], late[mine], latency[mine])
-                after[mine], touching[mine] = self._advance(group, states[mine], held)
-        return PhysicsStep(after, touching)
+                after[mine], touching[mine] = self._advance(group, near[mine], held)
+        return PhysicsStep(moved_by(after, away), touching)
 
     def _held(self, group: int, targets: Array, late: Array, latency: Array) -> Array:
         """Returns the targets at every step of the plant (n, n_steps, 12; rad)."""
@@ -111,7 +111,7 @@ class MujocoPhysics(Physics):
         after, sensed = self._rollout.rollout(model, self._data[group], before, held)
         assert after is not None and sensed is not None
         moved = after[:, -1, 1 : 1 + model.nq + model.nv]
-        return self._from_mujoco(model, moved), sensed[:, -1] > LEAST_FORCE
+        return self._from_mujoco(model, moved), sensed[:, -1] > self.stations[group].contact_force
 
     def _to_mujoco(self, model: mujoco.MjModel, states: Array) -> Array:
         _, angular = kinematics.base_velocity(states)
@@ -138,6 +138,7 @@ class MujocoPhysics(Physics):
 
 def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     """Builds MuJoCo's model of the station: the same description, motors, ground and load."""
+    station.terrain.check(robot)
     spec = mujoco.MjSpec.from_string(_plain_description(robot))
     spec.option.timestep = station.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -145,21 +146,53 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     spec.option.impratio = 10.0
     # What it cannot advance MuJoCo would set back to the start, as if nothing had been.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    spec.option.gravity = station.gravity()
+    spec.option.gravity = station.terrain.gravity
+    feet_only = station.feet_only or not station.terrain.is_plane
     for geometry in spec.geoms:
         # The robot meets the ground, and not itself.
-        meets = not station.feet_only or geometry.name.endswith("_foot")
+        meets = not feet_only or geometry.name.endswith("_foot")
         geometry.contype, geometry.conaffinity = int(meets), 0
-    ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
-    ground.contype, ground.conaffinity = 0, 1
+    _add_ground(spec, station.terrain)
     trunk = spec.body("trunk")
     trunk.add_freejoint()
     _add_payload(trunk, station)
     _add_motors(spec, robot, station)
     _add_foot_sensors(spec, robot)
     model = spec.compile()
-    model.geom_friction[:, 0] = station.friction
+    _set_friction(model, station.terrain, station.friction)
     return model
+
+
+def _add_ground(spec: "mujoco.MjSpec", terrain: Terrain) -> None:
+    collides = {"contype": 0, "conaffinity": 1}
+    if terrain.is_plane:
+        plane = mujoco.mjtGeom.mjGEOM_PLANE
+        spec.worldbody.add_geom(type=plane, size=[0.0, 0.0, 1.0], **collides)
+        return
+    for i, box in enumerate(terrain.boxes()):
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, box.rotation.ravel())
+        spec.worldbody.add_geom(
+            name=f"{PATCH if box.is_patch else 'ground'}_{i}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.centre,
+            quat=quaternion,
+            size=box.size / 2,
+            **collides,
+        )
+
+
+def _set_friction(model: mujoco.MjModel, terrain: Terrain, friction: float) -> None:
+    # Of two geometries MuJoCo takes the greater friction; none may be above the ground's.
+    model.geom_friction[:, 0] = friction
+    if terrain.patches:
+        model.geom_friction[:, 0] = min(friction, terrain.patch_friction)
+        for geometry in range(model.ngeom):
+            name = model.geom(geometry).name
+            if name.startswith(PATCH):
+                model.geom_friction[geometry, 0] = terrain.patch_friction
+            elif name.startswith("ground"):
+                model.geom_friction[geometry, 0] = friction
 
 
 def _plain_description(robot: Robot) -> str:

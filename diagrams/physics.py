@@ -1,6 +1,7 @@
 """What the batch simulator asks of a physics engine."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -8,6 +9,9 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
+from glassgait.models.task.ground import Ground
+from glassgait.models.task.terrain import Terrain
 
 
 class PhysicsStep(NamedTuple):
@@ -20,6 +24,15 @@ class PhysicsStep(NamedTuple):
 
     states: Array
     touching: NDArray[np.bool_]
+
+
+def moved_by(states: Array, away: Array) -> Array:
+    """Returns plant states x (n, 37) with trunks moved (n, 3; m)."""
+    if not away.any():
+        return states
+    states = states.copy()
+    states[:, quadruped.POSITION] += away
+    return states
 
 
 class Physics(Protocol):
@@ -35,13 +48,17 @@ class Physics(Protocol):
 
     def members(self, n_robots: int) -> list[NDArray[np.int64]]:
         """Returns the robots of each group: they are split evenly, in order."""
-        return np.array_split(np.arange(n_robots), self.n_groups)
+        return _members(n_robots, self.n_groups)
 
     def gravity(self, n_robots: int) -> Array:
         """Returns the acceleration by gravity of each robot's group (n_robots, 3; m/s²)."""
         members = self.members(n_robots)
-        vectors = [station.gravity() for station in self.stations]
+        vectors = [station.terrain.gravity for station in self.stations]
         return np.repeat(vectors, [len(group) for group in members], axis=0)
+
+    def ground(self, n_robots: int) -> Ground:
+        """Returns what each robot stands on."""
+        return _ground(tuple(station.terrain for station in self.stations), n_robots)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
@@ -65,3 +82,14 @@ class Physics(Protocol):
             latency: Time from the period's start until the new targets come (n,; s).
         """
         ...
+
+
+def _members(n_robots: int, n_groups: int) -> list[NDArray[np.int64]]:
+    return np.array_split(np.arange(n_robots), n_groups)
+
+
+@lru_cache(maxsize=16)
+def _ground(terrains: tuple[Terrain, ...], n_robots: int) -> Ground:
+    # Asked for at every control step.
+    sizes = [len(group) for group in _members(n_robots, len(terrains))]
+    return Ground(terrains, np.repeat(np.arange(len(terrains)), sizes))

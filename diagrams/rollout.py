@@ -10,7 +10,7 @@ from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from glassgait.diagrams.plant_state import find_locomotion, set_plant_state
+from glassgait.diagrams.plant_state import find_locomotion, recenter, set_plant_state
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import CONTROL_PERIOD
@@ -164,8 +164,8 @@ def record(
     """
     if n_steps is not None and n_steps < 0:
         raise InputError(f"record: n_steps is {shown(n_steps)}; it must be 0 or more")
-    locomotion, context = find_locomotion(simulator.get_system()), simulator.get_context()
-    own = locomotion.GetMyContextFromRoot(context)
+    locomotion, context = find_locomotion(simulator.get_system()), simulator.get_mutable_context()
+    own = locomotion.GetMyMutableContextFromRoot(context)
     first = _control_step(context)
     if first is None:
         raise InputError(
@@ -185,6 +185,7 @@ def record(
         # even a call with the time it already has would act.
         if step > 0:
             instant = (first + step) * CONTROL_PERIOD
+            recenter(locomotion, own)
             if simulator.AdvanceTo(instant).return_time() < instant:
                 break
         times.append(context.get_time())

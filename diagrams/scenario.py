@@ -35,6 +35,8 @@ TRAINING = "training"
 
 SCENARIO_DIRECTORY = Path(__file__).resolve().parent / "scenarios"
 
+GROUND_DIRECTORY = SCENARIO_DIRECTORY / "ground"
+
 LONGEST_NAME = 80
 """Greatest length of a scenario's name (bytes), which stands in the names of files."""
 
@@ -107,8 +109,7 @@ class Scenario(Settings):
         if isinstance(self.title, str):
             _check_title(self.title)
         super().__post_init__()
-        if self.robot is not None:
-            load_robot(self.robot)
+        self.station.terrain.check(load_robot() if self.robot is None else load_robot(self.robot))
         if self.station.time_step > 0:
             # Otherwise the plant and the controller would drift apart.
             self.station.plant_steps()
@@ -139,6 +140,12 @@ class Scenario(Settings):
             problem = (
                 f"accuracy is {self.accuracy:g}, which is of continuous plants, but "
                 f"station.time_step is {step:g}; make it 0, or leave accuracy out"
+            )
+        elif step == 0 and not self.station.terrain.is_plane:
+            problem = (
+                f"station.terrain.kind is {self.station.terrain.kind!r}, but only discrete plants "
+                "are moved back on ground that repeats; give station.time_step and leave accuracy "
+                "out"
             )
         elif step == 0 and pushed > 0:
             problem = (
@@ -201,9 +208,14 @@ class Scenario(Settings):
 
 
 def scenario_names() -> tuple[str, ...]:
-    """Lists the scenarios that ship with the project, the training world first."""
+    """Lists the scenarios that ship, the training world first, less those of other grounds."""
     names = (path.stem for path in SCENARIO_DIRECTORY.glob("*.yaml"))
     return tuple(sorted(names, key=lambda name: (name != TRAINING, name)))
+
+
+def ground_names() -> tuple[str, ...]:
+    """Lists the scenarios of other grounds that ship."""
+    return tuple(sorted(path.stem for path in GROUND_DIRECTORY.glob("*.yaml")))
 
 
 def scenario_name(scenario: str | Path) -> str:
@@ -232,7 +244,7 @@ def load_scenario(scenario: str | Path) -> Scenario:
     # frozen dataclass, and reads no `Annotated`, which hold the ranges, and no `Literal`.
     path = _path(scenario)
     loaded = _parse(read_yaml(path), path)
-    shipped = SCENARIO_DIRECTORY / path.name
+    shipped = _shipped(path.stem)
     if shipped.exists() and path.resolve() != shipped and loaded != load_scenario(path.stem):
         raise InputError(
             f"{path}: is called like the scenario {path.stem!r} that ships, and differs from it; "
@@ -245,14 +257,16 @@ def load_scenarios(scenarios: Sequence[str]) -> dict[str, Scenario]:
     """Loads scenarios by their names.
 
     Args:
-        scenarios: Names or paths, as `load_scenario` takes them, or `all` for those that ship.
+        scenarios: Names or paths, as `load_scenario` takes them; `all` for those that ship, and
+            `grounds` for those of other grounds.
 
     Raises:
         InputError: as `load_scenario` does, or if two that differ have one name, or one title.
     """
     found: dict[str, Scenario] = {}
+    several = {"all": scenario_names(), "grounds": ground_names()}
     for one in scenarios:
-        for each in scenario_names() if one == "all" else (one,):
+        for each in several.get(one, (one,)):
             name, scenario = scenario_name(each), load_scenario(each)
             if found.setdefault(name, scenario) != scenario:
                 raise InputError(
@@ -300,12 +314,18 @@ def _path(scenario: str | Path) -> Path:
                 f"rename it to printable characters, {LONGEST_NAME} bytes at most"
             )
         return path
-    if str(scenario) not in scenario_names():
+    names = (*scenario_names(), *ground_names())
+    if str(scenario) not in names:
         raise InputError(
-            f"unknown scenario {shown(str(scenario))}; the scenarios are "
-            f"{', '.join(scenario_names())}, or give the path of a scenario file ending in .yaml"
+            f"unknown scenario {shown(str(scenario))}; the scenarios are {', '.join(names)}, or "
+            "give the path of a scenario file ending in .yaml"
         )
-    return SCENARIO_DIRECTORY / f"{scenario}.yaml"
+    return _shipped(str(scenario))
+
+
+def _shipped(name: str) -> Path:
+    folder = GROUND_DIRECTORY if name in ground_names() else SCENARIO_DIRECTORY
+    return folder / f"{name}.yaml"
 
 
 def _check_title(title: str) -> None:

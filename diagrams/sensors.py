@@ -91,7 +91,7 @@ def AddSensors(  # noqa: N802
     if errors.bias is not None:
         bias = errors.bias.get_encoder_bias_output_port()
         builder.Connect(bias, joints.get_encoder_bias_input_port())
-    feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot))
+    feet = builder.AddNamedSystem("foot_sensor", FootSensor(robot, scenario.station.ground))
     builder.Connect(state, feet.get_state_input_port())
     contacts = [
         _misread(builder, scenario, errors, f"{port.get_name()}_sensors", port)
@@ -136,7 +136,7 @@ def _misread(
 def _add_imu(
     builder: DiagramBuilder, scenario: Scenario, state: OutputPort, errors: SensorErrors
 ) -> OutputPort:
-    sensor = ImuSensor(scenario.station.gravity(), scenario.imu.delay, scenario.sensor_noise)
+    sensor = ImuSensor(scenario.station.terrain.gravity, scenario.imu.delay, scenario.sensor_noise)
     builder.AddNamedSystem("imu", sensor)
     builder.Connect(state, sensor.get_state_input_port())
     if errors.imu_noise is not None:

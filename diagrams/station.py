@@ -1,7 +1,6 @@
 """The station: the robot, its PD-controlled joints, the ground and their contact."""
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -9,7 +8,7 @@ from annotated_types import Ge, Gt, Le
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometrySet,
-    HalfSpace,
+    Role,
     SceneGraph,
     SceneGraphConfig,
 )
@@ -17,7 +16,6 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
-    CoulombFriction,
     MultibodyPlant,
     MultibodyPlantConfig,
 )
@@ -28,17 +26,18 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 from pydrake.symbolic import Expression, Variable
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from glassgait.diagrams.ground import set_friction, set_ground
-from glassgait.models.arrays import Array
+from glassgait.diagrams.ground import add_ground, set_friction, set_ground
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.imu import GRAVITY
+from glassgait.models.task.ground import Ground
 from glassgait.models.task.randomization import NOMINAL, Friction
+from glassgait.models.task.terrain import REACH, Terrain
+from glassgait.systems.world_state import WorldState
 
 Engine = Literal["drake", "mujoco"]
 
@@ -58,6 +57,12 @@ MOST_STEPS = 2000
 
 OF_DRAKE = ("contact_solver", "ground_stiffness", "relaxation_time", "dissipation")
 """Settings of a station that MuJoCo has no counterpart of."""
+
+LEAST_FORCE = 1e-3
+"""Normal force above which a foot touches, by default (N)."""
+
+WORLD_STATE = "world_state"
+"""Name of the system that knows where a robot on ground that repeats has gone to."""
 
 PAYLOAD_BOX = (0.2, 0.1, 0.05)
 """Sizes of the payload (m)."""
@@ -82,8 +87,8 @@ class StationConfig(Settings):
         ground_stiffness: Stiffness of the contact of a foot with the ground (N/m), of Drake alone;
             by default Drake's own, which lets a robot at rest sink in by a fraction of a
             millimetre.
-        slope: Angle at which the ground rises along the world's x axis (°). The world's z axis
-            stays normal to the ground, and gravity leans.
+        terrain: The ground. On any but a plane feet alone collide with it; whether another body
+            touches it is judged by its pose.
         payload_position: Where the payload's centre is in the trunk's frame (m).
         motor_strength: Factor on the torque that every motor gives, and on its limit.
         stiffness: Gain of the joints' position control (N·m/rad), before that factor; by default
@@ -94,6 +99,8 @@ class StationConfig(Settings):
         feet_only: Whether feet alone collide with the ground: other bodies that touch it end an
             episode by their pose, and a plant without their contacts takes less time.
         engine: What computes it: Drake, or MuJoCo for many robots in batch.
+        contact_force: Normal force above which a foot touches the ground (N), of MuJoCo alone; in
+            Drake it touches where it is inside of it.
     """
 
     title: ClassVar[str] = "station"
@@ -105,7 +112,7 @@ class StationConfig(Settings):
     relaxation_time: Annotated[float, Ge(0)] = 0.01
     dissipation: Annotated[float, Ge(0), Le(1000.0)] | None = None
     ground_stiffness: Annotated[float, Ge(100.0), Le(1e8)] | None = None
-    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
+    terrain: Terrain = field(default_factory=Terrain)
     payload_position: Place = (0.0, 0.0, 0.0)
     motor_strength: Annotated[float, Gt(0), Le(10.0)] = 1.0
     stiffness: Annotated[float, Ge(0), Le(1000.0)] | None = None
@@ -113,10 +120,16 @@ class StationConfig(Settings):
     armature: Annotated[float, Ge(0), Le(1.0)] = 0.0
     feet_only: bool = False
     engine: Engine = "drake"
+    contact_force: Annotated[float, Ge(0.0), Le(1000.0)] = LEAST_FORCE
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.engine == "drake":
+            if self.contact_force != LEAST_FORCE:
+                raise InputError(
+                    f"{self.title}: contact_force is MuJoCo's, and engine is 'drake'; leave one of "
+                    "them out"
+                )
             return
         if self.time_step == 0:
             raise InputError(
@@ -130,6 +143,11 @@ class StationConfig(Settings):
                     f"{self.title}: {name} is Drake's, and engine is {self.engine!r}; leave one of "
                     "them out"
                 )
+
+    @property
+    def ground(self) -> Ground:
+        """What robots stand on."""
+        return Ground([self.terrain])
 
     def plant_steps(self) -> int:
         """Returns how many steps a discrete plant takes in a control period.
@@ -147,11 +165,6 @@ class StationConfig(Settings):
             )
         return n_steps
 
-    def gravity(self) -> Array:
-        """Returns the acceleration by gravity in the ground's frame (3; m/s²)."""
-        angle = math.radians(self.slope)
-        return GRAVITY * np.array([-math.sin(angle), 0.0, -math.cos(angle)])
-
     def gains(self, robot: Robot) -> tuple[float, float]:
         """Returns stiffness and damping of a robot's joints, without the motors' factor."""
         stiffness = robot.stiffness if self.stiffness is None else self.stiffness
@@ -159,9 +172,9 @@ class StationConfig(Settings):
 
 
 def AddStation(  # noqa: N802
-    builder: DiagramBuilder, robot: Robot, config: StationConfig
+    builder: DiagramBuilder, robot: Robot, config: StationConfig, *, reach: float = REACH
 ) -> tuple[MultibodyPlant, SceneGraph, ModelInstanceIndex]:
-    """Adds the finalized plant, on flat ground, and its scene graph to a diagram.
+    """Adds the finalized plant, on its ground, and its scene graph to a diagram.
 
     The PD law lives in the joints' actuators, where the contact solver treats it implicitly and
     limits it to the motors' effort. Output ports are live rather than sampled, so that the plant
@@ -171,18 +184,25 @@ def AddStation(  # noqa: N802
     each joint is drawn as evaluations draw it, and the trunk is level, `RANDOM_LIFT` above where it
     stands.
 
+    Args:
+        builder: Where they are added.
+        robot: The robot.
+        config: Physics.
+        reach: How far around the middle period ground other than a plane is laid (m).
+
     Returns:
         The plant, the scene graph and the robot's model instance, whose `desired_state` input
         takes 12 joint positions (rad) and 12 velocities (rad/s).
 
     Raises:
-        InputError: if the station is not Drake's.
+        InputError: if the station is not Drake's, or its ground is too high for the robot.
     """
     if config.engine != "drake":
         raise InputError(
             f"{config.title}: engine is {config.engine!r}, which steps robots in batch; a diagram "
             "needs Drake, so leave engine out"
         )
+    config.terrain.check(robot)
     plant, scene_graph = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=config.time_step,
@@ -195,16 +215,14 @@ def AddStation(  # noqa: N802
     _take_no_part_in_deformable_contact(scene_graph)
     (instance,) = Parser(plant).AddModels(str(robot.urdf_path))
     _add_payload(plant, instance, config)
-    plant.RegisterCollisionGeometry(
-        plant.world_body(), RigidTransform(), HalfSpace(), "ground", CoulombFriction(1.0, 1.0)
-    )
+    add_ground(plant, config.terrain, reach)
     _set_motors(plant, robot, config)
-    plant.mutable_gravity_field().set_gravity_vector(config.gravity())
+    plant.mutable_gravity_field().set_gravity_vector(config.terrain.gravity)
     plant.Finalize()
-    _set_initial_poses(plant, robot)
+    _set_initial_poses(plant, robot, config.terrain)
     _exclude_self_collision(plant, scene_graph, instance)
-    if config.feet_only:
-        _exclude_bodies(plant, scene_graph, instance)
+    if config.feet_only or not config.terrain.is_plane:
+        _let_feet_alone_collide(plant, scene_graph, instance)
     set_ground(
         plant,
         scene_graph,
@@ -212,8 +230,20 @@ def AddStation(  # noqa: N802
         stiffness=config.ground_stiffness,
         dissipation=config.dissipation,
     )
-    set_friction(plant, scene_graph, config.friction)
+    set_friction(plant, scene_graph, config.friction, terrain=config.terrain)
     return plant, scene_graph, instance
+
+
+def AddWorldState(  # noqa: N802
+    builder: DiagramBuilder, plant: MultibodyPlant, config: StationConfig
+) -> OutputPort:
+    """Returns where the robot's state (37) is to be read, which on ground that repeats is added."""
+    port = plant.get_state_output_port()
+    if config.terrain.is_plane:
+        return port
+    world = builder.AddNamedSystem(WORLD_STATE, WorldState())
+    builder.Connect(port, world.get_plant_state_input_port())
+    return world.get_state_output_port()
 
 
 def MakeStation(  # noqa: N802
@@ -276,8 +306,9 @@ def _take_no_part_in_deformable_contact(scene_graph: SceneGraph) -> None:
     scene_graph.set_config(config)
 
 
-def _set_initial_poses(plant: MultibodyPlant, robot: Robot) -> None:
-    positions = kinematics.standing_state(robot)[: quadruped.N_POSITIONS]
+def _set_initial_poses(plant: MultibodyPlant, robot: Robot, terrain: Terrain) -> None:
+    standing = Ground([terrain]).stand(robot, kinematics.standing_state(robot))
+    positions = standing[: quadruped.N_POSITIONS]
     plant.SetDefaultPositions(positions)
     least, greatest = NOMINAL.joint_scale
     for name, angle in zip(quadruped.JOINTS, robot.default_stance, strict=True):
@@ -312,17 +343,11 @@ def _exclude_self_collision(
     )
 
 
-def _exclude_bodies(
+def _let_feet_alone_collide(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex
 ) -> None:
-    inspector = scene_graph.model_inspector()
-    own = [
-        geometry
-        for body in plant.GetBodyIndices(instance)
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body))
-    ]
-    bodies = [one for one in own if not inspector.GetName(one).endswith("_foot")]
-    ground = plant.GetCollisionGeometriesForBody(plant.world_body())
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeBetween(GeometrySet(bodies), GeometrySet(ground))
-    )
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for body in plant.GetBodyIndices(instance):
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(body)):
+            if not inspector.GetName(geometry).endswith("_foot"):
+                scene_graph.RemoveRole(source, geometry, Role.kProximity)

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 from pydrake.geometry import (
     Box,
     Meshcat,
@@ -13,12 +14,27 @@ from pydrake.geometry import (
     Rgba,
     SceneGraph,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
+from glassgait.diagrams.ground import laid
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
-from glassgait.systems.gait_display import DISPLAY_PERIOD, PAVEMENT_PATH, TILE, GaitDisplay
+from glassgait.models.task.terrain import PLANE, Terrain, grid_of
+from glassgait.systems.gait_display import (
+    DISPLAY_PERIOD,
+    PAVEMENT_PATH,
+    TILE,
+    WORLD_PATH,
+    GaitDisplay,
+)
+
+BOXES_PATH = f"{WORLD_PATH}/terrain"
+"""Meshcat's root of ground that is made of boxes."""
+
+SHADES = ((0.62, 0.64, 0.66), (0.56, 0.58, 0.60))
+PATCH_SHADE = (0.55, 0.66, 0.78)
+"""Colours of the boxes, and of those with the patches' friction."""
 
 
 def open_meshcat(port: int | None = None) -> Meshcat:
@@ -33,13 +49,26 @@ def AddLocomotionDisplay(  # noqa: N802
     robot: Robot,
     gait: Gait,
     *,
+    terrain: Terrain,
     state: OutputPort,
     rm_state: OutputPort,
     foot_contact: OutputPort,
     meshcat: Meshcat,
 ) -> None:
-    """Shows robot, ground, contacts and machine state in Meshcat."""
-    draw_ground(meshcat)
+    """Shows robot, ground, contacts and machine state in Meshcat.
+
+    Args:
+        builder: Where the displays are added.
+        scene_graph: The station's scene graph.
+        robot: The robot.
+        gait: The gait.
+        terrain: The ground.
+        state: The plant's state (37), on the ground that is laid.
+        rm_state: The machine's state (n_states, one-hot).
+        foot_contact: Which feet touch (4).
+        meshcat: Where it shows.
+    """
+    draw_ground(meshcat, terrain)
     meshcat.SetCameraPose([0.75, -1.05, 0.55], [0.0, 0.0, 0.18])
     MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=DISPLAY_PERIOD)
@@ -50,17 +79,21 @@ def AddLocomotionDisplay(  # noqa: N802
     builder.Connect(foot_contact, display.get_foot_contact_input_port())
 
 
-def draw_ground(meshcat: Meshcat) -> None:
-    """Draws a pavement of tiles, since a plain plane hides how fast a robot moves.
+def draw_ground(meshcat: Meshcat, terrain: Terrain = PLANE) -> None:
+    """Draws a pavement of tiles, since a plain plane hides how fast a robot moves, or the boxes.
 
     Args:
-        meshcat: Where it shows, at `PAVEMENT_PATH`.
+        meshcat: Where it shows, at `PAVEMENT_PATH`; the boxes at `BOXES_PATH`.
+        terrain: The ground.
     """
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.9)
     meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.97])
     meshcat.SetProperty("/Background/<object>", "bottom_color", [0.80, 0.83, 0.86])
+    if not terrain.is_plane:
+        _draw_boxes(meshcat, terrain)
+        return
     ground = f"{PAVEMENT_PATH}/ground"
     meshcat.SetObject(ground, Box(30.0, 30.0, 0.02), Rgba(0.62, 0.64, 0.66, 1.0))
     meshcat.SetTransform(ground, RigidTransform([0.0, 0.0, -0.0125]))
@@ -72,6 +105,17 @@ def draw_ground(meshcat: Meshcat) -> None:
         ):
             meshcat.SetObject(f"{PAVEMENT_PATH}/{name}", box, Rgba(0.5, 0.52, 0.54, 1.0))
             meshcat.SetTransform(f"{PAVEMENT_PATH}/{name}", RigidTransform(place))
+
+
+def _draw_boxes(meshcat: Meshcat, terrain: Terrain) -> None:
+    grid = grid_of(terrain)
+    for i, box in enumerate(terrain.boxes(laid(terrain))):
+        # Neighbours in two shades, so that one sees where one ends.
+        number = int(np.floor((box.centre[:2] - grid.origin) / grid.cell).sum())
+        path = f"{BOXES_PATH}/{i}"
+        shade = PATCH_SHADE if box.is_patch else SHADES[number % 2]
+        meshcat.SetObject(path, Box(*box.size), Rgba(*shade, 1.0))
+        meshcat.SetTransform(path, RigidTransform(RotationMatrix(box.rotation), box.centre))
 
 
 @contextmanager

@@ -54,6 +54,10 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "evaluation.tracking:Tracking",
             "Let robots keep one command each, and report how fast they go and turn.",
         ),
+        "evaluate estimators": (
+            "evaluation.estimators:Estimators",
+            "Compare what odometry and a learned network say of a robot's body with the truth.",
+        ),
         "evaluate pushes": (
             "evaluation.pushes:Pushes",
             "Push walking robots from every side, and draw which pushes each policy survives.",
@@ -131,7 +135,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
             "Lose messages on purpose, in one process and simulated time, and count what happens.",
         ),
         "drive dropout": (
-            "deployment.drive.dropout_command:DriveDropout",
+            "deployment.drive.command:DriveDropout",
             "Silence controllers for good at many moments of the stride, and count the falls.",
         ),
     },

@@ -6,6 +6,7 @@ from pydrake.systems.framework import InputPort, OutputPort
 
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.observation import N_ESTIMATED, body_state
 from glassgait.systems.function import FunctionSystem
 
@@ -23,14 +24,14 @@ class BodyStateSensor(FunctionSystem):
 
     Inputs: state (37), the plant's.
     Outputs: body_state (7), base linear velocity scaled by 2 (m/s, trunk frame) and foot heights
-    (m, world frame). State: none. Feedthrough: yes. Converts to AutoDiffXd.
+    (m) above the ground. State: none. Feedthrough: yes. Converts to AutoDiffXd.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, ground: Ground = LEVEL_GROUND) -> None:
         super().__init__(
             inputs={"state": quadruped.N_POSITIONS + quadruped.N_VELOCITIES},
             output=("body_state", N_ESTIMATED),
-            function=partial(body_state, robot),
+            function=partial(body_state, robot, ground=ground),
         )
 
     def get_state_input_port(self) -> InputPort:

@@ -18,6 +18,8 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
+from glassgait.models.task.imu import N_IMU
 
 
 class CompiledController(LeafSystem):
@@ -31,6 +33,7 @@ class CompiledController(LeafSystem):
         - command
         - commanded_dwell
         - requested_gait
+        - imu
         output_ports:
         - action
         - targets
@@ -39,17 +42,20 @@ class CompiledController(LeafSystem):
     Inputs: state (37), the plant's, of which it reads the joints and which feet touch the ground.
     command (2; m/s, rad/s), forward speed and yaw rate, trunk frame. commanded_dwell (1, control
     steps). requested_gait (1), of a controller of several gaits alone: the number of the gait that
-    is to run; may stay unconnected, and then the gait that runs goes on.
+    is to run; may stay unconnected, and then the gait that runs goes on. imu (9; rad/s, m/s, none),
+    of a controller that has one alone, the reading of `ImuSensor`.
     Outputs: targets (12, rad), FL FR RL RR, hip thigh calf, of this control step. action (12), the
     same as other policies give it, 0.25 rad from the default stance a unit. status (1), 0 or the
     sum of flags that the C file lists, such as 1 where a sensor was not finite.
-    State: the controller's memory after the previous control step (23 numbers), latched every 20 ms
-    (unrestricted update). Feedthrough: all inputs to all outputs.
+    State: the controller's memory after the previous control step (23 numbers, with odometry 43),
+    latched every 20 ms (unrestricted update). Feedthrough: all inputs to all outputs.
     """
 
-    def __init__(self, robot: Robot, controller: LoadedController) -> None:
+    def __init__(
+        self, robot: Robot, controller: LoadedController, ground: Ground = LEVEL_GROUND
+    ) -> None:
         super().__init__()
-        self._robot, self._controller = robot, controller
+        self._robot, self._controller, self._ground = robot, controller, ground
         self._memory = self.DeclareDiscreteState(controller.initial())
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
@@ -59,6 +65,9 @@ class CompiledController(LeafSystem):
         self._requested_gait_port: InputPort | None = None
         if controller.n_gaits > 1:
             self._requested_gait_port = self.DeclareVectorInputPort("requested_gait", 1)
+        self._imu_port: InputPort | None = None
+        if controller.has_imu:
+            self._imu_port = self.DeclareVectorInputPort("imu", N_IMU)
         # Three outputs and the update are of one step; the controller takes it once.
         self._step = self.DeclareCacheEntry(
             description="controller step",
@@ -116,7 +125,8 @@ class CompiledController(LeafSystem):
             self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
         )
         memory = context.get_discrete_state(self._memory).value()
-        sensors = sensed(self._robot, self._state_port.Eval(context))
+        imu = None if self._imu_port is None else self._imu_port.Eval(context)
+        sensors = sensed(self._robot, self._state_port.Eval(context), self._ground, imu)
         requested = self._requested(context, memory)
         output.set_value(self._controller.step(memory, sensors, command, requested))
 

@@ -4,6 +4,7 @@ from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSyste
 
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
 
 
@@ -27,11 +28,17 @@ class FallMonitor(LeafSystem):
 
     Attributes:
         robot: The robot.
+        ground: What it stands on.
     """
 
-    def __init__(self, robot: Robot, limits: TerminationLimits | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        limits: TerminationLimits | None = None,
+        ground: Ground = LEVEL_GROUND,
+    ) -> None:
         super().__init__()
-        self.robot = robot
+        self.robot, self.ground = robot, ground
         self._limits = limits or TerminationLimits()
         declare = self.DeclareVectorInputPort
         self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
@@ -67,5 +74,6 @@ class FallMonitor(LeafSystem):
             action=self._action_port.Eval(context),
             previous_action=self._previous_action_port.Eval(context),
             limits=self._limits,
+            ground=self.ground,
         )
         output.SetFromVector(shown.astype(float))

@@ -15,6 +15,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import FootSense, sense_feet
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 
 class FootSensor(LeafSystem):
@@ -38,9 +39,9 @@ class FootSensor(LeafSystem):
     Feedthrough: state to all outputs.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, ground: Ground = LEVEL_GROUND) -> None:
         super().__init__()
-        self._robot = robot
+        self._robot, self._ground = robot, ground
         self._touching = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._state_port = self.DeclareVectorInputPort(
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
@@ -93,7 +94,9 @@ class FootSensor(LeafSystem):
 
     def _calc_sense(self, context: Context, output: AbstractValue) -> None:
         previously = context.get_discrete_state(self._touching).value() > 0.5
-        output.set_value(sense_feet(self._robot, self._state_port.Eval(context), previously))
+        output.set_value(
+            sense_feet(self._robot, self._state_port.Eval(context), previously, ground=self._ground)
+        )
 
     def _eval_sense(self, context: Context) -> FootSense:
         return self._sense.Eval(context)

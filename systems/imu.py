@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -10,6 +11,7 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
+    ValueProducer,
 )
 
 from glassgait.models.arrays import Array
@@ -69,11 +71,19 @@ class ImuSensor(LeafSystem):
         )
         self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", N_IMU)
         self._imu_bias_port = self.DeclareVectorInputPort("imu_bias", N_IMU)
+        # The output and the update come from one measurement.
+        self._readings = self.DeclareCacheEntry(
+            description="readings",
+            value_producer=ValueProducer(
+                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_readings
+            ),
+            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        )
         self._imu_port = self.DeclareVectorOutputPort(
             name="imu",
             size=N_IMU,
             calc=self._calc_imu,
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+            prerequisites_of_calc={self._readings.ticket()},
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=CONTROL_PERIOD, offset_sec=0.0, update=self._latch
@@ -95,8 +105,8 @@ class ImuSensor(LeafSystem):
         """Returns the reading."""
         return self._imu_port
 
-    def _readings(self, context: Context) -> Array:
-        """Returns this instant's reading and those that are still to come, the latest first."""
+    def _calc_readings(self, context: Context, output: AbstractValue) -> None:
+        """Takes this instant's reading and those that are still to come, the latest first."""
         state = self._state_port.Eval(context)
         has_begun = context.get_discrete_state(self._begun).value()[0] > 0.5
         before = state[quadruped.LINEAR_VELOCITY]
@@ -109,14 +119,18 @@ class ImuSensor(LeafSystem):
         if self._imu_bias_port.HasValue(context):
             reading = reading + self._imu_bias_port.Eval(context)
         coming = context.get_discrete_state(self._coming).value().reshape(-1, N_IMU)
-        return np.vstack([reading, coming if has_begun else np.broadcast_to(reading, coming.shape)])
+        rest = coming if has_begun else np.broadcast_to(reading, coming.shape)
+        output.set_value(np.vstack([reading, rest]))
+
+    def _eval_readings(self, context: Context) -> Array:
+        return self._readings.Eval(context)
 
     def _calc_imu(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._readings(context)[-1])
+        output.SetFromVector(self._eval_readings(context)[-1])
 
     def _latch(self, context: Context, state: State) -> None:
         velocity = self._state_port.Eval(context)[quadruped.LINEAR_VELOCITY]
         state.get_mutable_discrete_state(self._begun).SetFromVector([1.0])
         state.get_mutable_discrete_state(self._velocity_before).SetFromVector(velocity)
-        coming = self._readings(context)[:-1].ravel()
+        coming = self._eval_readings(context)[:-1].ravel()
         state.get_mutable_discrete_state(self._coming).SetFromVector(coming)

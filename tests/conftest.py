@@ -33,7 +33,7 @@ from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.exit_codes import BAD_INPUT
-from glassgait.studies.deployment.export.compiler import has_compiler, load_controller
+from glassgait.studies.deployment.export.files import has_compiler, load_controller
 
 A1 = load_robot()
 

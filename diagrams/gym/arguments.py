@@ -7,9 +7,19 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from glassgait.diagrams.batch import BoolArray
+from glassgait.diagrams.controller import Senses
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.odometry import Odometry
+
+SENSES = {
+    "true": Senses(),
+    "odometry": Senses(estimator=Odometry()),
+    "imu": Senses(observes_imu=True, estimator=Odometry()),
+}
+"""What the body state is observed by: its true values or odometry; with `imu` gravity's direction
+and the angular velocity are observed as well."""
 
 
 def find_gait(gait: Gait | str | Path) -> Gait:
@@ -26,6 +36,19 @@ def find_gait(gait: Gait | str | Path) -> Gait:
             "a Gait"
         )
     return load_gait(gait)
+
+
+def find_senses(senses: str) -> Senses:
+    """Returns what is observed by, by its name.
+
+    Raises:
+        InputError: if there is none that is called so.
+    """
+    if senses not in SENSES:
+        raise InputError(
+            f"environment: senses is {shown(senses)}; give one of {', '.join(map(repr, SENSES))}"
+        )
+    return SENSES[senses]
 
 
 def check_actions(actions: Any, shape: tuple[int, ...]) -> Array:

@@ -9,11 +9,11 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 
-from glassgait.diagrams.gym.arguments import check_actions, find_gait
+from glassgait.diagrams.gym.arguments import check_actions, find_gait, find_senses
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
 from glassgait.diagrams.locomotion import MakeLocomotion
-from glassgait.diagrams.plant_state import push
+from glassgait.diagrams.plant_state import push, recenter
 from glassgait.diagrams.rollout import make_simulator
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig, set_friction
@@ -29,10 +29,10 @@ from glassgait.models.task.termination import FAILURES
 class LocomotionEnv(gym.Env[Array, Array]):
     """One robot in the systems diagram.
 
-    Observations (47 + n_states,) follow `ObservationLayout`; the body state is observed by its true
-    values. Actions (12,) are scaled offsets of the joint targets, as the policies' are. `info` has
-    the `failures` by name, the `plain_reward` without the machine's factor, and the `command` (2;
-    m/s, rad/s).
+    Observations (47 + n_states,), 6 more where an IMU is observed, follow `ObservationLayout`; the
+    body state is observed by its true values or by odometry. Actions (12,) are scaled offsets of
+    the joint targets, as the policies' are. `info` has the `failures` by name, the `plain_reward`
+    without the machine's factor, and the `command` (2; m/s, rad/s).
 
     An episode is terminated by the task's failures. Its end after 20 s is gymnasium's `TimeLimit`,
     which `gymnasium.make` adds.
@@ -53,6 +53,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         robot: str | Path = DEFAULT_ROBOT,
         station: StationConfig | None = None,
         randomization: Randomization | None = None,
+        senses: str = "true",
         render_mode: str | None = None,
     ) -> None:
         """
@@ -60,27 +61,34 @@ class LocomotionEnv(gym.Env[Array, Array]):
             gait: The gait, its name or its file.
             robot: Name of a robot that ships, or path of one's own `robot.yaml`.
             station: Physics; its friction is drawn anew for each episode.
-            randomization: What differs between episodes.
+            randomization: What differs between episodes, but for the latency.
+            senses: "true" to observe the true velocity and heights of the feet, "odometry" for what
+                odometry estimates, "imu" for that, gravity's direction and the angular velocity.
             render_mode: "rgb_array" for pictures (360, 640, 3); needs EGL.
 
         Raises:
-            InputError: if there is no such gait or render mode, or EGL cannot render here.
+            InputError: if there is no such gait, senses or render mode, or EGL cannot render here.
         """
         gait = find_gait(gait)
         self.render_mode = render_mode
         self._robot = load_robot(robot)
         self._renderer = Renderer(self._robot, render_mode)
         self.action_space = action_space()
-        self.observation_space = observation_space(gait)
+        own = find_senses(senses)
+        self.observation_space = observation_space(gait, imu=own.observes_imu)
         self._randomization = randomization or Randomization()
         scenario = Scenario(
             robot=str(robot),
             station=station or StationConfig(),
             sensor_noise=self._randomization.observation_noise,
+            encoder_bias=self._randomization.encoder_bias,
+            imu=self._randomization.imu,
+            contact_flips=self._randomization.contact_flips,
         )
+        self._station, self._ground = scenario.station, scenario.station.ground
         self._steps = 0
         # A diagram that is built again for every episode would leak; this one is used for all.
-        self._diagram = MakeLocomotion(gait, scenario)
+        self._diagram = MakeLocomotion(gait, scenario, senses=own)
         self._simulator: Simulator | None = None
         self._ports = {
             name: self._diagram.GetOutputPort(name)
@@ -96,7 +104,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         self._steps = 0
         self._simulator = make_simulator(
             self._diagram,
-            state=self._randomization.initial_states(self._robot, 1, generator)[0],
+            state=self._randomization.initial_states(self._robot, 1, generator, self._ground)[0],
             seed=int(generator.integers(2**31)),
         )
         self._set_friction(generator.uniform(*self._randomization.friction))
@@ -114,6 +122,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         context = simulator.get_mutable_context()
         self._diagram.GetInputPort("actions").FixValue(context, action)
         self._steps += 1
+        recenter(self._diagram, context)
         simulator.AdvanceTo(self._steps * CONTROL_PERIOD)
         info = self._info()
         reward = float(self._eval("reward")[0])
@@ -145,7 +154,7 @@ class LocomotionEnv(gym.Env[Array, Array]):
         scene_graph = self._diagram.GetSubsystemByName("scene_graph")
         root = self._standing("reset").get_mutable_context()
         context = scene_graph.GetMyMutableContextFromRoot(root)
-        set_friction(plant, scene_graph, friction, context)
+        set_friction(plant, scene_graph, friction, context, terrain=self._station.terrain)
 
     def _eval(self, port: str) -> Array:
         return self._ports[port].Eval(self._standing(port).get_context()).copy()

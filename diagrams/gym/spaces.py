@@ -56,7 +56,10 @@ def action_space() -> ActionSpace:
     return ActionSpace()
 
 
-def observation_space(gait: Gait) -> gym.spaces.Box:
-    """Returns the space of observations (47 + n_states,), of which most know no bound."""
-    size = ObservationLayout(gait.n_states).size
+def observation_space(gait: Gait, *, imu: bool = False) -> gym.spaces.Box:
+    """Returns the space of observations, of which most know no bound.
+
+    They are (47 + n_states,), or (53 + n_states,) where an IMU is observed.
+    """
+    size = ObservationLayout(gait.n_states, imu=imu).size
     return gym.spaces.Box(-np.inf, np.inf, (size,), np.float64)

@@ -18,6 +18,7 @@ from glassgait.diagrams.gym.arguments import (
     find_autoreset_mode,
     find_gait,
     find_reset_mask,
+    find_senses,
 )
 from glassgait.diagrams.gym.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from glassgait.diagrams.gym.spaces import action_space, observation_space
@@ -36,9 +37,10 @@ from glassgait.models.task.termination import FAILURES
 class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
     """Many robots in the batch simulator, each as `LocomotionEnv` is.
 
-    Observations are (n, 47 + n_states), actions (n, 12), rewards and ends (n,). `info` has what
-    that of `LocomotionEnv` has, robots along the first axis, with gymnasium's masks. A group of
-    robots shares its friction, which a reset of all robots draws anew.
+    Observations are (n, 47 + n_states), 6 more where an IMU is observed, actions (n, 12), rewards
+    and ends (n,). `info` has what that of `LocomotionEnv` has, robots along the first axis, with
+    gymnasium's masks. A group of robots shares its friction, which a reset of all robots draws
+    anew.
 
     An episode starts anew by itself, as gymnasium's autoreset modes have it: by default in the step
     after its last, which then ignores the robot's action and pays nothing.
@@ -58,6 +60,7 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         robot: str | Path = DEFAULT_ROBOT,
         stations: Sequence[StationConfig] | None = None,
         randomization: Randomization | None = None,
+        senses: str = "true",
         max_episode_steps: int = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
@@ -70,6 +73,8 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             stations: Physics of each group of robots, which also has a friction of its own; by
                 default all robots form one group.
             randomization: What differs between robots and episodes.
+            senses: "true" to observe the true velocity and heights of the feet, "odometry" for what
+                odometry estimates, "imu" for that, gravity's direction and the angular velocity.
             max_episode_steps: Control steps after which an episode is truncated.
             autoreset_mode: When an episode that ended starts anew: "NextStep", "SameStep" (the last
                 observation is in `info["final_obs"]`), or "Disabled" (by `reset` with a
@@ -87,7 +92,8 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         self._mode = find_autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self.single_action_space = action_space()
-        self.single_observation_space = observation_space(gait)
+        own = find_senses(senses)
+        self.single_observation_space = observation_space(gait, imu=own.observes_imu)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._simulator = BatchSimulator(
@@ -96,11 +102,12 @@ class LocomotionVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
                 randomization or Randomization(),
                 episode_steps=max_episode_steps,
                 robot=load_robot(robot),
+                observes_imu=own.observes_imu,
             ),
             BatchPhysics(load_robot(robot), *(stations or [StationConfig()])),
             n_robots=num_envs,
             generator=self.np_random,
-            estimator=None,
+            estimator=own.estimator,
         )
         self._ended: BoolArray | None = None
 

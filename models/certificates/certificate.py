@@ -212,7 +212,8 @@ def read_certificate(path: Path, robot: Robot | None = None) -> Certificate:
         raise InputError(f"{path}: is damaged, its digest is of other contents; certify anew")
     try:
         robot = robot_of(path, content.get("robot"), robot)
-        layout = ObservationLayout(len(content["states"]))
+        imu = "g.x" in content["boxes"]["operating"]
+        layout = ObservationLayout(len(content["states"]), imu=imu)
         symbols = [entry.symbol for entry in layout.entries]
         return Certificate(
             path,
@@ -304,7 +305,7 @@ def _noun_and_unit(verdict: Verdict, steps: bool) -> tuple[str, str]:
         return _BOUNDED[verdict.claim.kind]
     if steps:
         return "step", " rad"
-    units = {entry.symbol: entry.unit for entry in ObservationLayout(MOST_STATES).entries}
+    units = {entry.symbol: entry.unit for entry in ObservationLayout(MOST_STATES, imu=True).entries}
     unit = units.get(verdict.where.rpartition(", ")[2], "unit")
     return "slope", f" rad/{unit}" if unit.isalpha() else f" rad/({unit})"
 

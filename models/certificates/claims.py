@@ -146,14 +146,18 @@ class Claim(Settings):
         kind = symbol.partition(".")[0]
         return self.changes.get(symbol, 0.0 if kind == "cmd" else self.changes.get(kind, 0.0))
 
-    def refuse_unknown(self, gait: Gait) -> None:
+    def refuse_unknown(self, gait: Gait, *, imu: bool = False) -> None:
         """Refuses names that a gait's robots do not know.
+
+        Args:
+            gait: The gait.
+            imu: Whether they observe what an IMU measures.
 
         Raises:
             InputError: if a state or an observation is unknown.
         """
         self.state_indices(gait)
-        entries = ObservationLayout(gait.n_states).entries
+        entries = ObservationLayout(gait.n_states, imu=imu).entries
         states = [entry.symbol for entry in entries if entry.group == "machine state"]
         if claimed := sorted({*self.observations, *self.stuck, *self.changes} & {*states}):
             raise InputError(

@@ -33,6 +33,9 @@ BOX_DIRECTORY = Path(__file__).parent / "boxes"
 FASTEST_TURN = 20.0
 """Greatest angular velocity that the gyroscope gives, about any axis (rad/s), stated."""
 
+GRAVITY_SYMBOL = "g.x"
+"""What robots observe that have an IMU."""
+
 ATTITUDE_NOISE = float(IMU_NOISE[-1])
 """Half-width of the noise on each coordinate of gravity's direction."""
 
@@ -195,7 +198,8 @@ def load_box(path: Path, gait: Gait, robot: Robot) -> ObservationBox:
             "--measure to 'glassgait verify prove'"
         )
     robot_of(path, found.get("robot"), robot)
-    names = ObservationLayout(gait.n_states).names
+    # Which ranges there are says whether robots observed an IMU.
+    names = ObservationLayout(gait.n_states, imu=GRAVITY_SYMBOL in ranges).names
     for symbol, ends in ranges.items():
         if not _is_range(ends):
             raise InputError(
@@ -237,20 +241,21 @@ def physical_box(gait: Gait, operating: ObservationBox) -> ObservationBox:
     targets of the step before reach the joints' limits. Where the operating box goes further, as
     policies do that ask for more than a joint can reach, so does this one. Commands are the gait's.
     """
-    return _limits(gait, operating.robot).hull(operating)
+    return _limits(gait, operating).hull(operating)
 
 
 def commanded(box: ObservationBox, gait: Gait) -> ObservationBox:
     """Returns a box with commands, counts and machine state at their true ranges."""
     groups = ("commanded velocity", "machine state", *COUNTED)
     taken = [entry.name for entry in entries_of(box.names) if entry.group in groups]
-    return box.taking(taken, _limits(gait, box.robot))
+    return box.taking(taken, _limits(gait, box))
 
 
-def _limits(gait: Gait, robot: Robot) -> ObservationBox:
-    names = ObservationLayout(gait.n_states).names
-    ranges = {entry.symbol: _physical_range(entry, gait, robot) for entry in entries_of(names)}
-    return ObservationBox.of_quantities(robot, names, ranges)
+def _limits(gait: Gait, box: ObservationBox) -> ObservationBox:
+    """Returns the box of what a box's quantities can be, whatever its own ranges are."""
+    entries = entries_of(box.names)
+    ranges = {entry.symbol: _physical_range(entry, gait, box.robot) for entry in entries}
+    return ObservationBox.of_quantities(box.robot, box.names, ranges)
 
 
 def _physical_range(entry: ObservationEntry, gait: Gait, robot: Robot) -> tuple[float, float]:

@@ -115,6 +115,11 @@ class Prover:
         self.policy = policy
         self.gait = gait
         operating = operating or operating_box(gait, policy.robot)
+        if operating.names != policy.observation_names:
+            raise InputError(
+                f"the operating box of the {gait.name} is of other observations than those of the "
+                "policy; add --measure to 'glassgait verify prove', or give its file by --box"
+            )
         self.boxes: Mapping[str, ObservationBox] = {
             "operating": operating,
             "physical": physical_box(gait, operating),
@@ -151,7 +156,7 @@ class Prover:
         Raises:
             InputError: if the claim names what the gait's robots do not know.
         """
-        claim.refuse_unknown(self.gait)
+        claim.refuse_unknown(self.gait, imu=self.policy.layout.imu)
         match claim.kind:
             case "independent":
                 return self._independent(claim)

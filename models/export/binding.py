@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.export.controller import INITIALISED, ControllerSource
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import Command
-from glassgait.models.task.contact import touches_ground
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
+from glassgait.models.task.imu import ImuReading
+from glassgait.models.task.odometry import OdometryState
 
 OK, BAD_INPUT, BAD_TARGET, COMMAND_LIMITED, NOT_INITIALISED, BAD_MEMORY = 0, 1, 2, 4, 8, 16
 """What a step returns: the sum of what happened."""
@@ -23,12 +25,16 @@ NO_GAIT = -1
 """A request for no gait, which every controller of several refuses as bad input."""
 
 N_MEMORY = quadruped.N_JOINTS + 2 * quadruped.N_LEGS + 3
-"""Numbers that a controller remembers from one step to the next."""
+"""Numbers that a controller remembers from one step to the next, but for odometry."""
+
+N_ODOMETRY = 1 + 3 + 4 * quadruped.N_LEGS
+"""Numbers that its odometry remembers: whether it has begun, then an `OdometryState`."""
 
 ACTION = slice(0, quadruped.N_JOINTS)
 FOOT_HEIGHT = slice(ACTION.stop, ACTION.stop + quadruped.N_LEGS)
 TOUCHED = slice(FOOT_HEIGHT.stop, FOOT_HEIGHT.stop + quadruped.N_LEGS)
 MACHINE = slice(TOUCHED.stop, N_MEMORY)
+ODOMETRY = slice(N_MEMORY, N_MEMORY + N_ODOMETRY)
 """Where its parts stand among them, as `Step` has it."""
 
 
@@ -36,9 +42,10 @@ class Step(NamedTuple):
     """What a step of a controller brings.
 
     Attributes:
-        memory: What it remembers (23): the action (12), estimated foot heights (4; m), which feet
-            touch (4), and the machine's state, iterations and age. States of several gaits are
-            counted as `GaitSwitch` counts them, those of the first gait first.
+        memory: What it remembers (23, or 43): the action (12), estimated foot heights (4; m), which
+            feet touch (4), and the machine's state, iterations and age. States of several gaits are
+            counted as `GaitSwitch` counts them, those of the first gait first. With odometry,
+            whether it has begun, its velocity (3; m/s), footholds (12; m) and which feet touch (4).
         targets: Joint position targets (12; rad).
         status: 0, or the sum of `BAD_INPUT`, `BAD_TARGET`, `COMMAND_LIMITED` and `BAD_MEMORY`.
     """
@@ -56,20 +63,38 @@ class Sensors:
         joint_position: Joint positions (12; rad).
         joint_velocity: Joint velocities (12; rad/s).
         touching: Whether each foot presses on the ground (4).
+        imu: The IMU's reading (9); only controllers that have an IMU read it.
     """
 
     joint_position: Array
     joint_velocity: Array
     touching: NDArray[np.bool_]
+    imu: Array | None = None
 
 
-def sensed(robot: Robot, state: Array) -> Sensors:
-    """Returns what a robot senses without noise, in a state x (37) of the plant on flat ground."""
+def sensed(
+    robot: Robot, state: Array, ground: Ground = LEVEL_GROUND, imu: Array | None = None
+) -> Sensors:
+    """Returns what a robot senses without noise, in a state x (37) of the plant.
+
+    Args:
+        robot: The robot.
+        state: The state.
+        ground: What it stands on.
+        imu: The IMU's reading (9), which depends on the state before as well.
+    """
     return Sensors(
         state[quadruped.JOINT_POSITION],
         state[quadruped.JOINT_VELOCITY],
-        touches_ground(kinematics.foot_heights(robot, state)),
+        ground.touching(robot, state),
+        imu,
     )
+
+
+def unpacked_odometry(memory: Array) -> tuple[bool, OdometryState]:
+    """Returns whether odometry has begun, and its state, of what it remembers (20)."""
+    begun, velocity, footholds, touching = np.split(memory, [1, 4, 4 + 3 * quadruped.N_LEGS])
+    return bool(begun[0]), OdometryState(velocity, footholds.reshape(-1, 3), touching > 0.5)
 
 
 class LoadedController:
@@ -78,6 +103,7 @@ class LoadedController:
     Attributes:
         name: Its name.
         n_gaits: Number of its gaits; of several, one is requested at each step.
+        has_imu: Whether it reads an IMU.
         limits_targets: Whether its targets stay within the joints' ranges.
     """
 
@@ -95,6 +121,7 @@ class LoadedController:
         feet, flags = real * quadruped.N_LEGS, ctypes.c_int * quadruped.N_LEGS
         number = ctypes.c_int
         self.n_gaits = len(written.n_states)
+        self.has_imu, self._has_odometry = written.has_imu, written.has_odometry
         self.limits_targets = written.limits_targets
         self._first_states = np.cumsum([0, *written.n_states[:-1]])
         several: dict[str, Any] = {"gait": number} if self.n_gaits > 1 else {}
@@ -107,8 +134,12 @@ class LoadedController:
             state=number,
             iterations=number,
             age=number,
+            **(_odometry_fields(real) if self._has_odometry else {}),
         )
-        self._sensors = _struct(joint_position=joints, joint_velocity=joints, foot_contact=flags)
+        parts = dict.fromkeys(ImuReading._fields, real * 3) if written.has_imu else {}
+        self._sensors = _struct(
+            joint_position=joints, joint_velocity=joints, foot_contact=flags, **parts
+        )
         self._command = _struct(speed=real, yaw_rate=real, dwell=real, **several)
         self._targets = _struct(joint_position=joints)
         self.name = written.name
@@ -123,13 +154,13 @@ class LoadedController:
         self._init.restype = None
 
     def initial(self) -> Array:
-        """Returns what a controller remembers before its first step (23)."""
+        """Returns what a controller remembers before its first step (23, or 43)."""
         memory = self._memory()
         self._init(ctypes.byref(memory))
         return self._packed(memory)
 
     def gait_of(self, memory: Array) -> int:
-        """Returns the number of the gait that runs, of what a controller remembers (23)."""
+        """Returns the number of the gait that runs, of what a controller remembers."""
         state = memory[MACHINE][0]
         return int(np.searchsorted(self._first_states, state, side="right")) - 1
 
@@ -137,21 +168,32 @@ class LoadedController:
         """Takes one step.
 
         Args:
-            memory: What it remembers of the step before (23).
+            memory: What it remembers of the step before.
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
             requested: Number of the gait that is to run, of several.
+
+        Raises:
+            ValueError: if it reads an IMU and the robot has none.
         """
         own, targets = self._unpacked(memory), self._targets()
         sensed = self._sensors(
             tuple(sensors.joint_position),
             tuple(sensors.joint_velocity),
             tuple(int(touches) for touches in sensors.touching),
+            *self._readings(sensors),
         )
         request = (requested,) if self.n_gaits > 1 else ()
         commanded = self._command(*command.velocity, float(command.dwell), *request)
         status = self._step(*map(ctypes.byref, (own, sensed, commanded, targets)))
         return Step(self._packed(own), np.array(targets.joint_position, dtype=float), status)
+
+    def _readings(self, sensors: Sensors) -> tuple[tuple[float, ...], ...]:
+        if not self.has_imu:
+            return ()
+        if sensors.imu is None:
+            raise ValueError(f"controller {self.name}: it reads an IMU; give its reading")
+        return tuple(tuple(part) for part in ImuReading.of(sensors.imu))
 
     def _unpacked(self, memory: Array) -> ctypes.Structure:
         state, iterations, age = memory[MACHINE].astype(int).tolist()
@@ -166,13 +208,30 @@ class LoadedController:
             state - int(self._first_states[gait]),
             iterations,
             age,
+            *(self._odometry_memory(memory) if self._has_odometry else ()),
         )
+
+    def _odometry_memory(self, memory: Array) -> tuple[Any, ...]:
+        begun, (velocity, footholds, touching) = unpacked_odometry(memory[ODOMETRY])
+        feet = tuple(map(tuple, footholds))
+        return int(begun), tuple(velocity), feet, tuple(touching.astype(int).tolist())
 
     def _packed(self, memory: Any) -> Array:
         parts = (memory.action, memory.foot_height, memory.touched)
         first = self._first_states[memory.gait] if self.n_gaits > 1 else 0
         machine = (first + memory.state, memory.iterations, memory.age)
-        return np.array([*(value for part in parts for value in part), *machine], dtype=float)
+        whole = [*(value for part in parts for value in part), *machine]
+        if self._has_odometry:
+            feet = (value for foot in memory.footholds for value in foot)
+            whole += [memory.begun, *memory.velocity, *feet, *memory.touching]
+        return np.array(whole, dtype=float)
+
+
+def _odometry_fields(real: Any) -> dict[str, Any]:
+    """Returns the fields of what odometry remembers, as `ODOMETRY` has them."""
+    feet = (real * 3) * quadruped.N_LEGS
+    flags = ctypes.c_int * quadruped.N_LEGS
+    return {"begun": ctypes.c_int, "velocity": real * 3, "footholds": feet, "touching": flags}
 
 
 def _struct(**fields: Any) -> type[ctypes.Structure]:

@@ -11,10 +11,10 @@ import numpy as np
 from glassgait.models.errors import InputError, shown
 from glassgait.models.export.code import Code, Style, policy_code
 from glassgait.models.export.language import Real, commented, is_identifier, rendered
-from glassgait.models.export.policies import network_code
+from glassgait.models.export.policies import network_code, odometry_code
 from glassgait.models.export.reward_machine import Case, cases, state_constants
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.policies.neural import MirroredNetwork, Network
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import quadruped
@@ -22,7 +22,9 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.observation import OVERDUE, Group, ObservationLayout
+from glassgait.models.task.odometry import Odometry
 
 Place = tuple[str, int, str]
 """Name of a place in the observation, where it begins, and what stands there."""
@@ -36,6 +38,8 @@ INITIALISED = 0x0A1C0DE5
 _GROUPS: dict[Group, tuple[str, str]] = {
     "joint position": ("JOINT_POSITION", "12: rad, from the default stance"),
     "joint velocity": ("JOINT_VELOCITY", "12: 0.05 * rad/s"),
+    "gravity": ("GRAVITY_DIRECTION", "3: forward, left and up, a unit vector"),
+    "angular velocity": ("ANGULAR_VELOCITY", "3: about these axes, 0.25 * rad/s"),
     "previous action": ("PREVIOUS_ACTION", "12: {scale:g} rad of target, from the default stance"),
     "machine state": ("RM_STATE", "{n}: 1 in that state of the machine, else 0"),
     "iterations": ("RM_ITERATIONS", "0.1 * control steps in that state"),
@@ -56,6 +60,8 @@ class ControllerSource:
         n_states: Number of states of each gait's machine.
         takes_state: Whether its policy's function takes the machine's state first.
         limits_targets: Whether its targets stay within the joints' ranges.
+        has_imu: Whether it reads an IMU.
+        has_odometry: Whether it estimates by odometry.
         source: The C file.
         header: Its header.
     """
@@ -65,6 +71,8 @@ class ControllerSource:
     n_states: tuple[int, ...]
     takes_state: bool
     limits_targets: bool
+    has_imu: bool
+    has_odometry: bool
     source: str
     header: str
 
@@ -85,7 +93,7 @@ class GaitCode:
         cases: What makes its machine leave each state.
         places: Where the parts of its observation begin.
         n_observations: Entries of its observation.
-        estimator: Its estimator.
+        estimator: Its estimator; none where that is odometry, which all gaits share.
         policy: Its policy.
     """
 
@@ -99,7 +107,7 @@ class GaitCode:
     cases: list[Case]
     places: list[Place]
     n_observations: int
-    estimator: Code
+    estimator: Code | None
     policy: Code
 
 
@@ -129,8 +137,12 @@ def write_controller(
     refuse_other_than_names(name)
     policy = controller.policy
     switched = policy if isinstance(policy, SwitchedPolicy) else None
+    estimator = controller.estimator
+    odometry = estimator if isinstance(estimator, Odometry) else None
+    has_odometry = odometry is not None
+    has_imu = has_odometry or policy.layout.imu
     gaits = _gait_codes(gait, controller, real)
-    codes = [code for own in gaits for code in (own.policy, own.estimator)]
+    codes = [code for own in gaits for code in (own.policy, own.estimator) if code]
     first = gait.gaits[0] if isinstance(gait, GaitSwitch) else gait
     machine = gait.gait if isinstance(gait, GaitSwitch) else gait
     values: dict[str, Any] = {
@@ -138,19 +150,43 @@ def write_controller(
         "title": f"the {gaits[0].title}'s controller: {_described(policy, policy_name)}",
         "gaits": gaits,
         "only": gaits[0],
-        "named": "the estimator and the policy" if codes[0].arrays else "the estimator",
+        "named": _named(codes, has_odometry=has_odometry),
         "initial": gaits[0].constants[first.states.index(first.initial)],
         "needs_elu": any("elu(" in code.functions for code in codes),
         "helpers": dict.fromkeys(text for code in codes for text in code.helpers),
         "takes_state": any(own.policy.takes_state for own in gaits),
         "arrays": [array for code in codes for array in code.arrays],
-        **(_switching_values(switched, gaits, policy_name) if switched else {}),
+        "has_imu": has_imu,
+        "observes_imu": policy.layout.imu,
+        "gravity": GRAVITY,
+        "odometry": odometry and odometry_code(odometry, policy.robot, name, real),
+        **(
+            _switching_values(switched, gaits, policy_name, has_odometry=has_odometry)
+            if switched
+            else {}
+        ),
     }
     template = "switching_controller" if switched else "controller"
     source, header = (rendered(f"{template}.{end}", real, **values) for end in "ch")
     n_states = tuple(len(own.constants) for own in gaits)
-    limited = controller.limits_targets
-    return ControllerSource(name, real, n_states, values["takes_state"], limited, source, header)
+    return ControllerSource(
+        name,
+        real,
+        n_states,
+        takes_state=values["takes_state"],
+        limits_targets=controller.limits_targets,
+        has_imu=has_imu,
+        has_odometry=has_odometry,
+        source=source,
+        header=header,
+    )
+
+
+def _named(codes: list[Code], *, has_odometry: bool) -> str:
+    """Says what has numbers at the end of a file, of the codes of one gait."""
+    if has_odometry:
+        return "the policy"
+    return "the estimator and the policy" if codes[0].arrays else "the estimator"
 
 
 def _gait_codes(
@@ -160,40 +196,45 @@ def _gait_codes(
     policy = controller.policy
     if not isinstance(policy, SwitchedPolicy):
         assert isinstance(gait, Gait)
-        return [_gait_code(gait, policy, controller.expert, gait.name, "", real)]
+        return [_gait_code(gait, controller, gait.name, "", real)]
     gaits = policy.switch.gaits
-    parts = zip(gaits, policy.policies, policy.experts, gait_identifiers(gaits), strict=True)
+    parts = zip(gaits, policy.controllers, gait_identifiers(gaits), strict=True)
     return [_gait_code(*own, f"{own[-1]}_", real) for own in parts]
 
 
 def _gait_code(
-    gait: Gait, policy: Policy, expert: Policy, identifier: str, own: str, real: Real
+    gait: Gait, controller: AlternatingController, identifier: str, own: str, real: Real
 ) -> GaitCode:
-    network = network_expert(expert)
-    layout = ObservationLayout(gait.n_states)
-    for one in (policy, network):
+    policy, estimator = controller.policy, exported_estimator(controller)
+    layout = ObservationLayout(gait.n_states, imu=policy.layout.imu)
+    for one in (policy, controller.expert):
         one.check(robot=policy.robot, gait=gait.name, observation_names=layout.names)
+    is_odometry = isinstance(estimator, Odometry)
     constants = state_constants(gait, own)
     return GaitCode(
         title=commented(gait.name),
         constant=identifier.upper(),
         renamed=identifier != gait.name,
         own=own,
-        digests=(gait.digest(), policy.digest(), network.digest()),
+        digests=(
+            gait.digest(),
+            policy.digest(),
+            estimator.digest() if is_odometry else controller.expert.digest(),
+        ),
         constants=constants,
         state_names=commented(", ".join(f"{i} {state}" for i, state in enumerate(gait.states))),
         cases=cases(gait, real, own),
         places=_places(policy.robot, layout),
         n_observations=layout.size,
-        estimator=network_code(
-            network.learned_estimator, f"{own}estimator", f"{own}estimate", real
-        ),
+        estimator=None
+        if is_odometry
+        else network_code(estimator, f"{own}estimator", f"{own}estimate", real),
         policy=policy_code(policy, Style(constants, real, own)),
     )
 
 
 def _switching_values(
-    switched: SwitchedPolicy, gaits: list[GaitCode], policy_name: str
+    switched: SwitchedPolicy, gaits: list[GaitCode], policy_name: str, *, has_odometry: bool
 ) -> dict[str, Any]:
     """Returns what the templates ask for where the gait changes."""
     switch = switched.switch
@@ -201,7 +242,7 @@ def _switching_values(
     first = np.cumsum([0, *n_states[:-1]])[:, None]
     return {
         "title": f"a controller that changes its gait: policy {commented(policy_name)}",
-        "named": "estimators and policies",
+        **({} if has_odometry else {"named": "estimators and policies"}),
         "patience": switch.patience,
         "greatest_change": float(np.sqrt(switched.greatest_change)),
         # The tables by which a gait gives way, with states by their number in their gait.
@@ -214,17 +255,19 @@ def _switching_values(
     }
 
 
-def network_expert(expert: Policy) -> NeuralPolicy:
-    """Returns an expert whose estimator can be exported.
+def exported_estimator(controller: AlternatingController) -> Network | MirroredNetwork | Odometry:
+    """Returns a controller's estimator.
 
     Raises:
-        InputError: if its estimator is no network.
+        InputError: if it has none that can be exported.
     """
-    if not isinstance(expert, NeuralPolicy):
+    estimator = controller.estimator
+    if not isinstance(estimator, Network | MirroredNetwork | Odometry):
         raise InputError(
-            f"the estimator of a {expert.kind} policy cannot be exported; export one of an expert"
+            f"the estimator of a {controller.expert.kind} policy cannot be exported; export one of "
+            "an expert"
         )
-    return expert
+    return estimator
 
 
 def gait_identifiers(gaits: tuple[Gait, ...]) -> list[str]:
@@ -319,13 +362,9 @@ def _places(robot: Robot, layout: ObservationLayout) -> list[Place]:
     found = [("COMMAND_X", 0, "m/s"), ("COMMAND_YAW", 1, "rad/s")]
     groups = [entry.group for entry in layout.entries]
     for group, (title, note) in _GROUPS.items():
-        found.append(
-            (
-                title,
-                groups.index(group),
-                note.format(n=layout.n_machine_states, scale=robot.action_scale),
-            )
-        )
+        if group in groups:
+            filled = note.format(n=layout.n_machine_states, scale=robot.action_scale)
+            found.append((title, groups.index(group), filled))
     return found
 
 

@@ -10,6 +10,11 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
 from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.imu import GRAVITY
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import Reflection
 
 ABREAST = 10
@@ -177,6 +182,30 @@ def _reflection(prefix: str, reflection: Reflection) -> list[CArray]:
         CArray.of_indices(f"{prefix}_IMAGE", index, "in the mirror an entry is this one"),
         CArray(f"{prefix}_SIGN", sign, "float", "times this sign"),
     ]
+
+
+def odometry_code(odometry: Odometry, robot: Robot, name: str, real: Real) -> str:
+    """Writes odometry, line by line as Python has it.
+
+    Args:
+        odometry: The odometry.
+        robot: The robot, whose lengths are its constants.
+        name: What the names of the controller's types begin with.
+        real: The type that is computed in.
+    """
+    return rendered(
+        "odometry.c",
+        real,
+        name=name,
+        legs=quadruped.LEGS,
+        gain=odometry.gain,
+        period=CONTROL_PERIOD,
+        gravity=GRAVITY,
+        thigh=robot.thigh_length,
+        calf=robot.calf_length,
+        offset=(robot.side * robot.thigh_offset).tolist(),
+        hip=robot.hip_origin.tolist(),
+    )
 
 
 def neural_code(policy: NeuralPolicy, style: Style) -> Code:

@@ -10,10 +10,13 @@ from glassgait.models.export.binding import (
     FOOT_HEIGHT,
     MACHINE,
     N_MEMORY,
+    N_ODOMETRY,
+    ODOMETRY,
     OK,
     TOUCHED,
     Sensors,
     Step,
+    unpacked_odometry,
 )
 from glassgait.models.policies.controller import AlternatingController, estimator_in_loop
 from glassgait.models.robots import quadruped
@@ -21,6 +24,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import proprioception
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
 
 
@@ -43,14 +47,13 @@ class PythonController:
         self._switch = gait if isinstance(gait, GaitSwitch) else None
         self._machine = gait.machine if isinstance(gait, GaitSwitch) else RewardMachine(gait)
         self._policy = controller.policy
-        estimator = estimator_in_loop(controller)
-        assert callable(estimator)
-        self._estimator = estimator
+        self._estimator = estimator_in_loop(controller)
         self._limits_targets = controller.limits_targets
 
     def initial(self) -> Array:
-        """Returns what it remembers before its first step (23)."""
-        memory = np.zeros(N_MEMORY)
+        """Returns what it remembers before its first step (23, with odometry 43)."""
+        odometry = N_ODOMETRY if isinstance(self._estimator, Odometry) else 0
+        memory = np.zeros(N_MEMORY + odometry)
         memory[MACHINE] = np.ravel(self._machine.initial())
         return memory
 
@@ -58,7 +61,7 @@ class PythonController:
         """Takes one step.
 
         Args:
-            memory: What it remembers of the step before (23), as `Step` lays it out.
+            memory: What it remembers of the step before, as `Step` lays it out.
             sensors: What the robot senses now.
             command: Velocities (2; m/s, rad/s) and dwell (control steps) that are commanded.
             requested: Number of the gait that is to run, of several.
@@ -79,15 +82,40 @@ class PythonController:
             rm_state=self._machine.one_hot(machine.state),
             rm_iterations=machine.iterations.astype(float),
             commanded_dwell=command.dwell,
+            imu=sensors.imu if self._policy.layout.imu else None,
         )
-        body = self._estimator(own)
+        after = np.empty(len(memory))
+        match self._estimator:
+            case Odometry():
+                body, after[ODOMETRY] = self._measured(self._estimator, memory[ODOMETRY], sensors)
+            case network:
+                assert network is not None
+                body = network(own)
         action = self._policy(np.concatenate([own, body]))
-        after = np.empty(N_MEMORY)
         after[ACTION], after[FOOT_HEIGHT] = action, body[-quadruped.N_LEGS :]
         after[TOUCHED], after[MACHINE] = sensors.touching, np.ravel(machine)
         return Step(
             after, self._policy.robot.joint_targets(action, limited=self._limits_targets), OK
         )
+
+    def _measured(self, odometry: Odometry, memory: Array, sensors: Sensors) -> tuple[Array, Array]:
+        """Advances odometry; returns the body state (7) and what odometry then remembers (20)."""
+        robot, position = self._policy.robot, sensors.joint_position
+        begun, state = unpacked_odometry(memory)
+        if not begun:
+            state = odometry.begin(robot, position)
+        else:
+            assert sensors.imu is not None
+            state = odometry.advance(
+                robot,
+                state,
+                joint_position=position,
+                joint_velocity=sensors.joint_velocity,
+                imu=sensors.imu,
+                touching=sensors.touching,
+            )
+        kept = [np.ones(1), state.velocity, state.footholds.ravel(), state.touching]
+        return odometry.body_state(robot, state, position), np.concatenate(kept)
 
     def _step_machine(self, machine: MachineState, requested: int, **senses: Any) -> MachineStep:
         if self._switch is None:

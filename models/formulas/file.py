@@ -20,20 +20,22 @@ with the one before. Formulas that serve all states of the machine stand under `
 the file says that the gait has a mirror image, formulas that it leaves out are mirror images of
 those that it holds: `mirror: 1 0` says that state 0 is state 1 in the mirror, and 1 is 0.
 `targets: limited` says that joints follow the nearest targets within their ranges, where a formula
-asks for one beyond. `robot: …` names the robot, where it is not the default one.
+asks for one beyond. `robot: …` names the robot, where it is not the default one. `senses: imu` says
+that formulas may hold gravity's direction and the angular velocity, and `odometry` that the robot's
+velocity and its feet's heights are estimated by the program that stands there, with its gain.
 
 The grammar of a file, in printable ASCII characters and line feeds. # begins a comment, which ends
 with its line; a line that holds no more than spaces and a comment says nothing. A line that begins
 with a space goes on with the line before.
 
-    file       = header [ "definitions" { name "=" formula } ] targets
+    file       = header [ "odometry" program ] [ "definitions" { name "=" formula } ] targets
     header     = "format: 1" "gait: " text [ "robot: " text ] "states: " number
-                 [ "mirror: " { number } ] [ "targets: limited" ]
+                 [ "senses: imu" ] [ "mirror: " { number } ] [ "targets: limited" ]
     targets    = "every state" { target } | { "state " number { target } }
     target     = joint "=" formula
 
 Each of these stands at the beginning of a line. What is defined is of observed quantities alone,
-and is given once, as is each target. What a formula is, `text.py` says.
+and is given once, as is each target. What a formula is, `text.py` says; the program, `odometry.py`.
 """
 
 import re
@@ -44,6 +46,7 @@ from keyword import iskeyword
 from glassgait.models.errors import InputError, shown
 from glassgait.models.formulas.expression import Expression
 from glassgait.models.formulas.mirror import FormulaMirror, Place
+from glassgait.models.formulas.odometry import STATEMENTS, odometry_lines, read_statement
 from glassgait.models.formulas.quantities import Definition, Vocabulary
 from glassgait.models.formulas.text import (
     TextError,
@@ -55,13 +58,16 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import DEFAULT_ROBOT
 from glassgait.models.task.gait_keys import MOST_STATES
 from glassgait.models.task.observation import ObservationLayout, entries_of
+from glassgait.models.task.odometry import Odometry
 
 FORMAT = 1
 
 SUFFIX = ".formulas"
 
 LIMITED = "limited"
+IMU = "imu"
 
+ODOMETRY = "odometry"
 EVERY_STATE = "every state"
 DEFINITIONS = "definitions"
 
@@ -70,7 +76,7 @@ MAX_TEXT = 1_000_000
 
 MAX_DEFINITIONS = 200
 
-HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets")
 """Keys of a file's header."""
 
 _SECTION = re.compile(r"state (\d{1,3})")
@@ -93,6 +99,7 @@ class FormulaFile:
         mirror: State that each state is in the mirror; none where no formula has a mirror image.
         limits_targets: Whether joints follow targets within their ranges alone.
         robot: Name of the robot; files of the default one leave it out.
+        odometry: What estimates the body state; none where that is the expert's estimator.
     """
 
     gait: str
@@ -101,6 +108,7 @@ class FormulaFile:
     mirror: tuple[int, ...] | None = None
     limits_targets: bool = False
     robot: str = DEFAULT_ROBOT
+    odometry: Odometry | None = None
 
     def with_formulas(self, formulas: Mapping[Place, Expression]) -> "FormulaFile":
         """Returns the file with other formulas, and the definitions that they use."""
@@ -145,8 +153,8 @@ def formula_lines(file: FormulaFile, place: Place) -> list[str]:
 
 def _lines(file: FormulaFile) -> Iterator[str]:
     names, written = file.vocabulary.names, file.written()
-    n_states = sum(entry.group == "machine state" for entry in entries_of(names))
-    if names != ObservationLayout(n_states).names:
+    layout = ObservationLayout.of(names)
+    if names != layout.names:
         raise InputError("a formula file speaks of the task's observations alone, in their order")
     if "#" in file.gait or not (file.gait.isascii() and file.gait.isprintable()):
         raise InputError(
@@ -157,7 +165,9 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield f"gait: {file.gait}"
     if file.robot != DEFAULT_ROBOT:
         yield f"robot: {file.robot}"
-    yield f"states: {n_states}"
+    yield f"states: {layout.n_machine_states}"
+    if layout.imu:
+        yield f"senses: {IMU}"
     if file.mirror is not None:
         yield f"mirror: {' '.join(map(str, file.mirror))}    # {_MIRROR}"
     if file.limits_targets:
@@ -165,6 +175,8 @@ def _lines(file: FormulaFile) -> Iterator[str]:
     yield ""
     held = [*(definition.formula for definition in file.vocabulary.definitions), *written.values()]
     yield from _legend(held, names)
+    if file.odometry is not None:
+        yield from ("", ODOMETRY, *odometry_lines(file.odometry))
     if file.vocabulary.definitions:
         yield from ("", DEFINITIONS)
     for definition in file.vocabulary.definitions:
@@ -198,6 +210,8 @@ _LEGEND = {
     "commanded velocity": "cmd.v: commanded forward speed, m/s; cmd.yaw: yaw rate, rad/s.",
     "joint position": "q: angle of a joint, rad.",
     "joint velocity": "dq: velocity of a joint, rad/s.",
+    "gravity": "g: direction of gravity, forward, left and up.",
+    "angular velocity": "w: angular velocity of the trunk, about these axes, rad/s.",
     "previous action": "a: target of a joint at the step before, rad.",
     "machine state": "s0, s1, ...: 1 in that state of the machine, else 0.",
     "iterations": "t: control steps since the state began.",
@@ -230,6 +244,8 @@ class _Reader:
     names: tuple[str, ...] = ()
     observed: tuple[str, ...] = ()
     mirror: tuple[int, ...] | None = None
+    odometry: Odometry | None = None
+    n_odometry: int = 0
     section: str = ""
 
     def read(self, text: str) -> FormulaFile:
@@ -254,12 +270,15 @@ class _Reader:
             self.lines[key] = line
         elif _is_title(bare):
             self._begin(bare, line)
+        elif self.section == ODOMETRY:
+            found = read_statement(self.n_odometry, " ".join([bare, *more]), line)
+            self.odometry, self.n_odometry = found or self.odometry, self.n_odometry + 1
         elif assigned := _STATEMENT.fullmatch(statement):
             self._assign(assigned, line)
         else:
             raise TextError(
                 f"{shown(bare)} is no line of a formula file; write 'FL_hip = …', 'state 0', "
-                "'every state', 'definitions', or a header such as 'gait: trot'",
+                "'every state', 'definitions', 'odometry', or a header such as 'gait: trot'",
                 line,
                 1,
             )
@@ -267,8 +286,11 @@ class _Reader:
     def _begin(self, title: str, line: int) -> None:
         if not self.section:
             self._take_header(line)
-        elif title == DEFINITIONS:
+        elif title == ODOMETRY:
+            raise TextError("odometry stands before all else but the header; move it up", line, 1)
+        elif title == DEFINITIONS and self.section != ODOMETRY:
             raise TextError("definitions stand before all formulas; move them up", line, 1)
+        self._refuse_incomplete_odometry(line)
         state = _SECTION.fullmatch(title)
         if state and int(state[1]) >= self._n_states:
             raise TextError(f"there are states 0 to {self._n_states - 1}; name one", line, 7)
@@ -278,6 +300,11 @@ class _Reader:
                 f"formulas serve {EVERY_STATE!r} or one state each, not both; choose", line, 1
             )
         self.section = title
+
+    def _refuse_incomplete_odometry(self, line: int) -> None:
+        if self.section == ODOMETRY and self.n_odometry < len(STATEMENTS):
+            missing = STATEMENTS[self.n_odometry]
+            raise TextError(f"odometry lacks {missing!r}; add it above", line, 1)
 
     @property
     def _n_states(self) -> int:
@@ -301,7 +328,9 @@ class _Reader:
             raise TextError(
                 f"states: must be a number from 1 to {MOST_STATES}", self.lines["states"], 1
             )
-        self.names = ObservationLayout(self._n_states).names
+        if self.header.get("senses", IMU) != IMU:
+            raise TextError(f"senses: must be {IMU!r}, or be left out", self.lines["senses"], 1)
+        self.names = ObservationLayout(self._n_states, imu="senses" in self.header).names
         self.observed = Vocabulary(self.names).symbols
         if "mirror" in self.header:
             self.mirror = self._mirror(self.header["mirror"], self.lines["mirror"])
@@ -361,6 +390,7 @@ class _Reader:
         return (int(state[1]), joint) if state else (joint,)
 
     def _finished(self, last: int) -> FormulaFile:
+        self._refuse_incomplete_odometry(last)
         vocabulary = Vocabulary(self.names, tuple(self.definitions))
         formulas = self.formulas
         if formulas and self.mirror is not None:
@@ -380,11 +410,13 @@ class _Reader:
         ordered = {place: formulas[place] for place in wanted}
         limited = "targets" in self.header
         robot = self.header.get("robot", DEFAULT_ROBOT)
-        return FormulaFile(self.header["gait"], vocabulary, ordered, self.mirror, limited, robot)
+        return FormulaFile(
+            self.header["gait"], vocabulary, ordered, self.mirror, limited, robot, self.odometry
+        )
 
 
 def _is_title(line: str) -> bool:
-    return line in (DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
+    return line in (ODOMETRY, DEFINITIONS, EVERY_STATE) or bool(_SECTION.fullmatch(line))
 
 
 def _located(assigned: re.Match[str], line: int, symbols: Sequence[str]) -> Expression:

@@ -55,8 +55,6 @@ def pack_sensors(
     """Packs what the robot senses.
 
     Args:
-        session: Number of the start of the robot's process.
-        time: Time since that start (s).
         joints: Measured joint positions, then velocities (24; rad, rad/s).
         touching: Whether each foot presses on the ground (4).
         imu: The IMU's reading (9).

@@ -29,11 +29,7 @@ SPREAD = 0.3
 
 
 def spread_pose(calf: float) -> Array:
-    """Returns joint targets (12; rad) of legs that are spread, and alike, each foot by its hip.
-
-    Args:
-        calf: Angle of the calves (rad).
-    """
+    """Returns joint targets (12; rad) of legs that are spread, and alike, each foot by its hip."""
     outward = SPREAD * np.array([1.0, -1.0, 1.0, -1.0])
     pose = np.stack([outward, np.full(4, -0.5 * calf), np.full(4, calf)], axis=1).ravel()
     pose.flags.writeable = False
@@ -212,11 +208,6 @@ def _within_ranges(robot: Robot, targets: Array) -> Array:
 
 def lowering_targets(begin: Array, elapsed: float, settings: Watchdog) -> Array:
     """Returns the joint targets of a robot that is lowered.
-
-    Args:
-        begin: Joint targets when that began (12; rad).
-        elapsed: Time since then (s).
-        settings: How long it takes.
 
     Returns:
         Targets (12; rad), at rest at `begin`, `FOLDED`, `BRACED` and, for good, `CROUCH`.

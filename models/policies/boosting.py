@@ -152,8 +152,7 @@ class BoostedTreesPolicy(Policy):
 
 
 def compiled_trees(
-    models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor],
-    n_observations: int,
+    models: Sequence[GradientBoostingRegressor | HistGradientBoostingRegressor], n_observations: int
 ) -> dict[str, NDArray[Any]]:
     """Compiles one fitted model a joint.
 

@@ -1,9 +1,10 @@
 """Controllers: one policy alone, or an expert and a student that take turns at acting."""
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,60 +41,24 @@ class ControllerOutput(NamedTuple):
     memory: Any
 
 
-class Controller(Protocol):
+class Controller(ABC):
     """Acts in a closed loop, at every control step of n robots.
 
     A controller is a value: what it remembers is returned by `begin` and `advance`, and given to
     the next `advance`.
+
+    Attributes:
+        expert: The expert; its estimator, if it has one, observes for the student as well.
+        student: The student, or None.
     """
 
-    @property
-    def expert(self) -> Policy:
-        """The expert; its estimator, if it has one, observes for the student as well."""
-        ...
+    expert: Policy
+    student: Policy | None
 
     @property
-    def student(self) -> Policy | None:
-        """The student, or None."""
-        ...
-
-    @property
+    @abstractmethod
     def policies(self) -> Mapping[str, Policy]:
         """Those of `expert` and `student` that ever act, by these names."""
-        ...
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that it is made for."""
-        ...
-
-    @property
-    def estimator(self) -> Estimator | None:
-        """What estimates the body state; None where the true one is observed."""
-        ...
-
-    @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone."""
-        ...
-
-    def begin(self, n_robots: int) -> Any:
-        """Returns the memory at the start of an episode."""
-        ...
-
-    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
-        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
-        ...
-
-    def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
-        ...
-
-
-class _ExpertSenses:
-    """What a controller has from its expert."""
-
-    expert: Policy
 
     @property
     def robot(self) -> Robot:
@@ -105,9 +70,26 @@ class _ExpertSenses:
         """What estimates the body state; None where the true one is observed."""
         return self.expert.estimator
 
+    @property
+    def limits_targets(self) -> bool:
+        """Whether joints follow targets within their ranges alone: if the expert learned so."""
+        return self.expert.limits_targets
+
+    def begin(self, n_robots: int) -> Any:
+        """Returns the memory at the start of an episode; None where nothing is remembered."""
+        return None
+
+    @abstractmethod
+    def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
+        """Acts on observations (n, n_obs) at a control step, counted from the episode's start."""
+
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Returns all that changes the actions but the policies, as values that JSON can hold."""
+
 
 @dataclass(frozen=True)
-class AlternatingController(_ExpertSenses):
+class AlternatingController(Controller):
     """An expert alone, a student alone, or both by turns (paper, Algorithm 1).
 
     Attributes:
@@ -125,10 +107,11 @@ class AlternatingController(_ExpertSenses):
         """
         Raises:
             ValueError: if the period is negative, or asks for a student that is not given.
-            InputError: if the student observes by the estimator of another expert.
+            InputError: if the student observes by the estimator of another expert, or by odometry
+                of its own where the expert acts as well and has another estimator.
         """
         if self.student is not None:
-            refuse_other_estimator(self.expert, self.student)
+            refuse_other_estimator(self.expert, self.student, both_act=self.period > 1)
         if self.period < 0:
             raise ValueError(f"alternation: period is {self.period}; it must be 0 or more")
         if self.student is None and self.period != 1:
@@ -136,13 +119,19 @@ class AlternatingController(_ExpertSenses):
 
     @property
     def policies(self) -> dict[str, Policy]:
-        """Those of `expert` and `student` that ever act, by these names."""
         acting = {} if self.period == 0 else {"expert": self.expert}
-        return (
-            acting
-            if self.student is None or self.period == 1
-            else acting | {"student": self.student}
-        )
+        if self.student is None or self.period == 1:
+            return acting
+        return acting | {"student": self.student}
+
+    @property
+    def estimator(self) -> Estimator | None:
+        """What estimates the body state; None where the true one is observed.
+
+        It is the expert's, unless a student acts alone that has odometry of its own.
+        """
+        own = self.student.estimator if self.student and self.period == 0 else None
+        return own if isinstance(own, Odometry) else self.expert.estimator
 
     @property
     def policy(self) -> Policy:
@@ -163,9 +152,6 @@ class AlternatingController(_ExpertSenses):
         student = self.student if self.period == 0 else None
         return self.expert.limits_targets or (student is not None and student.limits_targets)
 
-    def begin(self, n_robots: int) -> None:
-        """Returns None: a schedule goes by time alone."""
-
     def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
         """Acts by the expert at every `period`-th step, and otherwise by the student."""
         by_expert = self.student is None or bool(expert_acts(step, self.period))
@@ -173,7 +159,6 @@ class AlternatingController(_ExpertSenses):
         return ControllerOutput(policy(observation), np.full(len(observation), by_expert), memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return {"period": self.period}
 
 
@@ -183,15 +168,19 @@ def alone(policy: Policy, expert: Policy | None = None) -> AlternatingController
     Args:
         policy: An expert or a student.
         expert: The expert whose estimator observes for a student; by default the policy's own
-            estimator observes.
+            estimator observes, and so it does where it is odometry and the expert observes other
+            things.
     """
     if expert is None or expert is policy:
+        return AlternatingController(policy)
+    is_own = isinstance(policy.estimator, Odometry)
+    if is_own and expert.observation_names != policy.observation_names:
         return AlternatingController(policy)
     return AlternatingController(expert, policy, period=0)
 
 
 @dataclass(frozen=True)
-class AssuredController(_ExpertSenses):
+class AssuredController(Controller):
     """A student under runtime assurance: the expert acts for robots outside of a region.
 
     Attributes:
@@ -212,7 +201,7 @@ class AssuredController(_ExpertSenses):
             InputError: if the region is of other observations than the student's, or the student
                 observes by the estimator of another expert.
         """
-        refuse_other_estimator(self.expert, self.student)
+        refuse_other_estimator(self.expert, self.student, both_act=True)
         if self.region.names != self.student.observation_names:
             raise InputError(
                 "assurance: the region is of other observations than the student's; measure it "
@@ -221,16 +210,9 @@ class AssuredController(_ExpertSenses):
 
     @property
     def policies(self) -> dict[str, Policy]:
-        """Both policies, for both act."""
         return {"expert": self.expert, "student": self.student}
 
-    @property
-    def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone: if the expert learned so."""
-        return self.expert.limits_targets
-
     def begin(self, n_robots: int) -> MonitorState:
-        """Returns the monitors' states before an episode's first observation."""
         return initial_monitor((n_robots,))
 
     def advance(self, step: int, observation: Array, memory: MonitorState) -> ControllerOutput:
@@ -243,7 +225,6 @@ class AssuredController(_ExpertSenses):
         return ControllerOutput(action, called, memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         corners = np.ascontiguousarray([self.region.lower, self.region.upper])
         own = {
             "hysteresis": asdict(self.hysteresis),
@@ -254,7 +235,7 @@ class AssuredController(_ExpertSenses):
 
 
 @dataclass(frozen=True)
-class WrappedController:
+class WrappedController(Controller):
     """Acts as another controller does; subclasses change what it observes or does.
 
     Attributes:
@@ -265,43 +246,31 @@ class WrappedController:
 
     @property
     def expert(self) -> Policy:
-        """The expert."""
         return self.inner.expert
 
     @property
     def student(self) -> Policy | None:
-        """The student, or None."""
         return self.inner.student
 
     @property
     def policies(self) -> Mapping[str, Policy]:
-        """Those of `expert` and `student` that ever act, by these names."""
         return self.inner.policies
 
     @property
-    def robot(self) -> Robot:
-        return self.inner.robot
-
-    @property
     def estimator(self) -> Estimator | None:
-        """What estimates the body state; None where the true one is observed."""
         return self.inner.estimator
 
     @property
     def limits_targets(self) -> bool:
-        """Whether joints follow targets within their ranges alone."""
         return self.inner.limits_targets
 
     def begin(self, n_robots: int) -> Any:
-        """Returns the memory at the start of an episode."""
         return self.inner.begin(n_robots)
 
     def advance(self, step: int, observation: Array, memory: Any) -> ControllerOutput:
-        """Acts at a control step."""
         return self.inner.advance(step, observation, memory)
 
     def settings(self) -> dict[str, Any]:
-        """Returns all that changes the actions but the policies, as values that JSON can hold."""
         return self.inner.settings()
 
 

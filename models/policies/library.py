@@ -19,15 +19,10 @@ from glassgait.models.policies.symbolic import (
     StatewiseSymbolicPolicy,
     SymbolicPolicy,
 )
-from glassgait.models.robots.robot import (
-    DEFAULT_ROBOT,
-    Robot,
-    load_robot,
-    robot_folder,
-    robot_of,
-)
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder, robot_of
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 
 POLICY_CLASSES: dict[str, type[Policy]] = {
     policy.kind: policy
@@ -169,7 +164,10 @@ def recorded_expert(folder: Path) -> tuple[Path, str] | None:
 
 
 def load_student_of(expert: Policy, path: Path) -> Policy:
-    """Loads a student, with the estimator of its expert; a neural one has its own.
+    """Loads a student, with the estimator of its expert.
+
+    A neural one has its own, and so have formulas whose file holds odometry; these may observe an
+    IMU where the expert does not.
 
     Args:
         path: The student's file, beside which a record may name its expert.
@@ -179,7 +177,11 @@ def load_student_of(expert: Policy, path: Path) -> Policy:
             distilled with another one.
     """
     student = load_policy(path, expert.robot)
-    student.check(gait=expert.gait, observation_names=expert.observation_names)
+    names = expert.observation_names
+    if isinstance(student.estimator, Odometry):
+        states = expert.layout.n_machine_states
+        names = ObservationLayout(states, imu=student.layout.imu).names
+    student.check(gait=expert.gait, observation_names=names)
     if student.estimator is not None:
         return student
     recorded = recorded_expert(path.parent)

@@ -78,10 +78,7 @@ def _count_layers(arrays: Mapping[str, NDArray[Any]], prefix: str) -> int:
     return next(i for i in range(len(arrays) + 1) if f"{prefix}.{i}.weight" not in arrays)
 
 
-_NETWORKS = {
-    "actor": ("observations", "joints"),
-    "estimator": ("proprioception", "estimated"),
-}
+_NETWORKS = {"actor": ("observations", "joints"), "estimator": ("proprioception", "estimated")}
 """What each network maps to what."""
 
 

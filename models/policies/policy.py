@@ -325,12 +325,23 @@ class Policy(ABC):
             )
 
 
-def refuse_other_estimator(expert: Policy, student: Policy) -> None:
+def refuse_other_estimator(expert: Policy, student: Policy, *, both_act: bool) -> None:
     """Refuses an expert whose estimator is not the one that a student observes by.
+
+    Args:
+        expert: The expert.
+        student: The student. Where it has odometry of its own and acts alone, any expert will do.
+        both_act: Whether the expert acts as well.
 
     Raises:
         InputError: if it is not.
     """
+    own = student.estimator
+    if both_act and isinstance(own, Odometry) and own != expert.estimator:
+        raise InputError(
+            f"this {student.kind} student of the {student.gait} has odometry of its own, which is "
+            "not the estimator of the expert that acts with it; let one of them act alone"
+        )
     if student.observes_by not in (None, expert.digest()):
         raise InputError(
             f"this {student.kind} student of the {student.gait} observes by the estimator of the "

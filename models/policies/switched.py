@@ -39,7 +39,7 @@ class SwitchedPolicy(Policy):
     Attributes:
         switch: The gaits.
         policies: The policy that acts in each.
-        experts: The experts whose estimators observe in each.
+        controllers: The controller of each gait, whose policy that is.
         greatest_change: Greatest squared change of the action in a control step.
         estimator: Maps proprioception (..., 40 + n_states) to the body state (..., 7).
     """
@@ -74,9 +74,9 @@ class SwitchedPolicy(Policy):
         for gait, policy in zip(switch.gaits, self.policies, strict=True):
             names = ObservationLayout(gait.n_states, imu=layout.imu).names
             policy.check(robot=self.robot, gait=gait.name, observation_names=names)
-        self.experts = [controller.expert for controller in controllers]
+        self.controllers = tuple(controllers)
         self.limits_targets = all(own.limits_targets for own in controllers)
-        self._digests = [expert.digest() for expert in self.experts]
+        self._digests = [controller.expert.digest() for controller in controllers]
         self._digests += [policy.digest() for policy in self.policies]
         self._odometry = _common_odometry(controllers)
         estimators = [_estimator(controller) for controller in controllers]

@@ -23,6 +23,7 @@ from glassgait.models.policies.capabilities import Capabilities, FactoredTerm
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, load_robot
+from glassgait.models.task.odometry import Odometry
 
 
 def _factors(policy: "FormulaPolicy", joint: int) -> tuple[FactoredTerm, ...]:
@@ -146,7 +147,12 @@ class FormulaPolicy(Policy):
             self.mirror,
             self.limits_targets,
             self.robot.name,
+            self._odometry,
         )
+
+    @property
+    def _odometry(self) -> Odometry | None:
+        return self._estimator if isinstance(self._estimator, Odometry) else None
 
     def to_text(self) -> str:
         """Writes the policy as text, from which `from_file` builds the same policy.
@@ -160,6 +166,8 @@ class FormulaPolicy(Policy):
     def from_file(file: FormulaFile, robot: Robot | None = None) -> "FormulaPolicy":
         """Builds the policy that a file holds, of the robot that it names.
 
+        It has an estimator of its own where the file holds odometry.
+
         Args:
             robot: That robot, where it does not ship.
         """
@@ -169,7 +177,7 @@ class FormulaPolicy(Policy):
             kind, joints = StatewiseSymbolicPolicy, quadruped.N_JOINTS
             starts = range(0, len(expressions), joints)
             expressions = tuple(expressions[start : start + joints] for start in starts)
-        return kind(
+        policy = kind(
             file.gait,
             file.vocabulary.names,
             expressions,
@@ -178,6 +186,8 @@ class FormulaPolicy(Policy):
             limits_targets=file.limits_targets,
             robot=robot or load_robot(file.robot),
         )
+        policy._estimator = file.odometry
+        return policy
 
     def save(self, path: Path) -> None:
         """Writes the policy's text to a file, atomically.
@@ -195,8 +205,11 @@ class FormulaPolicy(Policy):
         ]
         formulas = _nested(lambda formula: write_formula(formula, symbols), self.expressions)
         own = [*self._named(), self.observation_names, definitions, formulas]
-        whole = json.dumps([*own, "limited"] if self.limits_targets else own)
-        return hashlib.sha256(whole.encode()).hexdigest()[:16]
+        if self.limits_targets:
+            own.append("limited")
+        if self._odometry is not None:
+            own.append(self._odometry.digest())
+        return hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16]
 
     def _refuse_unfit(self, expressions: Any, shape: Sequence[int]) -> None:
         for place in np.ndindex(*shape):

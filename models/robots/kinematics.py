@@ -12,6 +12,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
+LEVEL = 1e-9
+"""Greatest rise of an edge, over its length, that counts as level."""
+
 
 def cross(a: Array, b: Array) -> Array:
     """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
@@ -69,27 +72,38 @@ def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
         joint_position: Joint positions (..., 12; rad).
     """
     q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
-    q_shank = q_thigh + q_calf
-    offset = np.broadcast_to(robot.side * robot.thigh_offset, q_hip.shape)
-
-    def in_trunk(x: Array, z: Array) -> Array:
-        swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
-        return robot.hip_origin + swung
-
-    knee_x = -robot.thigh_length * np.sin(q_thigh)
-    knee_z = -robot.thigh_length * np.cos(q_thigh)
-    foot_x = knee_x - robot.calf_length * np.sin(q_shank)
-    foot_z = knee_z - robot.calf_length * np.cos(q_shank)
+    hip = np.cos(q_hip), np.sin(q_hip)
+    knee = _along(robot.thigh_length, q_thigh)
+    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
     zero = np.zeros_like(q_hip)
     return LegPoints(
-        thigh=in_trunk(zero, zero), knee=in_trunk(knee_x, knee_z), foot=in_trunk(foot_x, foot_z)
+        thigh=_in_trunk(robot, *hip, zero, zero),
+        knee=_in_trunk(robot, *hip, *knee),
+        foot=_in_trunk(robot, *hip, *foot),
     )
 
 
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
-    return leg_points(robot, joint_position).foot
+    q_hip, q_thigh, q_calf = _by_leg(joint_position)
+    knee = _along(robot.thigh_length, q_thigh)
+    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
+    return _in_trunk(robot, np.cos(q_hip), np.sin(q_hip), *foot)
+
+
+def _along(
+    length: float, angle: Array, start: tuple[Array | float, Array | float] = (0.0, 0.0)
+) -> tuple[Array, Array]:
+    """Returns where a link ends in the leg's plane: x and z (..., 4; m)."""
+    x, z = start
+    return x - length * np.sin(angle), z - length * np.cos(angle)
+
+
+def _in_trunk(robot: Robot, cos_hip: Array, sin_hip: Array, x: Array, z: Array) -> Array:
+    """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
+    offset = robot.side * robot.thigh_offset
+    swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
+    return robot.hip_origin + swung
 
 
 def foot_velocities(robot: Robot, joint_position: Array, joint_velocity: Array) -> Array:
@@ -133,6 +147,49 @@ def foot_heights(robot: Robot, positions: Array) -> Array:
     feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
     base_height = positions[..., quadruped.POSITION][..., 2]
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
+
+
+def world_points(positions: Array, points: Array) -> Array:
+    """Returns points (..., k, 3; m) of the trunk's frame in the world's.
+
+    Args:
+        positions: The plant's positions q (..., 19), or its state x (..., 37).
+        points: The points.
+    """
+    to_world = rotation_matrix(positions[..., quadruped.QUATERNION])
+    turned = np.einsum("...ij,...kj->...ki", to_world, points)
+    return turned + positions[..., None, quadruped.POSITION]
+
+
+def world_feet(robot: Robot, positions: Array) -> Array:
+    """Locates the foot centres in the world (..., 4, 3; m), from q (..., 19) or x (..., 37)."""
+    feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
+    return world_points(positions, feet)
+
+
+def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
+    """Locates where the collision boxes that `body_clearance` measures are lowest.
+
+    Of a limb that is the lower end of its middle line: beside a step that its foot stands at, a
+    corner of its box would be taken for one inside of the step.
+
+    Returns:
+        Points (..., 9, 3; m) in the world; of the trunk the lowest corner.
+    """
+    up = -gravity_direction(positions[..., quadruped.QUATERNION])
+    points = leg_points(robot, positions[..., quadruped.JOINT_POSITION])
+
+    def lower(start: Array, end: Array) -> Array:
+        falls = np.einsum("...lk,...k->...l", end - start, up) < 0.0
+        return np.where(falls[..., None], end, start)
+
+    # A level trunk has no lowest corner; its middle stands for it.
+    corner = np.where(np.abs(up) < LEVEL, 0.0, np.sign(up))
+    trunk = -0.5 * corner * np.array(robot.trunk_box)
+    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    thigh, calf = lower(points.thigh, points.knee), lower(points.knee, shank_end)
+    lowest = np.concatenate([trunk[..., None, :], thigh, calf], axis=-2)
+    return world_points(positions, lowest)
 
 
 def body_clearance(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:

@@ -1,4 +1,4 @@
-"""Foot contacts, sensed from the robot's pose above flat ground."""
+"""Foot contacts, sensed from the robot's pose above the ground."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 
 class FootSense(NamedTuple):
@@ -24,20 +24,12 @@ class FootSense(NamedTuple):
     height: Array
 
 
-def touches_ground(height: Array) -> NDArray[np.bool_]:
-    """Decides by the heights (..., 4; m) of the feet which of them press on the ground.
-
-    Point contact on a half space presses exactly where a foot's sphere reaches below the plane, so
-    in Drake the contact follows from the pose alone.
-    """
-    return height < 0.0
-
-
 def sense_feet(
     robot: Robot,
     positions: Array,
     previously_touching: NDArray[np.bool_],
     touching: NDArray[np.bool_] | None = None,
+    ground: Ground = LEVEL_GROUND,
 ) -> FootSense:
     """Senses contacts and heights. The memory of one step bridges a bouncing touch-down.
 
@@ -46,10 +38,11 @@ def sense_feet(
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         previously_touching: `touching` of the previous control step (..., 4).
         touching: Whether each foot presses on the ground (..., 4); by default as its pose has it.
+        ground: What they stand on.
     """
-    height = kinematics.foot_heights(robot, positions)
+    height = ground.foot_heights(robot, positions)
     if touching is None:
-        touching = touches_ground(height)
+        touching = ground.touching(robot, positions)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
 
 

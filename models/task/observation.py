@@ -12,6 +12,7 @@ from glassgait.models.errors import InputError, shown
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait_keys import MOST_STATES
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 JOINT_VELOCITY_SCALE = 0.05
 ITERATIONS_SCALE = 0.1
@@ -367,16 +368,17 @@ def _of_imu(imu: Array | None) -> tuple[Array, ...]:
     return imu[..., 6:9], ANGULAR_VELOCITY_SCALE * imu[..., 0:3]
 
 
-def body_state(robot: Robot, state: Array) -> Array:
+def body_state(robot: Robot, state: Array, ground: Ground = LEVEL_GROUND) -> Array:
     """Returns the true values of what the estimator estimates.
 
     Args:
         robot: What robots they are.
         state: The plant's state x (..., 37).
+        ground: What they stand on.
 
     Returns:
         Base linear velocity in the trunk's frame, scaled by 2, and foot heights (..., 7; m/s, m).
     """
     linear, _ = kinematics.base_velocity(state)
-    heights = kinematics.foot_heights(robot, state)
+    heights = ground.foot_heights(robot, state)
     return np.concatenate([BASE_VELOCITY_SCALE * linear, heights], axis=-1)

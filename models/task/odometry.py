@@ -7,7 +7,9 @@ anchors are the legged odometry of Bloesch et al. (*State Estimation for Legged 
 the linear Kalman filter of the Mini Cheetah (Bledt et al., 2018), whose gains settle at constants.
 """
 
-from dataclasses import dataclass
+import hashlib
+import json
+from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
@@ -50,6 +52,10 @@ class Odometry(Settings):
     title: ClassVar[str] = "odometry"
 
     gain: Annotated[float, Gt(0.0), Le(1.0)] = 0.15
+
+    def digest(self) -> str:
+        """Returns what differs where two would not estimate alike."""
+        return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()[:16]
 
     def begin(self, robot: Robot, joint_position: Array) -> OdometryState:
         """Returns the state of robots (..., 12; rad) at rest, which stand on all feet."""

@@ -12,6 +12,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import IN_ORDER, NotNegative, Range, Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.imu import IMU_NOISE, N_IMU, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
 
@@ -62,10 +63,16 @@ class Randomization(Settings):
     straight: Annotated[NotNegative, Le(1.0)] = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
-    def initial_states(self, robot: Robot, count: int, generator: np.random.Generator) -> Array:
+    def initial_states(
+        self,
+        robot: Robot,
+        count: int,
+        generator: np.random.Generator,
+        ground: Ground = LEVEL_GROUND,
+    ) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.
 
-        Joints are kept inside their limits.
+        Joints are kept inside their limits. Off the level, robots start where `ground` draws it.
         """
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
@@ -73,7 +80,10 @@ class Randomization(Settings):
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]
-        return state
+        if ground.is_level:
+            return state
+        state[:, quadruped.POSITION][:, :2] = ground.draw_places(count, generator)
+        return ground.stand(robot, state)
 
     def joint_noise(self, count: int, generator: np.random.Generator) -> Array:
         """Draws noise on joint positions, then velocities (count, 24; rad, rad/s)."""

@@ -8,9 +8,10 @@ from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 
 FAILURES = (
     "body_contact",
@@ -54,6 +55,7 @@ def failures(
     action: Array,
     previous_action: Array,
     limits: TerminationLimits,
+    ground: Ground = LEVEL_GROUND,
 ) -> NDArray[np.bool_]:
     """Finds which failures robots show.
 
@@ -63,6 +65,7 @@ def failures(
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
         limits: The bounds.
+        ground: What they stand on; heights are above the ground under each point.
 
     Returns:
         One flag for each name in `FAILURES` (..., 6). A state that is not finite shows
@@ -77,11 +80,11 @@ def failures(
     change = np.where(finite[..., None], action - previous_action, 0.0)
     shown = np.stack(
         [
-            kinematics.body_clearance(robot, state, limits.shank_share).min(axis=-1) < 0.0,
-            state[..., quadruped.POSITION][..., 2] < limits.trunk_height,
+            ground.body_clearance(robot, state, limits.shank_share).min(axis=-1) < 0.0,
+            ground.trunk_height(state) < limits.trunk_height,
             overrun > limits.joint_overrun,
             np.sum(np.square(change), axis=-1) > limits.action_change,
-            kinematics.foot_heights(robot, state).max(axis=-1) > limits.foot_height,
+            ground.foot_heights(robot, state).max(axis=-1) > limits.foot_height,
         ],
         axis=-1,
     )

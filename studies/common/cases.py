@@ -19,6 +19,8 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.alternation import ratio_title
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar, say
+from glassgait.studies.common.episode import Event, episode
+from glassgait.studies.common.observers import Log, RolloutLog
 from glassgait.studies.common.parallel.loop import run_parallel
 from glassgait.studies.common.rollouts import (
     SELECTION_SEEDS,
@@ -62,6 +64,22 @@ class Case:
         """The controller, where a policy acts alone or two by turns."""
         assert isinstance(self.controller, AlternatingController)
         return self.controller
+
+    def roll_out(self, n_robots: int, n_steps: int, *, events: Sequence[Event] = ()) -> RolloutLog:
+        """Rolls robots out in an episode of discrete time, and returns what they did."""
+        limited = self.scenario.limits_targets(self.controller)
+        log = Log(self.controller.robot, limited=limited)
+        episode(
+            self.gait,
+            self.controller,
+            self.scenario,
+            n_robots=n_robots,
+            n_steps=n_steps,
+            seed=self.seed,
+            observers=[log],
+            events=events,
+        )
+        return log.rollout(n_steps)
 
     def digest(self) -> str:
         """Returns a digest that differs between cases that would not give the same table."""
@@ -123,7 +141,8 @@ def run_cases(
             write_record(paths[i], values, of=names[i])
             kept[i] = pd.DataFrame(values)
             progress.update(bar, advance=1, text=cases[i].name)
-    return pd.concat([_labelled(case, kept[i]) for i, case in enumerate(cases)], ignore_index=True)
+    tables = [_labelled(case, kept[i]) for i, case in enumerate(cases) if len(kept[i])]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _numbered(index: int, measure: Measure, case: Case) -> tuple[int, pd.DataFrame]:

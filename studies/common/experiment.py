@@ -18,6 +18,7 @@ case as soon as it is done, continue a run that was stopped, and write and print
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -120,7 +121,8 @@ class Experiment(Settings):
             those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
             runs/training/<gait>.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/<name of the experiment>/<gait> by default.
+        output: Folder of the results; runs/<name of the experiment>/<gait> by default, followed by
+            the policies that are named.
     """
 
     title: ClassVar[str] = "experiment"
@@ -133,6 +135,9 @@ class Experiment(Settings):
 
     one_scenario: ClassVar[bool] = False
     """Whether several scenarios are refused."""
+
+    axes: ClassVar[Mapping[str, str]] = {}
+    """Further labels of cases, each with the setting whose values it takes."""
 
     gait: Gaits = ("trot",)
     policy: PolicyNames = (ALL,)
@@ -153,7 +158,8 @@ class Experiment(Settings):
             case: A controller in a scenario, with a seed.
 
         Returns:
-            Rows of the table; the case's labels are put before them.
+            Rows of the table, before which the case's labels are put; none where there is nothing
+            to measure.
         """
         raise NotImplementedError
 
@@ -166,13 +172,19 @@ class Experiment(Settings):
         raise NotImplementedError
 
     def cases(self) -> list[Case]:
-        """Lists the cases: every policy in every scenario with every seed.
+        """Lists the cases: every policy in every scenario with every value of axes and every seed.
 
         An experiment that measures something else than that lists its own.
         """
         return [
             Case(
-                {"gait": gait.name, "policy": policy, "scenario": name, "seed": seed},
+                {
+                    "gait": gait.name,
+                    "policy": policy,
+                    "scenario": name,
+                    **dict(zip(self.axes, values, strict=True)),
+                    "seed": seed,
+                },
                 gait,
                 controller,
                 scenario,
@@ -181,6 +193,7 @@ class Experiment(Settings):
             for name, scenario in slow_first(self.scenarios)
             for gait in self.gaits
             for policy, controller in self.controllers[gait.name].items()
+            for values in product(*(getattr(self, setting) for setting in self.axes.values()))
             for seed in self.seeds
         ]
 
@@ -188,12 +201,16 @@ class Experiment(Settings):
         """Runs the experiment, and writes and prints what it found."""
         names = self._gaits_with_policies()
         if self.together or len(names) == 1:
-            replace(self, gait=names)._run_one(self.output or self.default_output(names))
+            # The very same experiment holds the policies that it has found.
+            own = self if names == self.gait else replace(self, gait=names)
+            own._run_one(self.output or own.default_output(names))
             return
-        folder = self.output or self.default_output(names).parent
 
         def run_alone(name: str) -> None:
-            replace(self, gait=(name,))._run_one(folder / load_gait(name).name)
+            own = replace(self, gait=(name,))
+            own._run_one(
+                self.output / own.gaits[0].name if self.output else own.default_output((name,))
+            )
 
         run_each(names, run_alone)
 
@@ -220,10 +237,17 @@ class Experiment(Settings):
         console.print(f"written to {folder}")
 
     def default_output(self, names: Sequence[str]) -> Path:
-        """Returns the folder of a run of gaits where none is named."""
-        gaits = "_".join(Path(name).stem for name in names)
-        found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
-        return found.output(self.title.split()[-1]).parent / gaits
+        """Returns the folder of a run of gaits where none is named.
+
+        Policies stand in its name, where others are named than by default.
+        """
+        others = () if self.policy == type(self).policy else self.policy
+        called = "_".join(Path(name).stem for name in (*names, *others))
+        if names == self.gait:
+            found = self.policies[self.gaits[0].name]
+        else:
+            found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
+        return found.output(self.title.split()[-1]).parent / called
 
     @property
     def seeds(self) -> range:
@@ -243,7 +267,10 @@ class Experiment(Settings):
     @cached_property
     def policies(self) -> dict[str, Policies]:
         """Where each gait's policies are from, by the gait's name."""
-        return {gait.name: find_policies(gait, self.source, self.robot) for gait in self.gaits}
+        return {
+            gait.name: find_policies(gait, self.source, self.robot, names=self.policy)
+            for gait in self.gaits
+        }
 
     @cached_property
     def controllers(self) -> dict[str, dict[str, AlternatingController]]:

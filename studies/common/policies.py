@@ -27,7 +27,8 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robot_folder
-from glassgait.models.task.gait import Gait, gait_names
+from glassgait.models.settings import Settings
+from glassgait.models.task.gait import Gait, gait_names, load_gait
 from glassgait.studies.common.console import note
 
 EXPERT = "expert"
@@ -226,7 +227,12 @@ def is_file(name: str) -> bool:
 
 
 def find_policies(
-    gait: Gait, source: Path | None = None, robot: str | None = None, *, quiet: bool = False
+    gait: Gait,
+    source: Path | None = None,
+    robot: str | None = None,
+    *,
+    names: Sequence[str] = (),
+    quiet: bool = False,
 ) -> Policies:
     """Finds the policies of a gait, and prints where they are from.
 
@@ -236,6 +242,7 @@ def find_policies(
             a gait that does not ship, what the default folders hold.
         robot: Name of the robot, or path of its robot.yaml; by default that of the run's policies,
             and of what ships the default one.
+        names: Policies that are named: of files alone the line says where their expert is from.
         quiet: Whether nothing is printed.
 
     Raises:
@@ -256,7 +263,10 @@ def find_policies(
         found = _in_run(gait, folder, own)
     if quiet:
         return found
-    if found.place == SHIPPED:
+    if names and all(map(is_file, names)):
+        expert = "the one that ships" if found.expert_place == SHIPPED else found.expert_place
+        note(f"{name}: policies are the files that are named; the expert is {expert}")
+    elif found.place == SHIPPED:
         note(f"{name}: policies are those that ship")
     elif found.expert_place == SHIPPED:
         note(f"{name}: policies are those of {found.place}, and the expert that ships")
@@ -298,6 +308,30 @@ def find_policies_of(
     if len(gaits) > 1 and (source is not None or any(is_file(name) for name in names)):
         raise InputError("--gait: several gaits take no files of your own; name one gait for them")
     return {gait.name: find_policies(gait, source, robot) for gait in gaits}
+
+
+@dataclass(frozen=True)
+class OneGait(Settings):
+    """Settings of a command that takes policies of one gait.
+
+    Attributes:
+        gait: Name of a gait, or path of a gait file.
+        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
+        source: Folder of a run of train, distill or refine to take policies from, in place of those
+            that ship.
+    """
+
+    gait: str = "trot"
+    robot: str | None = None
+    source: Path | None = None
+
+    def policies(self) -> Policies:
+        """Finds the policies, and prints where they are from.
+
+        Raises:
+            InputError: as `find_policies`.
+        """
+        return find_policies(load_gait(self.gait), self.source, self.robot)
 
 
 def _in_run(gait: Gait, folder: Path, robot: Robot | None) -> Policies:

@@ -179,7 +179,8 @@ def _roll_out_diagrams(
     # One diagram serves all robots; each has a context, and with it a seed, of its own.
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)
-    states = NOMINAL.initial_states(controller.robot, n, np.random.default_rng(config.seed))
+    generator, ground = np.random.default_rng(config.seed), scenario.station.ground
+    states = NOMINAL.initial_states(controller.robot, n, generator, ground)
     logs = []
     for index, state in enumerate(states):
         simulator = make_simulator(

@@ -65,7 +65,13 @@ def collect(
         limited, robot = controller.limits_targets, controller.robot
         drawn = worlds.stations(robot, generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
-        task = TaskConfig(gait, worlds.randomization, limit_targets=limited, robot=robot)
+        task = TaskConfig(
+            gait,
+            worlds.randomization,
+            limit_targets=limited,
+            robot=robot,
+            observes_imu=controller.expert.layout.imu,
+        )
         world = World(task, make_physics(robot, *stations))
     assert world is not None
     turns = None

@@ -13,7 +13,8 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Seed, Setti
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.parallel.loop import Jobs
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY
-from glassgait.studies.distillation.students.registry import STUDENTS, StudentKind, StudentsSettings
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.settings import StudentKind, StudentsSettings
 from glassgait.studies.distillation.students.student import ITSELF
 
 Steps = Annotated[Count, Ge(2)]

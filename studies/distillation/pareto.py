@@ -215,7 +215,7 @@ class Pareto(Settings):
         Returns:
             The front of the robots that choose, and that of those that are reported.
         """
-        samples = data.subset(~data.held_out).training_set(gait, expert.robot)
+        samples = data.subset(~data.held_out).training_set(gait, expert)
         held_out = data.subset(data.held_out)
         students, rows = {}, []
         for name, family in families_of(samples, refined=self.refined_updates > 0).items():
@@ -225,7 +225,7 @@ class Pareto(Settings):
                 if not path.exists():
                     start = family.fit(samples, n_terms)
                     made = self._refined(gait, expert, start, path) if family.refined else start
-                    made.save(path)
+                    made.with_estimator_of(expert).save(path)
                 student = load_policy(path)
                 assert isinstance(student, FormulaPolicy)
                 label = f"{name} {n_terms}"

@@ -212,11 +212,8 @@ class _Distillation:
         if before is not None and plan.period != 1:
             seen = before.subset(~before.held_out)
             self.report(f"{title}: fitting to {len(seen.actions)} samples")
-            student = self._fit(
-                kind,
-                config.settings.of(kind).for_rounds(),
-                seen.training_set(self.gait, self.expert.robot),
-            )
+            settings = config.settings.of(kind).for_rounds()
+            student = self._fit(kind, settings, self._samples(seen))
         ratio = ratio_title(plan.period)
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
         samples = collect(
@@ -235,9 +232,9 @@ class _Distillation:
         seen, held_out = dataset.subset(~dataset.held_out), dataset.subset(dataset.held_out)
         title = STUDENTS[kind].title
         self.report(f"{title}: fitting to {len(seen.actions)} samples, the last time")
-        settings, student = self._choose(kind, seen.training_set(self.gait, self.expert.robot))
+        settings, student = self._choose(kind, self._samples(seen))
         # What is scored is what is saved, rounded to single precision where that halves a file.
-        student = student.compact()
+        student = student.compact().with_estimator_of(self.expert)
         save_policy(student, self.folder / f"{kind}{student.suffix}", held_out.observations)
         if isinstance(student, FormulaPolicy):
             write_latex(student, self.folder / f"{kind}.tex")
@@ -246,16 +243,11 @@ class _Distillation:
         # The paper's split shuffles the steps of its 30 episodes: neighbours of a held-out step are
         # then in the fit.
         paper = dataset.subset(dataset.episodes <= self.config.episodes)
-        index = np.arange(len(paper.episodes))
-        shares = train_test_split(
-            index, test_size=SHUFFLED_TEST_SHARE, random_state=self.config.seed
-        )
-        train, test = (np.asarray(share) for share in shares)
-        shuffled = self._fit(
-            kind,
-            settings.for_shuffled_split(),
-            paper.training_set(self.gait, self.expert.robot).subset(train),
-        )
+        index, share = np.arange(len(paper.episodes)), SHUFFLED_TEST_SHARE
+        split = train_test_split(index, test_size=share, random_state=self.config.seed)
+        train, test = (np.asarray(part) for part in split)
+        samples = self._samples(paper).subset(train)
+        shuffled = self._fit(kind, settings.for_shuffled_split(), samples)
         tested = paper.subset(np.isin(index, test))
         return {
             "student": kind,
@@ -278,16 +270,16 @@ class _Distillation:
             title: self._fit(kind, candidate.settings, samples)
             for title, candidate in candidates.items()
         }
-        self.report(
-            f"{STUDENTS[kind].title}: letting {len(candidates)} candidates walk alone, to choose "
-            "one"
-        )
-        config = self.config
+        title, config = STUDENTS[kind].title, self.config
+        self.report(f"{title}: letting {len(candidates)} candidates walk alone, to choose one")
         ranked = rank_alone(students, self.gait, self.expert, config.episode_steps, config.n_jobs)
         write_table(ranked, self.folder / f"{kind}_candidates")
         complexities = {title: candidate.complexity for title, candidate in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)
         return candidates[chosen].settings, students[chosen]
+
+    def _samples(self, data: Dataset) -> TrainingSet:
+        return data.training_set(self.gait, self.expert)
 
     def _fit(self, kind: str, settings: StudentSettings, samples: TrainingSet) -> Policy:
         seed, n_jobs = self.config.seed, self.config.n_jobs

@@ -1,22 +1,28 @@
 """`glassgait evaluate alternation`: return against the share of steps at which the expert acts."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
+from annotated_types import MinLen
 from matplotlib.figure import Figure
 
-from glassgait.models.settings import Count, Range
+from glassgait.models.settings import DISTINCT, FEW, Count, Range
 from glassgait.models.task import EPISODE_STEPS
-from glassgait.models.task.alternation import ratio_title
-from glassgait.studies.common.cases import PERIODS, Case, alternation_cases, not_finite_lines, score
+from glassgait.models.task.alternation import parse_ratio, ratio_title
+from glassgait.studies.common.cases import PERIODS, Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.policies import ALL, EXPERT
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.evaluation.worlds import falls_of, with_interval
+
+RATIOS = tuple(map(ratio_title, PERIODS))
+"""The alternation ratios."""
 
 LEAST_SHARE = 0.9
 """Share of the expert's return above which students differ visibly."""
@@ -27,6 +33,7 @@ class Alternation(Experiment):
     """Let expert and student act by turns, and report the return at every ratio.
 
     Attributes:
+        ratios: Shares of steps at which the expert acts: 1, 1/2, …, and 0 for students alone.
         n_steps: Control steps of a rollout.
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
             commands; by default the speeds of distillation.
@@ -35,26 +42,38 @@ class Alternation(Experiment):
     title: ClassVar[str] = "evaluate alternation"
     one_scenario: ClassVar[bool] = True
 
+    axes: ClassVar[Mapping[str, str]] = {"ratio": "ratios"}
+
+    ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = RATIOS
     n_steps: Count = EPISODE_STEPS
     speed_range: Range | None = None
 
-    def cases(self) -> list[Case]:
-        """Lists the rollouts of every student at every ratio, and those of the expert."""
-        (gait,), (scenario,) = self.gaits, self.scenarios.values()
-        students = {
-            name: own.student
-            for name, own in self.controllers[gait.name].items()
-            if own.student is not None
-        }
-        expert = self.policies[gait.name].expert
-        config = RolloutConfig(
-            self.n_robots, self.n_steps, self.seed, self.n_seeds, self.speed_range
-        )
-        return alternation_cases(gait, expert, students, config, scenario=scenario)
+    def __post_init__(self) -> None:
+        """Adds the expert, whose return is the measure.
+
+        Raises:
+            InputError: if a ratio is none.
+        """
+        super().__post_init__()
+        periods = list(map(parse_ratio, self.ratios))
+        if 1 not in periods:
+            object.__setattr__(self, "ratios", (ratio_title(1), *self.ratios))
+        if not {EXPERT, ALL} & {*self.policy}:
+            object.__setattr__(self, "policy", (EXPERT, *self.policy))
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls robots of one seed out, and scores them."""
-        return score(case)
+        """Rolls robots of one seed out, and scores them; at ratio 1 the expert acts alone."""
+        own, period = case.alone, parse_ratio(case.labels["ratio"])
+        if (own.student is None) != (period == 1):
+            return pd.DataFrame()
+        config = RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
+        return score(
+            replace(
+                case,
+                controller=replace(own, period=period),
+                config=config.at_distilled_speeds(case.gait, case.scenario),
+            )
+        )
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports return and falls by ratio, and of the students alone."""
@@ -114,8 +133,8 @@ def return_figure(scores: pd.DataFrame, title: str) -> Figure:
     figure, (returns, share, falls) = subplots(
         3, 1, figsize=(COLUMN_WIDTH, 4.6), sharex=True, height_ratios=(5, 4, 3)
     )
-    known = set(means["ratio"])
-    ratios = [ratio_title(period) for period in PERIODS if ratio_title(period) in known]
+    periods = sorted(map(parse_ratio, means["ratio"].unique()), key=lambda own: (own == 0, own))
+    ratios = list(map(ratio_title, periods))
     students = [student for student in STUDENTS.values() if student.name in set(means["policy"])]
     for i, student in enumerate(students):
         mine = means[means["policy"] == student.name].set_index("ratio")

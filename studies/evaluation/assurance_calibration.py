@@ -28,7 +28,7 @@ from glassgait.models.policies.controller import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import Robot, robot_folder
+from glassgait.models.robots.robot import robot_folder
 from glassgait.models.task.assurance import (
     EnsembleDisagreement,
     Hysteresis,
@@ -37,7 +37,7 @@ from glassgait.models.task.assurance import (
     step_monitor,
 )
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import ObservationLayout, entries_of, machine_state_entries
+from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.common.cases import Case, cases_in_worlds, run_rollouts
 from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations, Snapshots
@@ -127,10 +127,13 @@ def make_regions(
         quantile: Share of observations that each end of a range leaves out.
     """
     folder = robot_folder(BOX_DIRECTORY, student.robot.name)
-    ships = (folder / f"{gait.name}.yaml").exists()
-    kinds: tuple[BoxKind, ...] = ("states", "whole", "operating") if ships else ("states", "whole")
+    kinds: tuple[BoxKind, ...] = ("states", "whole")
+    if (folder / f"{gait.name}.yaml").exists():
+        # One that was measured with other senses says nothing of this student.
+        same = operating_box(gait, student.robot).names == student.observation_names
+        kinds = (*kinds, "operating") if same else kinds
     regions: dict[RegionKind, Region] = {
-        kind: make_region(gait, student.robot, visits, quantile, kind) for kind in kinds
+        kind: make_region(gait, student, visits, quantile, kind) for kind in kinds
     }
     if isinstance(student, AdditivePolicy) and has_ensemble(student):
         states = regions["states"]
@@ -156,18 +159,18 @@ def _usual_disagreement(
 
 
 def make_region(
-    gait: Gait, robot: Robot, visits: Visits, quantile: float, kind: BoxKind = "states"
+    gait: Gait, student: Policy, visits: Visits, quantile: float, kind: BoxKind = "states"
 ) -> Region:
     """Bounds what robots observed, but for commands and counts, which keep their true ranges.
 
     Args:
         gait: The gait.
-        robot: The robot.
+        student: The student, for its robot and what it observes.
         visits: Where robots were in distribution.
         quantile: Share of observations that each end of a range leaves out.
         kind: A box for each machine state, one for all, or the gait's operating box.
     """
-    names = ObservationLayout(gait.n_states).names
+    robot, names = student.robot, student.observation_names
     if kind == "operating":
         boxes = [operating_box(gait, robot).in_state(state) for state in range(gait.n_states)]
     else:

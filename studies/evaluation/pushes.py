@@ -79,12 +79,6 @@ class Pushes(Experiment):
         if list(self.speeds) != sorted(self.speeds):
             raise InputError(f"{self.title}: speeds is {self.speeds}; name the least first")
 
-    def cases(self) -> list[Case]:
-        """Lists the policies, once the gait is found to be made for the command."""
-        for gait in self.gaits:
-            self.command.check(gait)
-        return super().cases()
-
     def measure(self, case: Case) -> pd.DataFrame:
         """Pushes the robots of one policy: a row of counts by direction, speed and kind of end."""
         pushed = push_everywhere(
@@ -128,7 +122,8 @@ def summary_table(basins: Mapping[str, Basin]) -> pd.DataFrame:
         n_pushes = int(np.prod(basin.grid.shape))
         survived = int(basin.survived.sum())
         low, high = wilson_interval(survived, n_pushes)
-        weakest = int(basin.shares.mean(axis=1).argmin())
+        means = basin.shares.mean(axis=1)
+        weakest = basin.grid.directions[means == means.min()]
         ends = sorted(basin.failures.items(), key=lambda end: -end[1])
         row: dict[str, Any] = {
             "policy": policy_title(policy),
@@ -138,7 +133,7 @@ def summary_table(basins: Mapping[str, Basin]) -> pd.DataFrame:
             "share": survived / n_pushes,
             "95 % from": low,
             "95 % to": high,
-            "weakest direction": f"{np.degrees(basin.grid.directions[weakest]):.0f}°",
+            "weakest direction": ", ".join(f"{np.degrees(own):.0f}°" for own in weakest),
             "how the others ended": ", ".join(
                 f"{name.replace('_', ' ')} {count}" for name, count in ends if count
             )

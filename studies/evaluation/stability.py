@@ -169,12 +169,6 @@ class Stability(Experiment):
     n_strides: Count = 60
     step_sizes: Annotated[tuple[StepSize, ...], MinLen(2), FEW, DISTINCT] = (1e-3, 3e-3, 1e-2)
 
-    def cases(self) -> list[Case]:
-        """Lists the policies, once the gait is found to be made for every command."""
-        for gait in self.gaits:
-            self._commands(gait)
-        return super().cases()
-
     def measure(self, case: Case) -> pd.DataFrame:
         """Analyses the stride map of one policy: a row a command."""
         stride_map = StrideMap(case.gait, case.alone, self._commands(case.gait))

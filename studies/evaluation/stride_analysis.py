@@ -1,5 +1,6 @@
 """Where a gait settles: a periodic orbit, one of several strides, or none; and its fixed point."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from glassgait.models.stride_map import (
     modes_of,
     newton,
 )
-from glassgait.studies.evaluation.strides import NAMES, SPEEDS, UNITS, StrideMap
+from glassgait.studies.evaluation.strides import ODOMETRY_NAMES, SPEEDS, StrideMap
 
 LONGEST_PERIOD = 4
 """Strides of the longest orbit that is distinguished from one that wanders."""
@@ -119,7 +120,7 @@ AVERAGED_STEP, N_PAIRS = 0.2, 180
 """Of the averaged Jacobian: the differences' standard deviation (units), 0.01 rad of a joint as the
 sensors' noise is, and how many there are."""
 
-TRUNK = {
+CALLED = {
     "height": "height",
     "roll": "roll",
     "pitch": "pitch",
@@ -129,8 +130,9 @@ TRUNK = {
     "forward speed": "forward speed",
     "lateral speed": "lateral speed",
     "vertical speed": "height",
+    **dict.fromkeys(ODOMETRY_NAMES, "odometry"),
 }
-"""What the trunk's coordinates are called in a mode."""
+"""What coordinates are called in a mode, those of the trunk and of odometry; others are a leg's."""
 
 
 def analyse(
@@ -206,7 +208,7 @@ def _add_rates(
             "growth": float(rate),
             "averaged_radius": modes.radius,
             "averaged_error": float(error),
-            "averaged_parts": parts_of(modes),
+            "averaged_parts": parts_of(modes, strides.names),
         }
 
 
@@ -243,7 +245,7 @@ def _add_modes(
             records[i] |= {
                 "radius": mode.radius,
                 "eigenvalues": [[value.real, value.imag] for value in mode.eigenvalues[:12]],
-                "parts": parts_of(mode),
+                "parts": parts_of(mode, strides.names),
                 "decays": decays[k],
             }
 
@@ -262,17 +264,20 @@ def _nearest(own: tuple[Modes | None, ...]) -> Modes | None:
     return there[(len(there) - 1) // 2] if there else None
 
 
-def parts_of(modes: Modes) -> dict[str, float]:
-    """Sums up what takes part in the slowest mode: motions of the trunk, and legs.
+def parts_of(modes: Modes, names: Sequence[str]) -> dict[str, float]:
+    """Sums up what takes part in the slowest mode: motions of the trunk, legs, and odometry.
+
+    Args:
+        modes: The modes.
+        names: What the coordinates are.
 
     Returns:
         Shares of 1, the greatest first. A leg's are those of its joints, their rates and its
         previous actions.
     """
     parts: dict[str, float] = {}
-    for name, share in zip(NAMES, modes.participation, strict=True):
-        leg = next((leg for leg in quadruped.LEGS if leg in name), None)
-        called = f"leg {leg}" if leg else TRUNK[name]
+    for name, share in zip(names, modes.participation, strict=True):
+        called = CALLED.get(name) or f"leg {next(leg for leg in quadruped.LEGS if leg in name)}"
         parts[called] = parts.get(called, 0.0) + float(share)
     return dict(sorted(parts.items(), key=lambda part: -part[1]))
 
@@ -286,11 +291,11 @@ def _decays(
         For each fixed point, for each of `PUSHES`, the median over directions of the factor per
         stride; NaN where nothing could be read off.
     """
-    moves = np.zeros((len(PUSHES), 4, len(NAMES)))
+    moves = np.zeros((len(PUSHES), 4, len(strides.names)))
     for i, speed in enumerate(PUSHES):
         moves[i, :, SPEEDS] = speed * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    moves = moves.reshape(-1, len(NAMES)) / UNITS
-    points = (fixed[there][:, None] + moves).reshape(-1, len(NAMES))
+    moves = moves.reshape(-1, len(strides.names)) / strides.units
+    points = (fixed[there][:, None] + moves).reshape(-1, len(strides.names))
     problems = np.repeat(there, len(moves))
     orbit = [points]
     for _ in range(N_DECAY):
@@ -298,7 +303,7 @@ def _decays(
     away = np.array(orbit).reshape(N_DECAY + 1, len(there), len(moves), -1) - fixed[there][:, None]
     factors = []
     for k, mode in enumerate(modes):
-        left = np.full(len(NAMES), np.nan) if mode is None else mode.left
+        left = np.full(len(strides.names), np.nan) if mode is None else mode.left
         amplitudes = np.abs(away[:, k] @ left)
         each = np.array([_factor(amplitudes[:, j]) for j in range(len(moves))])
         factors.append(np.median(each.reshape(len(PUSHES), -1), axis=1).tolist())

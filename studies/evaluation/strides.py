@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.task_state import TaskState
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import kinematics, quadruped
@@ -15,6 +16,7 @@ from glassgait.models.robots.heading_frame import COORDINATES, from_heading_fram
 from glassgait.models.task.command import Command
 from glassgait.models.task.contact import sense_feet
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.odometry import Odometry, OdometryState
 from glassgait.models.task.reward_machine import MachineState
 from glassgait.studies.common.episode import (
     BoolArray,
@@ -30,9 +32,17 @@ from glassgait.studies.common.observers import entered
 NAMES = (*COORDINATES, *(f"previous action {joint}" for joint in quadruped.JOINTS))
 """What the closed loop remembers from one control step to the next, but for the machine's state.
 
-Contacts follow from the pose, and what the estimator returns from all of these: neither remembers
-more. Place and heading are left out, for nothing depends on them.
+Contacts follow from the pose, and what a learned estimator returns from all of these: neither
+remembers more. Odometry does, see `ODOMETRY_NAMES`. Place and heading are left out, for nothing
+depends on them.
 """
+
+ODOMETRY_NAMES = (
+    *(f"odometry {axis} speed" for axis in ("forward", "lateral", "vertical")),
+    *(f"odometry foothold {leg} {axis}" for leg in quadruped.LEGS for axis in "xyz"),
+)
+"""What odometry remembers beside that, in the trunk's frame; which feet touch follows from the
+pose."""
 
 UNITS: Array = np.concatenate(
     [
@@ -46,6 +56,10 @@ UNITS: Array = np.concatenate(
 )
 """What each coordinate is counted in (45; m, rad, rad/s, m/s, actions): part of a gait's sway."""
 UNITS.flags.writeable = False
+
+ODOMETRY_UNITS: Array = np.repeat([0.1, 0.01], [3, 3 * quadruped.N_LEGS])
+"""The same of `ODOMETRY_NAMES` (15; m/s, m)."""
+ODOMETRY_UNITS.flags.writeable = False
 
 SPEEDS = slice(COORDINATES.index("forward speed"), COORDINATES.index("lateral speed") + 1)
 """Where the trunk's horizontal speeds stand."""
@@ -65,7 +79,7 @@ class Stride:
     """Where robots are one stride later.
 
     Attributes:
-        images: Coordinates (n, 45), in `UNITS`; NaN for a robot that fell or did not come back.
+        images: Coordinates (n, d), in units; NaN for a robot that fell or did not come back.
         n_steps: Control steps that it took (n,); 0 for those.
     """
 
@@ -76,8 +90,14 @@ class Stride:
 class StrideMap:
     """Strides of one policy under several commands, in a world without noise.
 
-    45 coordinates, counted in `UNITS`, describe a robot in the instant in which it enters the
-    machine's first state. The learned estimator stays in the loop.
+    Coordinates, counted in units, describe a robot in the instant in which it enters the machine's
+    first state: 45, and 15 more where odometry is in the loop.
+
+    Attributes:
+        command: Velocities (m, 2) and dwells (m,) of m problems.
+        controller: The controller.
+        names: What the coordinates are (d).
+        units: What each is counted in (d).
     """
 
     def __init__(self, gait: Gait, controller: AlternatingController, command: Command) -> None:
@@ -89,6 +109,9 @@ class StrideMap:
         """
         self.command = command
         self._gait, self.controller = gait, controller
+        self._odometry = isinstance(controller.estimator, Odometry)
+        self.names = (*NAMES, *ODOMETRY_NAMES) if self._odometry else NAMES
+        self.units = np.concatenate([UNITS, ODOMETRY_UNITS]) if self._odometry else UNITS
         scenario = replace(Scenario(), sensor_noise=0.0, command=FixedCommand(0.0, 0.0, 8))
         self._world = World.of(gait, scenario, controller)
         self._entered = gait.states.index(gait.initial)
@@ -102,7 +125,7 @@ class StrideMap:
         """Lets a robot of each command start from standing, until it enters after some seconds.
 
         Returns:
-            Coordinates (m, 45); NaN where it fell or never entered.
+            Coordinates (m, d); NaN where it fell or never entered.
         """
         n = len(self.command.dwell)
         standing = np.tile(kinematics.standing_state(self.controller.robot), (n, 1))
@@ -116,7 +139,7 @@ class StrideMap:
         """Takes a stride from each point.
 
         Args:
-            points: Coordinates (n, 45), in `UNITS`.
+            points: Coordinates (n, d), in `units`.
             problems: Which command each robot has (n,).
         """
         sound = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -130,7 +153,7 @@ class StrideMap:
         return Stride(images, n_steps)
 
     def __call__(self, points: Array, problems: NDArray[np.int64]) -> Array:
-        """Maps points (n, 45) to those one stride later."""
+        """Maps points (n, d) to those one stride later."""
         return self.stride(points, problems).images
 
     def _entering(
@@ -138,7 +161,8 @@ class StrideMap:
     ) -> Callable[[Episode, BoolArray], None]:
         """Returns what lets robots begin as they have just entered the machine's first state."""
         n = len(points)
-        coordinates, action = np.split(points * UNITS, [len(COORDINATES)], axis=1)
+        ends = [len(COORDINATES), len(NAMES)]
+        coordinates, action, remembered = np.split(points * self.units, ends, axis=1)
         plant = from_heading_frame(coordinates)
         command = Command(*(values[problems] for values in self.command))
         machine = MachineState(
@@ -157,6 +181,7 @@ class StrideMap:
                     machine=machine,
                     touching=feet.touching,
                     action=action,
+                    odometry=self._remembered(simulator.state, remembered, feet.touching),
                     # A new command comes at whole multiples of its period, of which 0 is one.
                     steps=np.ones(n, dtype=np.int64),
                 )
@@ -166,10 +191,19 @@ class StrideMap:
 
         return enter
 
+    def _remembered(
+        self, state: TaskState, coordinates: Array, touching: BoolArray
+    ) -> OdometryState:
+        """Returns what odometry remembers at coordinates (n, 15)."""
+        if not self._odometry:
+            return state.odometry
+        velocity, footholds = np.split(coordinates, [3], axis=1)
+        return OdometryState(velocity, footholds.reshape(-1, quadruped.N_LEGS, 3), touching)
+
     def _until_entered(
         self, n: int, begin: Callable[[Episode, BoolArray], None], not_before: int
     ) -> Stride:
-        images = _Images(n, self._entered, not_before)
+        images = _Images(n, self._entered, not_before, self.units)
         episode(
             self._gait,
             self.controller,
@@ -190,8 +224,9 @@ class _Images(Observer):
         stride: Images and control steps of those that came so far.
     """
 
-    def __init__(self, n_robots: int, state: int, not_before: int) -> None:
-        images = np.full((n_robots, len(NAMES)), np.nan)
+    def __init__(self, n_robots: int, state: int, not_before: int, units: Array) -> None:
+        images = np.full((n_robots, len(units)), np.nan)
+        self._units = units
         self.stride = Stride(images, np.zeros(n_robots, dtype=np.int64))
         self._going = np.ones(n_robots, dtype=bool)
         self._state, self._not_before = state, not_before
@@ -202,8 +237,10 @@ class _Images(Observer):
         came = self._going & entered(step, self._state) & (number > self._not_before)
         if came.any():
             coordinates = to_heading_frame(after.plant[came])
-            entry = np.concatenate([coordinates, after.action[came]], axis=1)
-            self.stride.images[came] = entry / UNITS
+            velocity, footholds, _ = after.odometry
+            remembered = [velocity[came], footholds[came].reshape(-1, 3 * quadruped.N_LEGS)]
+            entry = np.concatenate([coordinates, after.action[came], *remembered], axis=1)
+            self.stride.images[came] = entry[:, : len(self._units)] / self._units
             self.stride.n_steps[came] = number
             self._going &= ~came
         self.done = not self._going.any()

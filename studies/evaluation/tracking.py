@@ -13,10 +13,9 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.palette import COLORS
 from glassgait.studies.common.cases import Case
-from glassgait.studies.common.episode import episode, give
+from glassgait.studies.common.episode import give
 from glassgait.studies.common.experiment import Experiment, PolicyNames, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.observers import Log
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.scores import interval
 from glassgait.studies.common.tables import json_records
@@ -71,18 +70,7 @@ class Tracking(Experiment):
             np.repeat(commands, n, axis=0),
             np.tile(np.rint(np.linspace(*case.gait.dwell, n)), len(commands)),
         )
-        recorder = Log(case.controller.robot, limited=case.scenario.limits_targets(case.controller))
-        episode(
-            case.gait,
-            case.controller,
-            case.scenario,
-            n_robots=len(given.dwell),
-            n_steps=self.n_steps,
-            seed=case.seed,
-            observers=[recorder],
-            events=[give(0, given)],
-        )
-        log = recorder.rollout(self.n_steps)
+        log = case.roll_out(len(given.dwell), self.n_steps, events=[give(0, given)])
         fell = np.asarray(log.failures.any(axis=(0, 2)))
         measured = log.velocity[-max(1, round(SETTLED_SHARE * self.n_steps)) :].mean(axis=0)
         measured[fell] = np.nan
@@ -95,14 +83,15 @@ class Tracking(Experiment):
         """Reports what is measured for each command, by policy or, of one policy, by gait."""
         by = "policy" if table["policy"].nunique() > 1 else "gait"
         means = tracking_table(table, by)
-        gaits, policies = (", ".join(table[name].unique()) for name in ("gait", "policy"))
+        gaits = ", ".join(table["gait"].unique())
+        policies = ", ".join(map(policy_title, table["policy"].unique()))
         scenario = self.scenario_titles[table["scenario"].iloc[0]]
         title = f"{gaits}: {policies}: commanded and measured, {scenario}"
         return Report(
             tables={"robots": table, "tracking": means},
             metrics=json_records(means),
             figures={"tracking": tracking_figure(means, title)},
-            shown={title: means},
+            shown={title: means.assign(**{by: means[by].map(policy_title)})},
         )
 
 

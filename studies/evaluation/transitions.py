@@ -3,7 +3,6 @@
 import textwrap
 from dataclasses import dataclass
 from itertools import permutations, product
-from pathlib import Path
 from typing import Annotated, ClassVar
 
 import pandas as pd
@@ -140,10 +139,6 @@ class Transitions(Experiment):
             figures={"transitions": transition_figure(whole, titles)},
             shown={"robots that change the gait without a fall": summary_table(whole, titles)},
         )
-
-    def default_output(self, names: tuple[str, ...]) -> Path:
-        """Returns the folder of a run where none is named."""
-        return super().default_output(names).parent
 
     def _paths(self, via: Gait | None) -> list[tuple[Gait, ...]]:
         """Lists the gaits as they are requested; of one alone nothing changes."""

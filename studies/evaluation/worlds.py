@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -16,7 +16,7 @@ from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case, not_finite_lines, refuse_commands, score
 from glassgait.studies.common.experiment import Experiment, Report, ScenarioNames
 from glassgait.studies.common.play import Seconds
-from glassgait.studies.common.policies import ALL, EXPERT
+from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
@@ -127,6 +127,8 @@ def readable_table(table: pd.DataFrame) -> pd.DataFrame:
 def worst_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lists where each policy falls most, beside the training world and all worlds together.
 
+    `return` is the mean of all robots in all scenarios.
+
     Its worst world is that with the greatest lower end of the interval of its share of falls: one
     fall of one robot says less than twenty of 26.
     """
@@ -145,6 +147,7 @@ def worst_table(table: pd.DataFrame) -> pd.DataFrame:
                 "points more than the expert": f"{worst['points_more']:+.0f}" if fell else "–",
                 "falls in training scenario": _falls(home.iloc[0]) if len(home) else "–",
                 "scenarios without a fall": f"{(own['falls'] == 0).sum()} of {len(own)}",
+                "return": f"{np.average(own['return'], weights=own['robots']):,.0f}",
             }
         )
     return pd.DataFrame(rows)
@@ -225,22 +228,18 @@ class Worlds(Experiment):
         pair = self._pair()
         return found if pair is None else _joined(found, pair.report(self.seconds, self.seed))
 
-    def default_output(self, names: tuple[str, ...]) -> Path:
-        """Returns the folder of a run where none is named; policies that are named stand in it."""
-        folder = super().default_output(names)
-        if self.policy == (ALL,):
-            return folder
-        policies = "_".join(Path(name).stem for name in self.policy)
-        return folder.with_name(f"{folder.name}_{policies}")
-
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)
         falls = falls_table(table, self.scenario_titles)
-        names = ", ".join(self.controllers)
+        policies = [
+            f"{gait}: {policy_title(name)}"
+            for gait, own in self.controllers.items()
+            for name in own
+        ]
         return Report(
             tables={"robots": table, "scorecard": card, "falls": falls},
             metrics=summarize(table, ["gait", "scenario"]).to_dict(orient="records"),
-            shown={f"{names}: {', '.join(self.policy)}": card},
+            shown={", ".join(policies): card},
             lines=lines,
         )
 

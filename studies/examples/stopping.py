@@ -15,9 +15,8 @@ import pandas as pd
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.studies.common.cases import Case
-from glassgait.studies.common.episode import episode, give
+from glassgait.studies.common.episode import give
 from glassgait.studies.common.experiment import Experiment, Report, run_from_command_line
-from glassgait.studies.common.observers import Log
 from glassgait.studies.common.scores import interval
 
 STANDS = 0.1
@@ -42,20 +41,8 @@ class Stopping(Experiment):
     def measure(self, case: Case) -> pd.DataFrame:
         """Lets robots walk and then stand, and returns a row a robot."""
         n, dwell = self.n_robots, np.full(self.n_robots, float(case.gait.dwell[0]))
-        walk = Command(np.tile([self.speed, 0.0], (n, 1)), dwell)
-        stand = Command(np.zeros((n, 2)), dwell)
-        log = Log(case.controller.robot, limited=case.scenario.limits_targets(case.controller))
-        episode(
-            case.gait,
-            case.controller,
-            case.scenario,
-            n_robots=n,
-            n_steps=WALKS + STOPS,
-            seed=case.seed,
-            observers=[log],
-            events=[give(0, walk), give(WALKS, stand)],
-        )
-        found = log.rollout(WALKS + STOPS)
+        walk, stand = (Command(np.tile([own, 0.0], (n, 1)), dwell) for own in (self.speed, 0.0))
+        found = case.roll_out(n, WALKS + STOPS, events=[give(0, walk), give(WALKS, stand)])
         moves = np.abs(found.velocity[WALKS:, :, 0]) >= STANDS
         last = len(moves) - moves[::-1].argmax(axis=0)
         seconds = CONTROL_PERIOD * np.where(moves.any(axis=0), last, 0)

@@ -17,19 +17,28 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.cases import run_rollouts
 from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import Workers
 from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies, policy_stem
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.dataset import round_paths
 from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
-from glassgait.studies.importance.faithfulness import ablation_cases, losses, rank_correlations
+from glassgait.studies.importance.faithfulness import (
+    MODE_TITLES,
+    ablation_cases,
+    losses,
+    rank_correlations,
+)
 from glassgait.studies.importance.figures import draw_student, faithfulness_figure, loss_figure
+from glassgait.studies.importance.measures import METHOD_TITLES
 from glassgait.studies.importance.study import (
     held_out_samples,
     measure_importances,
@@ -38,6 +47,14 @@ from glassgait.studies.importance.study import (
 
 MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_SYMBOLIC.name)
 """Kinds of students that are measured where none are named."""
+
+
+COLUMNS = (
+    "rank correlation: Spearman's, over groups of observations, of a method's importance with the "
+    "share of return lost without the group; 1 is the same order, 0 none",
+    "p: how often chance alone would give a correlation as far from 0",
+)
+"""What the columns of the printed table mean."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +70,7 @@ class Importance(Settings):
             They are those that a distillation held out or, of other students, new ones.
         repeats: Shuffles of each observation.
         rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
+        workers: Where rollouts run.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
             those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
@@ -71,6 +89,7 @@ class Importance(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
     )
+    workers: Workers = field(default_factory=WorkersConfig)
     robot: str | None = None
     source: Path | None = None
     resume: bool = False
@@ -102,10 +121,16 @@ class Importance(Settings):
             means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
             say("rolling out without each group of observations")
             jobs = ablation_cases(gait, expert, students, means, self.rollouts)
-            lost = losses(run_rollouts(jobs, folder / "rollouts"))
+            with parallel_backend(self.workers.backend):
+                scores = run_rollouts(jobs, folder / "rollouts", processes=self.workers.processes)
+            lost = losses(scores)
             correlations = rank_correlations(importances, lost)
             _write(importances, lost, correlations, gait.name.capitalize(), folder)
-        print_table(f"{gait.name}: rank correlation of importance and loss", correlations)
+        print_table(
+            f"{gait.name}: rank correlation of importance and loss", readable_table(correlations)
+        )
+        for line in COLUMNS:
+            say(line)
         console.print(f"written to {folder}")
 
     def _chosen(self, policies: Policies) -> dict[str, Policy]:
@@ -159,3 +184,16 @@ def _write(
     tables = {"importances": importances, "losses": lost, "faithfulness": correlations}
     metrics = {name: table.to_dict(orient="records") for name, table in tables.items()}
     write_metrics(metrics, folder / "metrics.json")
+
+
+def readable_table(correlations: pd.DataFrame) -> pd.DataFrame:
+    """Names the rows and columns of `rank_correlations` as people do."""
+    return pd.DataFrame(
+        {
+            "policy": correlations["policy"].map(policy_title),
+            "importance by": correlations["method"].map(METHOD_TITLES),
+            "observations": correlations["mode"].map(dict(MODE_TITLES)),
+            "rank correlation": correlations["correlation"].round(2),
+            "p": correlations["p_value"],
+        }
+    )

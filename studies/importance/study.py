@@ -20,7 +20,8 @@ from glassgait.studies.common.tables import to_latex, write_table
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
-from glassgait.studies.distillation.students.registry import StudentKind, student_title
+from glassgait.studies.distillation.students.registry import student_title
+from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.importance.figures import (
     importance_map,
 )

@@ -35,11 +35,6 @@ NOTE = (
 def certificates(gaits: Sequence[str], robot: Robot, folder: Path) -> Section:
     """Lists the policies of gaits that have a certificate, made here or shipped.
 
-    Args:
-        gaits: Names of the gaits.
-        robot: Their robot.
-        folder: The report's folder, from which links to explanation pages go.
-
     Returns:
         Of such policies a table of how many claims have which verdict, and then one of each
         policy: the claims that are proved, then refuted, then open.

@@ -60,12 +60,7 @@ WITHOUT_PYSR = (
 
 
 def deviations(robot: Robot, *, trains: bool) -> tuple[str, ...]:
-    """Lists what a report does otherwise than the paper, by any settings.
-
-    Args:
-        robot: The robot.
-        trains: Whether its experts are trained for it.
-    """
+    """Lists what a report does otherwise than the paper, by any settings."""
     if trains:
         return (
             f"The robot is a {robot.full_name} in Drake, SAP contact at 10 ms, on flat ground; the "

@@ -20,14 +20,12 @@ from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import alone
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import Settings
 from glassgait.models.task import CONTROL_PERIOD
-from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.cases import Case, digests_of, rollout_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 
@@ -194,33 +192,27 @@ def _label_resolutions(step: Axes, accuracy: Axes) -> None:
 
 
 @dataclass(frozen=True)
-class Convergence(Settings):
+class Convergence(OneGait):
     """Drop the robot and roll an expert out with every contact solver and time step.
 
     Attributes:
-        gait: Name of the expert's gait, or path of a gait file.
         rollouts: How robots are rolled out.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/convergence/<gait> by default.
     """
 
     title: ClassVar[str] = "convergence"
 
-    gait: str = "trot"
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
     )
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.gait)
-        found = find_policies(gait, self.source, self.robot)
+        found = self.policies()
+        gait = found.gait
         folder, policy = self.output or found.output("convergence"), alone(found.expert)
         cases = [
             case

@@ -14,13 +14,12 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.settings import Settings
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case, rollout_cases, run_rollouts
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.policies import find_policies
+from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
@@ -43,12 +42,7 @@ TICKS = ("expert\nonly", "half", "student\nonly", "alternation", "alternation,\n
 
 @styled
 def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
-    """Draws share of the expert's return and falls of each student, by curriculum.
-
-    Args:
-        table: What `curricula_table` returned.
-        title: Title of the figure.
-    """
+    """Draws share of the expert's return and falls of each student, by curriculum."""
     figure, (share, falls) = subplots(
         2, 1, figsize=(COLUMN_WIDTH, 3.4), sharex=True, height_ratios=(3, 2)
     )
@@ -70,29 +64,23 @@ def curricula_figure(table: pd.DataFrame, title: str) -> Figure:
 
 
 @dataclass(frozen=True)
-class Curricula(Settings):
+class Curricula(OneGait):
     """Distil by other curricula with as many samples, and let the students walk alone.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count.
         rollouts: How students are rolled out.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
-        source: Folder of a run that holds the expert; by default the shipped one.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/curricula/<gait> by default.
     """
 
     title: ClassVar[str] = "curricula"
 
-    gait: str = "trot"
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
@@ -103,8 +91,8 @@ class Curricula(Settings):
 
     def run(self) -> None:
         """Runs the study."""
-        gait = load_gait(self.gait)
-        found = find_policies(gait, self.source, self.robot)
+        found = self.policies()
+        gait = found.gait
         folder, expert = self.output or found.output("curricula"), found.expert
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         with open_run(
@@ -158,14 +146,7 @@ def standalone_cases(
     students: Mapping[str, Mapping[str, Policy]],
     config: RolloutConfig,
 ) -> list[Case]:
-    """Lists rollouts of the expert, whose curriculum is called `expert`, and of students alone.
-
-    Args:
-        gait: The gait.
-        expert: The expert.
-        students: The students by curriculum and kind.
-        config: How robots are rolled out.
-    """
+    """Lists rollouts of the expert, whose curriculum is called `expert`, and of students alone."""
     policies = {("expert", "expert"): alone(expert)}
     for curriculum, own in students.items():
         policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}

@@ -42,11 +42,8 @@ from glassgait.studies.distillation.students.boosting import (
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import (
-    STUDENTS,
-    StudentsSettings,
-    policy_title,
-)
+from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
@@ -263,12 +260,7 @@ def formula_texts(gait: Gait, student: StatewiseSymbolicPolicy) -> list[tuple[st
 
 
 def demo_page(parts: Parts, folder: Path) -> Page:
-    """Makes the page of what there is by now.
-
-    Args:
-        parts: What there is.
-        folder: The demo's folder, with the gait diagrams of the replays.
-    """
+    """Makes the page of what there is by now."""
     smaller = Section(
         "What is smaller here, and what is lost",
         tables=[Table(reductions(QUICK, parts.rollouts, RATIO_PERIODS))],
@@ -381,13 +373,7 @@ def _formulas(parts: Parts) -> Section:
 def reductions(
     distillation: DistillationConfig, rollouts: RolloutConfig, periods: tuple[int, ...]
 ) -> pd.DataFrame:
-    """Lists what is smaller than by default, in the order of the road, and what that costs.
-
-    Args:
-        distillation: How the demo distils.
-        rollouts: How it rolls out.
-        periods: Its control steps from one action of the expert to the next.
-    """
+    """Lists what is smaller than by default, in the order of the road, and what that costs."""
     full, usual = DistillationConfig(), RolloutConfig()
     left_out = [own.title for name, own in STUDENTS.items() if name not in distillation.students]
     collector, itself = distillation.collector, "each student its own"

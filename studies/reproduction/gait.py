@@ -89,14 +89,7 @@ class GaitResults:
 
 
 def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Path) -> GaitResults:
-    """Distils, evaluates and explains one gait, from where an earlier run stopped.
-
-    Args:
-        name: Name of the gait.
-        expert: Its expert.
-        config: How thoroughly.
-        folder: Where everything of this gait goes.
-    """
+    """Distils, evaluates and explains one gait, from where an earlier run stopped."""
     gait = load_gait(name)
     title = name.capitalize()
     distillation = replace(config.distillation, gait=name)

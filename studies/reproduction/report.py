@@ -22,7 +22,7 @@ from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named, run_sweep
 from glassgait.studies.common.tables import print_table, write_table
-from glassgait.studies.distillation.students.registry import StudentKind
+from glassgait.studies.distillation.students.settings import StudentKind
 from glassgait.studies.distillation.students.symbolic import SYMBOLIC
 from glassgait.studies.distillation.students.symbolic_regression import Engine, pysr_starts
 from glassgait.studies.reproduction.certificates import certificates
@@ -103,12 +103,7 @@ class Report(ReportConfig):
         console.print(f"after {(time.monotonic() - started) / 60:.1f} minutes")
 
     def page(self, results: Sequence[GaitResults], folder: Path) -> Page:
-        """Makes the page, and writes the tables on it.
-
-        Args:
-            results: What was found about each gait.
-            folder: The report's folder.
-        """
+        """Makes the page, and writes the tables on it."""
         gaits = [found.gait for found in results]
         sections = contents(results)
         for section in sections:

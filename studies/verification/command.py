@@ -85,7 +85,7 @@ class Prove(Settings):
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
-        claims = self._claims(gait)
+        claims = self._claims(gait, imu=policy.layout.imu)
         folder = self.output or found.output("certification") / Path(name).stem
         inputs = {
             "gait": gait.digest(),
@@ -102,7 +102,7 @@ class Prove(Settings):
             _write(prover, verdicts, path, folder, seconds)
         console.print(f"written to {folder}")
 
-    def _claims(self, gait: Gait) -> tuple[Claim, ...]:
+    def _claims(self, gait: Gait, *, imu: bool) -> tuple[Claim, ...]:
         shipped = load_claims(DEFAULT_CLAIMS)
         own = load_claims(self.claims) if self.claims else ()
         taken = {claim.name for claim in shipped}
@@ -113,7 +113,7 @@ class Prove(Settings):
                     "it"
                 )
             try:
-                claim.refuse_unknown(gait)
+                claim.refuse_unknown(gait, imu=imu)
             except InputError as error:
                 raise InputError(f"{self.claims}: {error}") from error
         return *shipped, *own

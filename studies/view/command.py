@@ -119,7 +119,21 @@ class View(Settings):
         found = find_policies_of(gaits, self.source, [self.policy], self.robot)
         policies = list(found.values())
         gait, policy = self._several(policies) if len(gaits) > 1 else self._one(*policies)
-        self._play(gait, policy)
+        scenario = load_scenario(self.scenario)
+        if self.live:
+            scenario = replace(scenario, command=SliderCommand())
+        else:
+            scenario = self.command.over(scenario)
+        stem = self._stem(policy, several=len(gaits) > 1)
+        refuse_run(stem.parent)
+        rollout, ending = self._play(gait, policy, scenario, stem)
+        record = {**to_plain(self), "scenario": scenario.to_plain()}
+        write_atomically(_beside(stem, ".yaml"), yaml.safe_dump(record, sort_keys=False))
+        self._draw(gait, policy, rollout, stem)
+        console.print(ending)
+        console.print(_summary(rollout, scenario))
+        stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
+        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
 
     def _several(self, found: Sequence[Policies]) -> tuple[GaitSwitch, AlternatingController]:
         """Loads the gaits that change, and the controller of each."""
@@ -138,56 +152,63 @@ class View(Settings):
             raise InputError("--ratio shares steps with a student; name one with --policy")
         return found.gait, AlternatingController(controller.expert, student, period)
 
-    def _play(self, gait: Gait | GaitSwitch, policy: AlternatingController) -> None:
-        shown = gait.gait if isinstance(gait, GaitSwitch) else gait
-        scenario = load_scenario(self.scenario)
-        if self.live:
-            scenario = replace(scenario, command=SliderCommand())
-        else:
-            scenario = self.command.over(scenario)
-        # As the paper writes it, so that 0.25 and 1/4 are one.
-        ratio = None if self.ratio is None else ratio_title(policy.period)
-        name = f"{Path(self.policy).stem}_{(ratio or 'alone').replace('/', '-')}"
+    def _ratio(self, policy: AlternatingController) -> str | None:
+        """Returns the ratio as the paper writes it, so that 0.25 and 1/4 are one."""
+        return None if self.ratio is None else ratio_title(policy.period)
+
+    def _stem(self, policy: AlternatingController, *, several: bool) -> Path:
+        """Returns the path of what is written, without its ending."""
+        ratio = (self._ratio(policy) or "alone").replace("/", "-")
         world = scenario_name(self.scenario)
-        if world != TRAINING:
-            name += f"_{world}"
-        if isinstance(gait, GaitSwitch):
-            name += "_changing"
-        own = robot_folder(Path("runs/rollout"), policy.robot.name) / load_gait(self.gait[0]).name
-        stem = (self.output or own) / name
-        refuse_run(stem.parent)
-        replay, meshcat = stem.with_name(f"{name}.html"), open_meshcat()
+        parts = [Path(self.policy).stem, ratio]
+        parts += [world] if world != TRAINING else []
+        parts += ["changing"] if several else []
+        folder = robot_folder(Path("runs/rollout"), policy.robot.name)
+        return (self.output or folder / load_gait(self.gait[0]).name) / "_".join(parts)
+
+    def _play(
+        self,
+        gait: Gait | GaitSwitch,
+        policy: AlternatingController,
+        scenario: Scenario,
+        stem: Path,
+    ) -> tuple[Rollout, str]:
+        """Returns what the robot did, and how it ended."""
+        replay, meshcat = _beside(stem, ".html"), open_meshcat()
         if self.live:
             rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
-            ending = f"stopped after {rollout.time[-1]:.2f} s"
+            return rollout, f"stopped after {rollout.time[-1]:.2f} s"
+        assert isinstance(gait, Gait)
+        seconds = SECONDS if self.seconds is None else self.seconds
+        rollout = play(gait, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed)
+        end = "fell" if rollout.failed else "stayed up"
+        reward = rollout["reward"][1:].sum()
+        return rollout, f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
+
+    def _draw(
+        self,
+        gait: Gait | GaitSwitch,
+        policy: AlternatingController,
+        rollout: Rollout,
+        stem: Path,
+    ) -> None:
+        """Draws the gait diagram and, where they are asked for, stills."""
+        ratio = f", ratio {self._ratio(policy)}" if self.ratio is not None else ""
+        title = f", {self.policy}{ratio}"
+        if isinstance(gait, GaitSwitch):
+            shown = gait.gait
+            figure = session_figure(rollout, gait, shown.description + title)
         else:
-            seconds = SECONDS if self.seconds is None else self.seconds
-            rollout = play(
-                shown, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed
-            )
-            end = "fell" if rollout.failed else "stayed up"
-            reward = rollout["reward"][1:].sum()
-            ending = f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"
-        record = yaml.safe_dump(
-            {**to_plain(self), "scenario": scenario.to_plain()}, sort_keys=False
-        )
-        write_atomically(stem.with_name(f"{name}.yaml"), record)
-        title = (
-            f"{shown.description if isinstance(gait, GaitSwitch) else shown.name}, {self.policy}"
-        )
-        title += f", ratio {ratio}" if ratio else ""
-        figure = (
-            session_figure(rollout, gait, title)
-            if isinstance(gait, GaitSwitch)
-            else gait_figure(rollout, shown, title)
-        )
+            shown = gait
+            figure = gait_figure(rollout, gait, gait.name + title)
         save_figure(figure, stem)
         if self.stills:
-            save_figure(gait_strip(policy.robot, rollout, shown), stem.with_name(f"{name}_stills"))
-        console.print(ending)
-        console.print(_summary(rollout, scenario))
-        stills = f"; stills to {stem}_stills.png and .pdf" if self.stills else ""
-        console.print(f"replay and gait diagram written to {stem}.html, .png and .pdf{stills}")
+            strip = gait_strip(policy.robot, rollout, shown)
+            save_figure(strip, stem.with_name(f"{stem.name}_stills"))
+
+
+def _beside(stem: Path, ending: str) -> Path:
+    return stem.with_name(stem.name + ending)
 
 
 def _summary(rollout: Rollout, scenario: Scenario) -> str:

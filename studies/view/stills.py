@@ -33,12 +33,6 @@ def gait_strip(robot: Robot, rollout: Rollout, gait: Gait, n_stills: int = 8) ->
     """Draws stills of the last cycle, framed in the colour of the machine's state, each above its
     moment in the gait diagram.
 
-    Args:
-        robot: The robot.
-        rollout: A rollout with at least one whole cycle.
-        gait: Its gait.
-        n_stills: Number of stills.
-
     Raises:
         InputError: if the rollout holds no whole cycle.
     """

@@ -1,5 +1,8 @@
 """The loop that a compiled controller closes in Drake."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,10 +10,16 @@ from glassgait.diagrams.compiled_locomotion import MakeCompiledLocomotion
 from glassgait.diagrams.locomotion import MakeLocomotion
 from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
+from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.export.controller import write_controller
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.imu import ImuErrors
+from glassgait.models.task.odometry import Odometry
+from glassgait.models.task.terrain import PLANE, Terrain
+from glassgait.studies.deployment.export.files import has_compiler, load_controller
 
 N_STEPS = 60
 
@@ -18,8 +27,9 @@ REQUESTED = (0, 2, 1)
 """Walk, bound and trot, by their numbers."""
 
 
-def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
-    scenario = Scenario(sensor_noise=0.0)
+@pytest.mark.parametrize("terrain", [PLANE, Terrain("blocks", amplitude=0.01, cells=2)])
+def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page, terrain):
+    scenario = Scenario(sensor_noise=0.0, station=StationConfig(terrain=terrain))
     policy = alone(load_student("trot", "sparse_formula"), load_expert("trot"))
     diagrams = [
         MakeLocomotion(trot, scenario, policy=policy),
@@ -32,6 +42,25 @@ def test_the_robot_moves_as_by_the_python_policy(trot, compiled_page):
     # It walks: feet were lifted, and the trunk went on.
     assert compiled["foot_contact"][20:].min() == 0
     assert compiled["state"][-1, 4] > 0.05
+
+
+def test_odometry_moves_the_robot_as_in_python(trot, tmp_path):
+    if not has_compiler():
+        pytest.skip("needs a C compiler, cc")
+    own = copy.copy(load_student("trot", "sparse_formula"))
+    own.observes_by, own._estimator = None, Odometry()
+    written = write_controller(trot, alone(own), name="page", policy_name="page", version="0")
+    compiled, scenario = load_controller(written, tmp_path), Scenario(sensor_noise=0.0)
+    diagrams = [
+        MakeLocomotion(trot, scenario, policy=alone(own)),
+        MakeCompiledLocomotion(trot, scenario, compiled),
+    ]
+    python, by_c = (record(make_simulator(one), N_STEPS) for one in diagrams)
+    np.testing.assert_allclose(by_c["state"], python["state"], rtol=0, atol=1e-9)
+    assert by_c["foot_contact"][20:].min() == 0
+    biased = replace(scenario, imu=ImuErrors(gyroscope_bias=0.1))
+    with pytest.raises(InputError, match="imu"):
+        MakeCompiledLocomotion(trot, biased, compiled)
 
 
 @pytest.mark.parametrize("noise", [{"sensor_noise": 1.0}, {"contact_flips": 0.01}])

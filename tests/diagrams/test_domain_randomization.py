@@ -5,10 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from glassgait.diagrams.domain_randomization import DomainRandomization, GroupRanges
+from glassgait.diagrams.domain_randomization import (
+    DomainRandomization,
+    GroupRanges,
+    TerrainRanges,
+    at_difficulty,
+)
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.terrain import PLANE, grid_of
 
 A1 = load_robot()
 
@@ -81,6 +87,42 @@ def test_ranges_of_one_value_change_nothing():
     )
     same = DomainRandomization(n_groups=3, groups=none, fine_steps=(), station=station)
     assert drawn(same) == [station] * 3
+
+
+def on_grounds(**settings):
+    return DomainRandomization(groups=GroupRanges(terrains=TerrainRanges(**settings)))
+
+
+def test_a_share_of_the_groups_stands_on_other_ground_and_nothing_else_changes():
+    worlds = on_grounds(share=0.75, slope=20.0, amplitude=0.08, height=0.06)
+    stations, usual = drawn(worlds), drawn(DomainRandomization())
+    assert [replace(station, terrain=PLANE) for station in stations] == usual
+    grounds = [station.terrain for station in stations if station.terrain != PLANE]
+    assert len(grounds) == 12
+    slopes = [ground.slope for ground in grounds if ground.kind == "plane"]
+    assert len(slopes) == 6 and 10.0 < max(slopes) <= 20.0
+    assert len({ground.direction for ground in grounds if ground.kind == "plane"}) == 6
+    assert {ground.kind for ground in grounds} == {"plane", "blocks", "steps", "uneven"}
+    assert len({ground.seed for ground in grounds}) == 12 - len(slopes) + 1
+    assert all(abs(ground.height) <= 0.06 and ground.amplitude <= 0.08 for ground in grounds)
+
+
+def test_difficulty_scales_the_ground_and_draws_the_same():
+    worlds = on_grounds(share=1.0, patches=0.2)
+    whole, half = (
+        worlds.stations(A1, np.random.default_rng(1), difficulty) for difficulty in (1.0, 0.5)
+    )
+    assert half == at_difficulty(whole, 0.5)
+    assert half == [replace(own, terrain=own.terrain.scaled(0.5)) for own in whole]
+    assert any(own.terrain.kind == "steps" for own in whole)
+    level = worlds.stations(A1, np.random.default_rng(1), 0.0)
+    assert all(np.ptp(grid_of(own.terrain).top) < 1e-2 for own in level)
+    assert not any(own.terrain.slope for own in level)
+
+
+def test_unknown_kinds_of_ground_are_refused():
+    with pytest.raises(InputError, match="kinds"):
+        TerrainRanges(kinds=("ice",))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Gaits that change in the closed loop: diagram and batch simulator agree there, too."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import NOMINAL
 
 A1 = load_robot()
@@ -31,16 +33,20 @@ REQUEST, N_STEPS = 90, 200
 TOLERANCE = 1e-9
 
 
+def acting(gait, student):
+    """The expert, with odometry where that is asked for, or a kind of student."""
+    expert = copy.copy(load_expert(gait))
+    if student == "odometry":
+        expert._estimator = Odometry()
+    return (
+        alone(load_student(gait, student), expert) if student == "sparse_formula" else alone(expert)
+    )
+
+
 def two(source, target, student=None):
-    """A switch between two gaits, with the experts or a kind of students."""
+    """A switch between two gaits, with what acts in each."""
     switch = GaitSwitch([load_gait(source), load_gait(target)])
-    walkers = [
-        alone(load_expert(gait))
-        if student is None
-        else alone(load_student(gait, student), load_expert(gait))
-        for gait in (source, target)
-    ]
-    return switch, SwitchedPolicy(switch, walkers)
+    return switch, SwitchedPolicy(switch, [acting(gait, student) for gait in (source, target)])
 
 
 def batch(switch, policy, scenario, n_robots=1, seed=0):
@@ -74,6 +80,7 @@ def recorded(diagram, state, requested):
         ("trot", "bound", None, 0.02),
         ("bound", "pace", "sparse_formula", 0.0),
         ("pace", "walk", "sparse_formula", 0.0),
+        ("trot", "pace", "odometry", 0.03),
     ],
 )
 def test_diagram_and_batch_agree_while_the_gait_changes(source, target, student, latency):

@@ -1,5 +1,7 @@
 """Gymnasium's face of many robots in batch."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
 import glassgait.diagrams.gym.rendering
-from glassgait.diagrams.gym import LocomotionVectorEnv
+from glassgait.diagrams.gym import LocomotionEnv, LocomotionVectorEnv
 from glassgait.models.errors import InputError
+from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.termination import FAILURES
 
 ID = "glassgait/Locomotion-v0"
@@ -135,6 +138,31 @@ def test_a_seed_repeats_the_episodes(envs):
 def test_a_number_of_robots_is_one_or_more(number):
     with pytest.raises(InputError, match="num_envs"):
         gymnasium.make_vec(ID, num_envs=number)
+
+
+@pytest.mark.parametrize("senses", ["odometry", "imu"])
+def test_one_robot_and_many_observe_by_the_same_senses(senses):
+    quiet = replace(NOMINAL, observation_noise=0.0, joint_scale=(1.0, 1.0), base_velocity=0.0)
+    one = LocomotionEnv(randomization=quiet, senses=senses)
+    many = LocomotionVectorEnv(2, randomization=quiet, senses=senses)
+    action = 0.3 * np.random.default_rng(3).normal(size=12)
+    (first, _), (rows, _) = one.reset(seed=1), many.reset(seed=1)
+    for _ in range(8):
+        assert first in one.observation_space and rows in many.observation_space
+        # Commands and rhythm are each its own.
+        np.testing.assert_allclose(first[2:-7][:24], rows[0, 2:26], atol=1e-9)
+        np.testing.assert_allclose(first[-7:], rows[0, -7:], atol=1e-9)
+        first, *_ = one.step(action)
+        rows, *_ = many.step(np.tile(action, (2, 1)))
+    assert np.any(first[-7:-4] != 0.0)
+    truth = LocomotionEnv().observation_space.shape[0]
+    assert one.observation_space.shape == (truth + (6 if senses == "imu" else 0),)
+
+
+@pytest.mark.parametrize("make", [LocomotionEnv, LocomotionVectorEnv])
+def test_senses_that_are_none_are_refused(make):
+    with pytest.raises(InputError, match="senses"):
+        make(senses="sixth")
 
 
 def test_arguments_that_fit_nothing_are_refused():

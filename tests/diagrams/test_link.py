@@ -16,14 +16,16 @@ from glassgait.diagrams.rollout import make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
-from glassgait.models.link.settings import Channels
 from glassgait.models.link.watchdog import CROUCH, Phase, Watchdog
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.imu import ImuErrors
+from glassgait.models.task.terrain import PLANE, Terrain
 
 A1 = load_robot()
 
@@ -67,10 +69,18 @@ class Ends:
 
 
 @pytest.mark.parametrize(
-    ("late", "time_step"), [(0, 0.01), (1, 0.01), (3, 0.004)], ids=["at once", "10 ms", "12 ms"]
+    ("late", "time_step", "terrain"),
+    [
+        (0, 0.01, PLANE),
+        (1, 0.01, PLANE),
+        (3, 0.004, PLANE),
+        (0, 0.01, Terrain("blocks", amplitude=0.01, cells=2)),
+    ],
+    ids=["at once", "10 ms", "12 ms", "on blocks"],
 )
-def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
-    scenario = Scenario(command=DrawnCommands(), station=StationConfig(time_step=time_step))
+def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step, terrain):
+    station = StationConfig(time_step=time_step, terrain=terrain)
+    scenario = Scenario(command=DrawnCommands(), station=station)
     states, targets = Ends(trot, page, scenario, seed=3, late=late).run(N_STEPS)
     world = replace(scenario, latency=late * time_step)
     one = record(make_simulator(MakeLocomotion(trot, world, policy=page), seed=3), N_STEPS)
@@ -78,6 +88,16 @@ def test_moves_the_robot_as_one_diagram_does(trot, page, late, time_step):
     expected = A1.joint_targets(one["actions"][:-1], limited=True)
     np.testing.assert_allclose(targets, expected, rtol=0, atol=1e-12)
     # It walks: a foot was lifted.
+    assert kinematics.foot_heights(A1, states).max() > 0.02
+
+
+def test_odometry_runs_at_the_controllers_end(trot, odometry_expert):
+    errors = {"encoder_bias": 0.02, "imu": ImuErrors(gyroscope_bias=0.1, delay=1)}
+    scenario = Scenario(command=DrawnCommands(), limit_targets=True, **errors)
+    states, _ = Ends(trot, alone(odometry_expert), scenario, seed=3).run(N_STEPS)
+    diagram = MakeLocomotion(trot, scenario, policy=odometry_expert)
+    one = record(make_simulator(diagram, seed=3), N_STEPS)
+    np.testing.assert_allclose(states, one["state"][:-1], rtol=0, atol=1e-12)
     assert kinematics.foot_heights(A1, states).max() > 0.02
 
 

@@ -31,6 +31,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import gait_names, load_gait, parse_gait
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
+from glassgait.models.task.terrain import Terrain
 from glassgait.systems import command as command_system
 
 A1 = load_robot()
@@ -77,7 +78,8 @@ def batch_of_one(gait, state, command, scenario, estimator, policy=None):
 def assert_agreement(gait, policy, scenario=CALM):
     """Plays a scenario in both executions and returns how often the machine's state changed."""
     scenario = replace(scenario, command=COMMAND)
-    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5))
+    ground = scenario.station.ground
+    (state,) = QUIET.initial_states(A1, 1, np.random.default_rng(5), ground)
     diagram = MakeLocomotion(gait, scenario, policy=policy)
     rollout = record(make_simulator(diagram, state=state), N_STEPS, stop_on_failure=False)
     simulator = batch_of_one(gait, state, COMMAND_OF_ONE, scenario, policy.estimator, policy)
@@ -152,7 +154,18 @@ WORLDS = {
             time_step=0.001, contact_solver="similar", ground_stiffness=8000.0, dissipation=2.0
         ),
     ),
-    "slope": replace(CALM, station=StationConfig(slope=6.0)),
+    "slope": replace(CALM, station=StationConfig(terrain=Terrain(slope=6.0))),
+    **{
+        name: replace(CALM, station=StationConfig(terrain=terrain))
+        for name, terrain in {
+            "slope in an odd direction": Terrain(slope=6.0, direction=200.0),
+            "blocks": Terrain("blocks", amplitude=0.03, cells=2),
+            "steps": Terrain("steps", height=0.03, flight=1, landing=0.3),
+            "steps that lead on": Terrain("steps", endless=True, height=-0.02, landing=0.1),
+            "uneven, and a slope": Terrain("uneven", cells=4, slope=4.0, direction=100.0),
+            "patches": Terrain(patches=0.5, patch_friction=0.3),
+        }.items()
+    },
     "slippery": replace(CALM, station=StationConfig(friction=0.4)),
     "limited targets": replace(CALM, limit_targets=True),
     "limited targets, 10 ms late": replace(CALM, limit_targets=True, latency=0.01),

@@ -14,6 +14,7 @@ from glassgait.models.policies.library import load_expert
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.randomization import NOMINAL
+from glassgait.models.task.terrain import Terrain
 
 A1 = load_robot()
 
@@ -49,7 +50,7 @@ def after(station, states, targets, n_steps=1):
         {"motor_strength": 0.8},
         {"stiffness": 16.0, "damping": 0.4},
         {"armature": 0.01},
-        {"slope": 5.0},
+        {"terrain": Terrain(slope=5.0, direction=130.0)},
     ],
 )
 def test_both_engines_move_a_flying_robot_alike(change, random_states, generator):

@@ -11,6 +11,7 @@ from glassgait.diagrams.scenario import (
     SCENARIO_DIRECTORY,
     Pushes,
     Scenario,
+    ground_names,
     load_scenario,
     load_scenarios,
     scenario_names,
@@ -21,6 +22,7 @@ from glassgait.models.task.imu import ImuErrors
 from glassgait.models.task.randomization import NOMINAL
 from glassgait.models.task.reward import RewardWeights
 from glassgait.models.task.termination import TerminationLimits
+from glassgait.models.task.terrain import Terrain
 
 SHIPPED = {
     "training": Scenario(),
@@ -47,16 +49,31 @@ SHIPPED = {
     "soft_ground": Scenario(
         "soft ground", StationConfig(ground_stiffness=5000.0, relaxation_time=0.03)
     ),
-    "slope_5deg": Scenario("slope of 5°", StationConfig(slope=5.0)),
-    "slope_10deg": Scenario("slope of 10°", StationConfig(slope=10.0)),
+    "slope_5deg": Scenario("slope of 5°", StationConfig(terrain=Terrain(slope=5.0))),
+    "slope_10deg": Scenario("slope of 10°", StationConfig(terrain=Terrain(slope=10.0))),
     "contact_flips": Scenario("1 % of contacts misread", contact_flips=0.01),
     "mujoco": Scenario("MuJoCo 2 ms", StationConfig(time_step=0.002, engine="mujoco")),
+}
+
+
+GROUNDS = {
+    "slope_15": Terrain(slope=15.0),
+    "slope_20": Terrain(slope=20.0),
+    "blocks_4cm": Terrain("blocks", amplitude=0.04),
+    "blocks_6cm": Terrain("blocks", amplitude=0.06),
+    "steps_5cm": Terrain("steps", height=0.05),
+    "uneven_4cm": Terrain("uneven", amplitude=0.04),
+    "patches": Terrain(patches=0.33, patch_friction=0.4),
 }
 
 
 def test_shipped_scenarios_are_what_their_names_say():
     assert {name: load_scenario(name) for name in scenario_names()} == SHIPPED
     assert scenario_names()[0] == "training"
+    grounds = load_scenarios(["grounds"])
+    assert {name: world.station.terrain for name, world in grounds.items()} == GROUNDS
+    for world in grounds.values():
+        assert world == Scenario(world.title, StationConfig(terrain=world.station.terrain))
 
 
 def test_the_training_file_shows_every_setting_at_its_default():
@@ -158,6 +175,15 @@ def test_every_setting_is_in_the_digest():
         ("station: {ground_stiffness: 5}", "ground_stiffness"),
         ("station: {payload_position: [0, 0]}", "payload_position"),
         ("station: {engine: bullet}", "engine"),
+        ("station: {contact_force: 5}", "contact_force"),
+        ("station: {slope: 5}", "station.slope"),
+        ("station: {terrain: {kind: ice}}", "station.terrain.kind"),
+        ("station: {terrain: {kind: blocks, cell: 0}}", "station.terrain.cell"),
+        ("station: {terrain: {kind: blocks, amplitude: .nan}}", "station.terrain.amplitude"),
+        ("station: {terrain: {kind: steps, height: 0.5}}", "height"),
+        ("station: {terrain: {height: 0.07}}", "height"),
+        ("station: {terrain: {kind: steps, hight: 0.05}}", "station.terrain.hight"),
+        ("{station: {terrain: {kind: steps}, time_step: 0}, accuracy: 1.0e-3}", "terrain.kind"),
         ("station: {engine: mujoco, contact_solver: lagged}", "contact_solver"),
         ("accuracy: 1.0e-3", "accuracy"),
         ("accuracy: 1e-3", "write it as 1.0e-5"),
@@ -241,7 +267,7 @@ def test_settings_out_of_range_are_refused_in_python(settings):
 def test_the_page_shows_what_ships_and_a_file_that_is_read(written):
     page = (SCENARIO_DIRECTORY / "README.md").read_text()
     table = page.partition("## What ships")[2].partition("##")[0]
-    assert set(re.findall(r"`(\w[^`]*)`", table)) >= set(scenario_names())
+    assert set(re.findall(r"`(\w[^`]*)`", table)) >= {*scenario_names(), *ground_names()}
     own = written(page.partition("```yaml\n")[2].partition("```")[0])
     assert load_scenario(own) == Scenario("sheer ice", StationConfig(friction=0.3))
 

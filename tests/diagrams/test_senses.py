@@ -26,6 +26,7 @@ from glassgait.models.task.imu import IMU_NOISE, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
 from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.randomization import NOMINAL
+from glassgait.models.task.terrain import Terrain
 
 A1 = load_robot()
 N_STEPS = 150
@@ -35,7 +36,8 @@ QUIET = Scenario(command=COMMAND, sensor_noise=0.0)
 BIASED = ImuErrors(gyroscope_bias=0.1, accelerometer_bias=0.5, attitude_bias=0.03, delay=2)
 WORLDS = {
     "quiet": QUIET,
-    "slope": replace(QUIET, station=StationConfig(slope=8.0)),
+    "slope": replace(QUIET, station=StationConfig(terrain=Terrain(slope=8.0))),
+    "blocks": replace(QUIET, station=StationConfig(terrain=Terrain(kind="blocks", amplitude=0.03))),
     "noise": replace(QUIET, sensor_noise=1.0),
     "late readings": replace(QUIET, imu=ImuErrors(delay=3)),
     "30 ms late": replace(QUIET, latency=0.03),

@@ -24,6 +24,7 @@ from glassgait.models.policies.symbolic import (
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 from glassgait.models.task.symmetry import mirrored_states
 
 NAMES = ObservationLayout(2).names
@@ -194,8 +195,15 @@ def small_additive() -> Callable[..., AdditivePolicy]:
 def small_expert(random_network: Callable[..., Network]) -> Callable[..., NeuralPolicy]:
     """Makes experts of few units, whose actions stay small."""
 
-    def make(gait: Gait, *, mirrored: bool = False, hidden: tuple[int, ...] = (8,)) -> NeuralPolicy:
-        generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states).names
+    def make(
+        gait: Gait,
+        *,
+        mirrored: bool = False,
+        hidden: tuple[int, ...] = (8,),
+        imu: bool = False,
+        odometry: Odometry | None = None,
+    ) -> NeuralPolicy:
+        generator, names = np.random.default_rng(1), ObservationLayout(gait.n_states, imu=imu).names
         n = len(names)
         # Actions are observed: greater ones would grow from step to step.
         actor, estimator = (
@@ -206,7 +214,7 @@ def small_expert(random_network: Callable[..., Network]) -> Callable[..., Neural
             )
         )
         states = mirrored_states(gait) if mirrored else None
-        return NeuralPolicy(gait.name, names, actor, estimator, states)
+        return NeuralPolicy(gait.name, names, actor, odometry or estimator, states)
 
     return make
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from glassgait.models.errors import InputError
 from glassgait.models.formulas.expression import UNARY, Expression, constant, variable
+from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import SymbolicPolicy
@@ -35,7 +36,7 @@ KINDS = (
 
 
 def loaded(gait, policy, expert, real="double") -> LoadedGraph:
-    model = write_graph(gait, policy, expert, policy_name="mine", version="0", real=real)
+    model = write_graph(gait, alone(policy, expert), policy_name="mine", version="0", real=real)
     return LoadedGraph(model.SerializeToString())
 
 
@@ -214,7 +215,7 @@ def test_single_precision_is_of_what_is_read_and_given(trot, small_expert, make_
 
 def test_only_trees_ask_for_another_domain(trot, small_expert, make_policy, small_trees):
     def domains(policy):
-        model = write_graph(trot, policy, small_expert(trot), policy_name="", version="")
+        model = write_graph(trot, alone(policy, small_expert(trot)), policy_name="", version="")
         return {own.domain: own.version for own in model.opset_import}
 
     assert domains(make_policy(trot)) == {"": 17}
@@ -233,12 +234,12 @@ class Standing(Policy):
 def test_what_there_is_no_graph_for_is_refused(trot, small_expert, make_policy):
     names = {"policy_name": "", "version": ""}
     with pytest.raises(InputError, match="pace"):
-        write_graph(trot, make_policy(load_gait("pace")), small_expert(trot), **names)
+        write_graph(trot, alone(make_policy(load_gait("pace")), small_expert(trot)), **names)
     with pytest.raises(InputError, match="standing"):
-        write_graph(trot, Standing("trot", NAMES), small_expert(trot), **names)
+        write_graph(trot, alone(Standing("trot", NAMES), small_expert(trot)), **names)
 
 
 def test_a_gait_of_other_states_is_refused(trot, small_expert, make_policy):
     other = replace(trot, states=(*trot.states, "more"))
     with pytest.raises(InputError, match="observes"):
-        write_graph(other, make_policy(trot), small_expert(trot), policy_name="", version="")
+        write_graph(other, alone(make_policy(trot), small_expert(trot)), policy_name="", version="")

@@ -42,8 +42,23 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
         found = kinematics.foot_positions(A1, state[quadruped.JOINT_POSITION])
         np.testing.assert_allclose(found, feet, atol=TOLERANCE)
 
-        low = [locate(f"{leg}_calf", [0, 0, -0.2], world)[2, 0] - 0.02 for leg in quadruped.LEGS]
+        feet = [locate(f"{leg}_calf", [0, 0, -0.2], world)[:, 0] for leg in quadruped.LEGS]
+        np.testing.assert_allclose(kinematics.world_feet(A1, state), feet, atol=TOLERANCE)
+        low = [foot[2] - 0.02 for foot in feet]
         np.testing.assert_allclose(kinematics.foot_heights(A1, state), low, atol=TOLERANCE)
+
+        def lower(frame, ends, locate=locate):
+            points = locate(frame, np.array([[0, 0, end] for end in ends]).T, world)
+            return points[:, np.argmin(points[2])]
+
+        corners = locate("trunk", box_points(A1.trunk_box, 0.0), world)
+        expected = [
+            corners[:, np.argmin(corners[2])],
+            *(lower(f"{leg}_thigh", [0.0, -0.2]) for leg in quadruped.LEGS),
+            *(lower(f"{leg}_calf", [0.0, -0.18]) for leg in quadruped.LEGS),
+        ]
+        found = kinematics.lowest_body_points(A1, state, 0.9)
+        np.testing.assert_allclose(found, expected, atol=TOLERANCE)
 
         limb_box = {"thigh": A1.thigh_box[::-1], "calf": A1.calf_box[::-1]}
         lowest = [locate("trunk", box_points(A1.trunk_box, 0.0), world)[2].min()]
@@ -60,10 +75,25 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
 
 def test_batches_agree_with_single_robots(random_states):
     states = random_states(6)
-    for function in (kinematics.foot_heights, kinematics.body_clearance):
+    for function in (
+        kinematics.foot_heights,
+        kinematics.body_clearance,
+        kinematics.world_feet,
+        kinematics.lowest_body_points,
+    ):
         batch = function(A1, states.reshape(2, 3, -1))
         single = np.array([function(A1, state) for state in states])
-        np.testing.assert_allclose(batch.reshape(6, -1), single, atol=1e-14)
+        np.testing.assert_allclose(batch.reshape(single.shape), single, atol=1e-14)
+
+
+def test_foot_velocities_are_the_differences_of_positions(random_states, generator):
+    pose = random_states(30)[:, quadruped.JOINT_POSITION]
+    rates, step = generator.normal(size=pose.shape), 1e-6
+    ahead, behind = (
+        kinematics.foot_positions(A1, pose + sign * step * rates) for sign in (1.0, -1.0)
+    )
+    found = kinematics.foot_velocities(A1, pose, rates)
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-9)
 
 
 def test_gravity_points_down_in_a_level_trunk():

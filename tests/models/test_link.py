@@ -10,7 +10,7 @@ import pytest
 
 import glassgait.models.link
 from glassgait.models.errors import InputError
-from glassgait.models.link.loss import Loss
+from glassgait.models.link.channels import Channels, LinkSettings, Tally
 from glassgait.models.link.messages import command_t, sensors_t, targets_t
 from glassgait.models.link.packing import (
     pack_command,
@@ -21,8 +21,6 @@ from glassgait.models.link.packing import (
     unpack_imu,
     unpack_joints,
 )
-from glassgait.models.link.settings import Channels, LinkSettings
-from glassgait.models.link.tally import Tally
 from glassgait.models.task.command import Command
 
 FOLDER = Path(glassgait.models.link.__file__).parent
@@ -97,26 +95,6 @@ def test_another_session_begins_anew():
 
 def test_a_leap_of_any_length_is_counted_at_once():
     assert counted(0, 2**60)["lost"] == 2**60 - 1
-
-
-def test_a_share_of_messages_is_lost_by_the_seed(generator):
-    loss = Loss(share=0.2)
-    lost = loss.draw(20_000, 2, generator)
-    np.testing.assert_allclose(lost.mean(axis=0), 0.2, atol=0.02)
-    # Each channel by itself.
-    assert abs((lost[:, 0] & lost[:, 1]).mean() - 0.04) < 0.01
-    again = [loss.draw(50, 2, np.random.default_rng(3)) for _ in range(2)]
-    np.testing.assert_array_equal(*again)
-    assert not Loss().draw(100, 2, generator).any()
-
-
-def test_a_burst_takes_all_messages_of_its_time_once_an_interval(generator):
-    lost = Loss(burst=0.5).draw(2000, 2, generator)
-    np.testing.assert_array_equal(lost[:, 0], lost[:, 1])
-    for interval in np.split(lost[:, 0], 4):
-        (begin, end) = np.flatnonzero(np.diff(interval.astype(int)))
-        assert end - begin == 25
-        assert 124 <= begin <= 375
 
 
 @pytest.mark.parametrize(

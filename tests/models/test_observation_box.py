@@ -143,3 +143,17 @@ def test_refuses_an_empty_range():
 def test_reports_how_to_measure_a_box_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="--measure"):
         operating_box(TROT, tmp_path / "none.yaml")
+
+
+def test_a_box_of_robots_that_observe_an_imu_is_loaded_as_one(trot, tmp_path):
+    names = ObservationLayout(2, imu=True).names
+    narrow = ObservationBox(A1, names, np.full(len(names), -0.1), np.full(len(names), 0.1))
+    box = commanded(narrow, trot)
+    assert box.names == names
+    path = tmp_path / "trot.yaml"
+    box.save(path, trot, "by a test")
+    assert load_box(path, trot, A1).names == names
+    assert operating_box(trot, A1).names != names
+    physical = physical_box(trot, box)
+    gravity = [i for i, name in enumerate(names) if name.startswith("Gravity")]
+    assert np.all(physical.upper[gravity] > 1.0) and np.all(physical.lower[gravity] < -1.0)

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
+from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, save_arrays
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
-from glassgait.models.policies.neural import elu
+from glassgait.models.policies.neural import NeuralPolicy, elu
 from glassgait.models.policies.policy import first_not_finite
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.models.task.odometry import Odometry
 
 A1 = load_robot()
 
@@ -51,6 +53,34 @@ def test_files_give_back_the_same_policy(every_policy, samples, tmp_path):
         assert type(loaded) is type(policy)
         assert (loaded.gait, loaded.observation_names) == ("trot", NAMES)
         np.testing.assert_array_equal(loaded(observations), policy(observations))
+
+
+def test_an_expert_that_observes_by_odometry_is_saved_with_its_gain(imu_expert, tmp_path):
+    path = tmp_path / "expert.safetensors"
+    imu_expert.save(path)
+    loaded = load_policy(path)
+    assert loaded.estimator == Odometry(gain=0.3)
+    assert loaded.layout.imu and loaded.observation_names == imu_expert.observation_names
+    rows = np.random.default_rng(1).normal(size=(5, loaded.layout.size))
+    np.testing.assert_allclose(loaded(rows), imu_expert(rows), atol=1e-5)
+    # Files hold single precision.
+    loaded.save(tmp_path / "again.safetensors")
+    assert load_policy(tmp_path / "again.safetensors").digest() == loaded.digest()
+    other = NeuralPolicy("trot", loaded.observation_names, loaded.actor, Odometry(gain=0.2))
+    assert other.digest() != loaded.digest()
+    with pytest.raises(InputError, match="--senses learned"):
+        _ = loaded.learned_estimator
+
+
+@pytest.mark.parametrize("gain", [0, 2.0, "much", None])
+def test_a_file_whose_odometry_is_none_is_refused(gain, imu_expert, tmp_path):
+    path = tmp_path / "expert.safetensors"
+    imu_expert.save(path)
+    arrays, header = load_arrays(path)
+    header["values"]["odometry"] = {"gain": gain}
+    save_arrays(path, arrays, header)
+    with pytest.raises(InputError, match="odometry"):
+        load_policy(path)
 
 
 def test_batches_agree_with_single_rows(every_policy, samples):

@@ -84,10 +84,7 @@ def test_arrays_that_no_policy_can_have_are_refused_in_python_as_well(
         (lambda: small_additive(deviations=np.full((12, N, 4), -1.0)), "holds -1"),
         (lambda: NeuralPolicy("trot", NAMES, neural.estimator, neural.estimator), "actor.0.w"),
         (lambda: NeuralPolicy("trot", NAMES, neural.actor, neural.actor), r"must be \(8, 42\)"),
-        (
-            lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural.estimator),
-            "lacks the array",
-        ),
+        (lambda: NeuralPolicy("trot", NAMES, Network((), ()), neural.estimator), "lacks the array"),
         (lambda: SymbolicPolicy("trot", NAMES, symbolic.expressions[:2]), "12 joints"),
         (lambda: StatewiseSymbolicPolicy("trot", NAMES, symbolic.expressions), "2 states"),
     ):

@@ -9,11 +9,7 @@ from interpret.glassbox import ExplainableBoostingRegressor
 
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.additive import AdditivePolicy
-from glassgait.models.policies.arrays import (
-    lower_neighbours,
-    narrowest,
-    single_precision_cuts,
-)
+from glassgait.models.policies.arrays import lower_neighbours, narrowest, single_precision_cuts
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.library import load_policy
 from glassgait.models.robots import quadruped
@@ -126,11 +122,7 @@ def test_thresholds_of_exact_trees_need_no_more_than_single_precision(thresholds
     np.testing.assert_array_equal(single_precision_cuts(lower), cuts)
 
 
-@given(
-    st.floats(-1e6, 1e6),
-    st.integers(-3, 3),
-    st.sampled_from([-1, 0, 1]),
-)
+@given(st.floats(-1e6, 1e6), st.integers(-3, 3), st.sampled_from([-1, 0, 1]))
 def test_cuts_part_doubles_as_rounding_to_single_precision_does(threshold, ulps, nudge):
     cut = single_precision_cuts(np.array(threshold))
     single = np.float32(threshold)

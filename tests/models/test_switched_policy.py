@@ -76,10 +76,7 @@ def test_an_action_goes_toward_the_policys_as_far_as_a_step_may(switch, walkers,
 
 
 def test_digests_differ_by_policy_estimator_and_order(switch, walkers):
-    trot, walk = (
-        alone(load_expert("trot")),
-        alone(load_expert("walk")),
-    )
+    trot, walk = (alone(load_expert("trot")), alone(load_expert("walk")))
     digests = {
         SwitchedPolicy(switch, walkers).digest(),
         SwitchedPolicy(switch, [walk, trot]).digest(),

@@ -13,10 +13,13 @@ import pytest
 from glassgait.diagrams.rollout import Rollout
 from glassgait.models.formulas.text import parse_expression, variable_names
 from glassgait.models.policies.library import load_expert
+from glassgait.models.policies.linear import LinearPolicy
 from glassgait.models.policies.neural import MirroredNetwork, Network, NeuralPolicy
+from glassgait.models.policies.open_loop import OpenLoopPolicy
+from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.gait import load_gait
+from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.explanation.page import explain_rollout, render_page
 
@@ -99,21 +102,39 @@ def few() -> tuple[StatewiseSymbolicPolicy, Rollout]:
     return policy, Rollout(np.array([0.0, 0.02]), {**values, "foot_contact": np.zeros((2, 4))})
 
 
+@pytest.fixture(scope="session")
+def explained_page() -> Callable[..., Path]:
+    """Writes the page that explains a rollout, from its first step and joint on."""
+
+    def write(folder: Path, gait: Gait, policy: Policy, rollout: Rollout, **options: Any) -> Path:
+        shown = {"policy_name": "few", "replay": "", "joint": 0, "step": 0, "figures": []}
+        explained = explain_rollout(policy, rollout)
+        page = render_page(
+            gait=gait, policy=policy, rollout=rollout, explained=explained, **(shown | options)
+        )
+        (folder / "index.html").write_text(page)
+        return folder / "index.html"
+
+    return write
+
+
 @pytest.fixture(scope="module")
-def few_page(few: tuple, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def few_page(few: tuple, explained_page: Callable[..., Path], tmp_path_factory: Any) -> Path:
     """The page that explains the two steps of the student with few terms."""
-    policy, rollout = few
-    path = tmp_path_factory.mktemp("few") / "index.html"
-    text = render_page(
-        gait=load_gait("trot"),
-        policy_name="few",
-        policy=policy,
-        rollout=rollout,
-        explained=explain_rollout(policy, rollout),
-        replay="",
-        joint=0,
-        step=0,
-        figures=[],
-    )
-    path.write_text(text)
-    return path
+    return explained_page(tmp_path_factory.mktemp("few"), load_gait("trot"), *few)
+
+
+@pytest.fixture(scope="session")
+def few_students(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a linear student, which leans a little, and one that is no sum of terms.
+
+    A third observes what the walk's do.
+    """
+    folder = tmp_path_factory.mktemp("students")
+    names, walk = (load_expert(gait).observation_names for gait in ("trot", "walk"))
+    weights = 0.02 * np.random.default_rng(3).normal(size=(12, len(names)))
+    LinearPolicy("trot", names, weights, np.full(12, 0.1)).save(folder / "linear.safetensors")
+    OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
+    still = LinearPolicy("trot", walk, np.zeros((12, len(walk))), np.zeros(12))
+    still.save(folder / "ebm.safetensors")
+    return folder

@@ -27,6 +27,7 @@ A1 = load_robot()
 
 
 NAMES = ObservationLayout(2).names
+PAGE = load_student("trot", "sparse_formula")
 STATES = [NAMES.index("RM State 0"), NAMES.index("RM State 1")]
 HIP, COMMAND = NAMES.index("DoF Pos FL Hip"), NAMES.index("Command X")
 
@@ -43,11 +44,11 @@ def seen(hip, state):
 def test_a_region_bounds_each_state_but_leaves_commands_their_range(trot, generator):
     hip = generator.uniform(0.0, 1.0, (4000, 2))
     state = np.arange(4000)[:, None] % 2 + np.zeros((1, 2))
-    region = make_region(trot, A1, seen(hip + 5.0 * state, state), quantile=0.01)
+    region = make_region(trot, PAGE, seen(hip + 5.0 * state, state), quantile=0.01)
     np.testing.assert_allclose(region.lower[:, HIP], [0.01, 5.01], atol=0.01)
     np.testing.assert_allclose(region.upper[:, HIP], [0.99, 5.99], atol=0.01)
     assert (region.lower[0, COMMAND], region.upper[0, COMMAND]) == (-1.0, 1.0)
-    whole = make_region(trot, A1, seen(hip + 5.0 * state, state), quantile=0.01, kind="whole")
+    whole = make_region(trot, PAGE, seen(hip + 5.0 * state, state), quantile=0.01, kind="whole")
     assert whole.lower[0, HIP] == whole.lower[1, HIP] < 0.1
     assert whole.upper[0, HIP] == whole.upper[1, HIP] > 5.9
 
@@ -55,7 +56,7 @@ def test_a_region_bounds_each_state_but_leaves_commands_their_range(trot, genera
 def test_what_fell_robots_saw_bounds_nothing(trot):
     hip = np.array([[0.0, 0.0], [1.0, 9.0], [1.0, 9.0]])
     visits = replace(seen(hip, np.zeros((3, 2))), fell=np.array([3, 0]))
-    assert make_region(trot, A1, visits, quantile=0.0).upper[0, HIP] == 1.0
+    assert make_region(trot, PAGE, visits, quantile=0.0).upper[0, HIP] == 1.0
 
 
 def test_robots_of_several_walks_stand_side_by_side(trot):
@@ -66,12 +67,12 @@ def test_robots_of_several_walks_stand_side_by_side(trot):
     both = joined([first, replace(second, fell=np.array([2]))])
     assert both.observation.shape == (4, 3, 49)
     assert both.fallen.tolist() == [2]
-    region = make_region(trot, A1, both, quantile=0.0)
+    region = make_region(trot, PAGE, both, quantile=0.0)
     assert region.upper[:, HIP].tolist() == [1.0, 3.0]
 
 
 def test_in_a_state_that_no_robot_was_in_everything_is_outside(trot):
-    region = make_region(trot, A1, seen(np.ones((5, 1)), np.zeros((5, 1))), quantile=0.0)
+    region = make_region(trot, PAGE, seen(np.ones((5, 1)), np.zeros((5, 1))), quantile=0.0)
     observation = np.zeros(49)
     observation[[HIP, STATES[1]]] = 1.1, 1.0
     assert region.overrun(observation) == np.inf
@@ -152,6 +153,11 @@ def test_the_walk_has_a_box_for_each_of_its_states():
     for step in range(8):
         observation[step, 0, first + step % 4] = 1.0
     observation[..., names.index("Command RM Iters")] = 0.8
-    region = make_region(walk, A1, Visits(observation, np.array([8])), quantile=0.0)
+    region = make_region(
+        walk,
+        load_student("walk", "sparse_formula"),
+        Visits(observation, np.array([8])),
+        quantile=0.0,
+    )
     assert region.lower.shape == (4, 51)
     np.testing.assert_array_equal(region.overrun(observation), np.zeros((8, 1)))

@@ -3,6 +3,7 @@
 import itertools
 import json
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -13,9 +14,11 @@ from sklearn.linear_model import LinearRegression
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.files import write_record
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.policies.library import load_expert
+from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
-from glassgait.studies.deployment.export.compiler import has_compiler
+from glassgait.studies.common.policies import find_policies
+from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
     EbmSettings,
@@ -23,18 +26,17 @@ from glassgait.studies.distillation.students.boosting import (
     HistogramGbmSettings,
 )
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.reproduction.benchmark import command, controllers, python_times
+from glassgait.studies.reproduction.benchmark.controllers import Times, call_times, fastest
 from glassgait.studies.reproduction.benchmark.python_times import (
     NaiveModel,
     compiled_against_library,
     expert_samples,
     naive_minutes,
-    single_row_microseconds,
     study_against_naive_loop,
 )
 from glassgait.studies.reproduction.benchmark.throughput import training_and_physics
-from glassgait.studies.reproduction.benchmark.timing import Times, call_times, fastest
 from glassgait.studies.training.config import PpoConfig, TrainingConfig
 
 
@@ -50,12 +52,6 @@ def test_training_and_physics_are_timed_over_the_same_steps():
     best = {name: max(row[name] for row in rows) for name in rows[0]}
     assert best["physics"] > best["training"] > 0
     assert best["late_physics"] > best["training"]
-
-
-def test_single_row_time_counts_calls():
-    calls = []
-    assert single_row_microseconds(calls.append, np.zeros(3)) >= 0
-    assert len(calls) == 320
 
 
 @pytest.mark.slow
@@ -105,11 +101,16 @@ def test_study_and_naive_loop_are_summed(linear_models, tmp_path):
     assert study_against_naive_loop(SAMPLES, TWO_EPISODES, tmp_path / "none").empty
 
 
+def policies(gait="trot", *kinds):
+    """Returns the shipped policies of a gait, of its students some kinds alone."""
+    found = find_policies(load_gait(gait), quiet=True)
+    return replace(found, files={kind: found.files[kind] for kind in kinds})
+
+
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
-def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
-    kept = {"sparse_formula": load_student("trot", "sparse_formula")}
-    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: kept)
-    table = controllers.controller_times("trot", count=1000).set_index("policy")
+def test_controllers_in_c_are_timed_part_by_part():
+    found = policies("trot", "sparse_formula")
+    table = controllers.controller_times(found, count=1000).set_index("policy")
     assert table.index.tolist() == ["expert", "sparse_formula"]
     assert (table > 0).all(axis=None)
     assert table["policy (µs)"]["sparse_formula"] < table["policy (µs)"]["expert"]
@@ -119,9 +120,9 @@ def test_controllers_in_c_are_timed_part_by_part(monkeypatch):
 
 
 @pytest.mark.skipif(not has_compiler(), reason="needs a C compiler, cc")
-def test_controllers_of_several_gaits_are_timed_as_a_whole(monkeypatch):
-    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
-    (row,) = controllers.switching_times(("walk", "trot"), count=1000).to_dict("records")
+def test_controllers_of_several_gaits_are_timed_as_a_whole():
+    several = [policies("walk"), policies("trot")]
+    (row,) = controllers.switching_times(several, count=1000).to_dict("records")
     assert row["policy"] == "expert"
     assert 0 < row["step (µs)"] < row["step, 99.9 % (µs)"]
     assert row["C file (kB)"] > row["object file (kB)"] > 100
@@ -142,21 +143,16 @@ def test_calls_are_timed_row_by_row():
     assert 0.0 < times.median < 1e6
 
 
-def test_the_same_policies_are_timed_elsewhere(monkeypatch):
-    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
+def test_the_same_policies_are_timed_elsewhere(monkeypatch, capsys):
     monkeypatch.setattr(python_times, "N_STEPS", 3)
-    table = python_times.peer_times("trot", count=40).set_index("policy")
+    found = policies()
+    if find_spec("onnxruntime"):
+        table = python_times.peer_times(found, count=40).set_index("policy")
+        assert table["both, ONNX (µs)"]["expert"] > 0
+    monkeypatch.setitem(sys.modules, "glassgait.models.export.graphs.runtime", None)
+    table = python_times.peer_times(found, count=40).set_index("policy")
     assert table.index.tolist() == ["expert"]
     assert table["both, Python (µs)"]["expert"] > table["policy, Python (µs)"]["expert"] > 0
-    if find_spec("onnxruntime"):
-        assert table["both, ONNX (µs)"]["expert"] > 0
-
-
-def test_without_the_runtime_python_is_timed_alone(monkeypatch, capsys):
-    monkeypatch.setattr(controllers, "load_shipped_students", lambda expert: {})
-    monkeypatch.setattr(python_times, "N_STEPS", 3)
-    monkeypatch.setitem(sys.modules, "glassgait.models.export.graphs.runtime", None)
-    table = python_times.peer_times("trot", count=10)
     assert not any("ONNX" in title for title in table.columns)
     assert "pip install 'glassgait[onnx]'" in capsys.readouterr().out
 
@@ -187,12 +183,14 @@ def test_trees_by_tl2cgen_give_what_ours_give(trot, generator):
 def test_parts_are_measured_as_asked(tmp_path, monkeypatch):
     table = pd.DataFrame({"policy": ["sparse_formula"], "step (µs)": [1.0]})
     for name in ("controller_times", "peer_times"):
-        monkeypatch.setattr(command, name, lambda gait: table)
+        monkeypatch.setattr(command, name, lambda found: table)
     monkeypatch.setattr(command, "has_compiler", lambda: True)
     monkeypatch.setitem(
         sys.modules, "glassgait.studies.reproduction.benchmark.compiled_trees", None
     )
-    main(["reproduce", "benchmark", "--parts", "controllers", "--output", str(tmp_path / "run")])
+    parts = ["--parts", "controllers", "inference", "trees"]
+    main(["reproduce", "benchmark", *parts, "--output", str(tmp_path / "run")])
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert set(metrics) == {"controllers", "peers", "peak_memory_mb"}
+    assert set(metrics) == {"controllers", "peers", "inference", "peak_memory_mb"}
+    assert metrics["inference"][0]["policy"] == "Neural expert"
     assert (tmp_path / "run" / "peers.csv").exists()

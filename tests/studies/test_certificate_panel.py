@@ -16,7 +16,6 @@ from glassgait.models.task.observation import entries_of, machine_state_entries
 from glassgait.studies.cli import main
 from glassgait.studies.distillation.students.library import find_certificate
 from glassgait.studies.explanation.certificate import certificate_panel, outside_in_words
-from glassgait.studies.explanation.page import explain_rollout, render_page
 
 A1 = load_robot()
 
@@ -53,7 +52,7 @@ def explained(tmp_path_factory):
     return output / "index.html"
 
 
-def test_every_claim_is_told_with_its_verdict(panel):
+def test_every_claim_is_shown_with_its_verdict(panel):
     assert [row.name for row in panel.rows] == [v.claim.name for v in CERTIFICATE.verdicts]
     words = {"proved": "✓ proved", "refuted": "✗ refuted", "undecided": "○ open"}
     for row, verdict in zip(panel.rows, CERTIFICATE.verdicts, strict=True):
@@ -70,11 +69,11 @@ def test_the_policy_answers_a_witness_as_the_certificate_says(panel):
     assert calves["targets"][0][5] < panel.data["limits"][5][0]
     symbols = [entry.symbol for entry in entries_of(load_policy(PAGE).observation_names)]
     witness = CERTIFICATE.verdicts[CALVES].witnesses[0]
-    told = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
-    assert told == pytest.approx({symbol: witness[symbol] for symbol in told}, abs=1e-5)
+    shown = dict(zip((symbols[k] for k in calves["inputs"]), calves["values"][0], strict=True))
+    assert shown == pytest.approx({symbol: witness[symbol] for symbol in shown}, abs=1e-5)
     # The formula of the front right calf sees the rear left foot's height, not its own hip.
-    assert "h.RL" in told
-    assert "q.FR_hip" not in told
+    assert "h.RL" in shown
+    assert "q.FR_hip" not in shown
 
 
 def test_only_refuted_claims_have_witnesses(panel):
@@ -90,7 +89,7 @@ def test_a_page_holds_numbers_that_every_browser_reads(panel):
     assert json.loads(text)["witnesses"][CALVES]["nearest"] is not None
 
 
-def test_steps_outside_of_the_box_are_told(panel, observed):
+def test_steps_outside_of_the_box_are_counted(panel, observed):
     outside = panel.data["outside"]
     last = observed.shape[1] - 1
     assert [step for step, own in enumerate(outside) if own] == [7, 8]
@@ -130,16 +129,16 @@ def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--policy", "symbolic", "--certificate", str(PATH)], "is of another policy than"),
         (["--policy", "sparse_formula", "--certificate", str(PAGE)], "is no certificate; make one"),
         (["--policy", "sparse_formula", "--certificate", "none.json"], "no such file"),
     ],
 )
-def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, told):
+def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, message):
     output = tmp_path / "sparse_formula"
-    assert told in refused(["explain", "page", *arguments, "--output", str(output)])
+    assert message in refused(["explain", "page", *arguments, "--output", str(output)])
     assert not output.exists()
 
 
@@ -181,27 +180,16 @@ def test_a_witness_moves_the_timeline_to_the_moment_that_is_nearest(explained, b
     assert not browser.find_elements("id", "witness")
 
 
-def test_the_timeline_marks_the_steps_outside_of_the_box(panel, observed, browser, tmp_path):
+def test_the_timeline_marks_the_steps_outside_of_the_box(
+    panel, observed, explained_page, browser, tmp_path
+):
     policy = load_policy(PAGE)
     states = observed[:, machine_state_entries(policy.observation_names)]
     values = {"observations": observed, "actions": policy(observed), "rm_state": states}
     values |= {"rm_iterations": np.zeros((len(observed), 1)), "foot_contact": np.zeros((40, 4))}
     rollout = Rollout(0.02 * np.arange(len(observed)), values)
-    page = tmp_path / "index.html"
-    page.write_text(
-        render_page(
-            gait=GAIT,
-            policy_name="sparse_formula",
-            policy=policy,
-            rollout=rollout,
-            explained=explain_rollout(policy, rollout),
-            replay="",
-            joint=0,
-            step=7,
-            figures=[],
-            certificate=panel,
-        )
-    )
+    options = {"policy_name": "sparse_formula", "step": 7, "certificate": panel}
+    page = explained_page(tmp_path, GAIT, policy, rollout, **options)
     browser.get(f"file://{page}")
     (mark,) = browser.find_elements("css selector", "#gait rect.outside")
     # The timeline is 610 wide, from step 0 to step 39.

@@ -6,14 +6,21 @@ import pandas as pd
 import pytest
 
 from glassgait.diagrams.scenario import load_scenario
+from glassgait.models.certificates.checker import RefusedError
+from glassgait.models.certificates.checker.text import FormulaText
 from glassgait.models.certificates.observation_box import (
+    ObservationBox,
     load_box,
     operating_box,
     physical_box,
 )
+from glassgait.models.formulas.odometry import odometry_lines
 from glassgait.models.policies.library import load_expert, load_student
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.observation import ObservationLayout, entries_of
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.verification.measurement import measure_box
@@ -180,3 +187,88 @@ def test_nothing_is_proved_of_an_expert(policy, capsys):
         main(["verify", "prove", "--policy", "expert", "--output", "out"])
     assert ended.value.code == 2
     assert "nothing is proved of a network; name a student" in capsys.readouterr().err
+
+
+IMU_FILE = """format: 1
+gait: trot
+states: 2
+senses: imu
+mirror: 1 0
+
+odometry
+{odometry}
+
+every state
+{formulas}
+"""
+
+
+def imu_policy(folder):
+    """Writes formulas of gravity and of the angular velocity, and a box of what they observe."""
+    left = [joint for joint in quadruped.JOINTS if joint[1] == "L"]
+    stance = {joint: A1.default_stance[quadruped.joint_index(joint)] for joint in left}
+    formulas = [f"{own} = {angle} + 0.1*g.y - 0.01*w.x" for own, angle in stance.items()]
+    text = IMU_FILE.format(
+        odometry="\n".join(odometry_lines(Odometry(gain=0.3))), formulas="\n".join(formulas)
+    )
+    (folder / "imu.formulas").write_text(text)
+    gait = load_gait("trot")
+    box = operating_box(gait, A1)
+    names = ObservationLayout(2, imu=True).names
+    ends = zip(entries_of(box.names), *box.quantities, strict=True)
+    ranges = {entry.symbol: (low, high) for entry, low, high in ends}
+    ranges |= {f"g.{axis}": (-0.5, 0.5) for axis in "xy"} | {"g.z": (-1.05, -0.8)}
+    ranges |= {f"w.{axis}": (-4.0, 4.0) for axis in "xyz"}
+    ObservationBox.of_quantities(A1, names, ranges).save(folder / "imu.yaml", gait, "by a test")
+    return text
+
+
+IMU_CLAIMS = """
+claims:
+  - name: A lean moves no hip by more than 0.11 rad
+    kind: effect
+    joints: [FL_hip, RR_hip]
+    observations: [g.y]
+    most: 0.11
+  - name: Turning moves no thigh by more than 0.07 rad
+    kind: effect
+    joints: [FL_thigh]
+    observations: [w.x]
+    most: 0.07
+  - name: The hip rises nowhere with a lean
+    kind: never
+    joints: [FL_hip]
+    observations: [g.y]
+    never: rises
+  - name: A stuck gyroscope leaves the thigh within 1.3 rad
+    kind: limits
+    joints: [FL_thigh]
+    most: 1.3
+    stuck: [w.x]
+"""
+
+
+def test_claims_of_an_imu_are_proved_refuted_and_checked(policy, capsys):
+    text = imu_policy(policy.parent)
+    (policy.parent / "imu_claims.yaml").write_text(IMU_CLAIMS)
+    options = ["--policy", "imu.formulas", "--box", "imu.yaml", "--claims", "imu_claims.yaml"]
+    main(["verify", "prove", *options, "--output", "out"])
+    content = json.loads((policy.parent / "out" / "certificate.json").read_text())
+    by_name = {claim["name"]: claim for claim in content["claims"]}
+    own = [by_name[line[10:]]["outcome"] for line in IMU_CLAIMS.split("\n") if "- name" in line]
+    assert own == ["proved", "refuted", "refuted", "proved"]
+    assert by_name["Left and right are treated alike"]["outcome"] == "proved"
+    assert content["boxes"]["physical"]["w.x"] == [-20.0, 20.0]
+    assert content["boxes"]["physical"]["g.x"] == [-1.05, 1.05]
+    main(["verify", "check", "out", "--policy", "imu.formulas"])
+    assert "hold" in capsys.readouterr().out
+    # The checker knows the one program of odometry as well, and no sense that it does not know.
+    for changed in (
+        text.replace("0.02*9.81", "0.02*9.8"),
+        text.replace("0.3*(measured", "3*(measured"),
+        text.replace("senses: imu", "senses: sonar"),
+        text.replace("\nodometry", "\ndefinitions\nd = 1\n\nodometry"),
+    ):
+        with pytest.raises(RefusedError):
+            FormulaText.read(changed)
+    assert FormulaText.read(text.replace("0.02*cross(w, v)", "0.02 * cross( w,v )")).imu

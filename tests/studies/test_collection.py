@@ -35,13 +35,13 @@ def test_labels_are_the_experts_whoever_acts(expert):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(
-    ("network", "told"),
+    ("network", "message"),
     [
         ("actor", "the action of FL_calf is not finite"),
         ("estimator", "Base Lin Vel Z is not finite"),
     ],
 )
-def test_samples_that_are_not_finite_are_refused(expert, network, told):
+def test_samples_that_are_not_finite_are_refused(expert, network, message):
     own = getattr(expert, network)
     last = own.network.biases[-1].copy()
     last[2] = np.nan
@@ -50,7 +50,7 @@ def test_samples_that_are_not_finite_are_refused(expert, network, told):
     # An estimator is a property, which other policies are given.
     name = "_estimator" if network == "estimator" else network
     setattr(broken, name, replace(own, network=inner))
-    with pytest.raises(InputError, match=f"{told} at control step 0 of its episode"):
+    with pytest.raises(InputError, match=f"{message} at control step 0 of its episode"):
         collect(
             load_gait("trot"),
             alone(broken),

@@ -6,9 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.studies.cli import main
@@ -21,20 +18,9 @@ STEP = 12
 
 
 @pytest.fixture(scope="module")
-def students(tmp_path_factory):
-    """A folder with a linear student, which leans a little, and one that is not searched."""
-    folder = tmp_path_factory.mktemp("students")
-    names = load_expert("trot").observation_names
-    weights = 0.02 * np.random.default_rng(3).normal(size=(12, len(names)))
-    LinearPolicy("trot", names, weights, np.full(12, 0.1)).save(folder / "linear.safetensors")
-    OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def page(students, tmp_path_factory):
+def page(few_students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page") / "run"
-    where = ["--source", str(students), "--output", str(output)]
+    where = ["--source", str(few_students), "--output", str(output)]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "0.004", "--survey", "4"]
     main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     return output / "index.html"
@@ -73,7 +59,7 @@ def test_the_replayed_robot_is_asked_for_what_was_answered(page):
     assert (survey["by"].abs() == 0.004).all()
 
 
-def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatch):
+def test_what_comes_before_the_moment_is_the_same(few_students, tmp_path, monkeypatch):
     kept = []
 
     def keep(left, right, path, **_):
@@ -83,7 +69,7 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
     monkeypatch.setattr(
         "glassgait.studies.explanation.counterfactuals.command.save_pair_replay", keep
     )
-    where = ["--source", str(students), "--output", str(tmp_path / "run")]
+    where = ["--source", str(few_students), "--output", str(tmp_path / "run")]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
     main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
     was, would_be = (own.rollout for own in kept)
@@ -110,9 +96,9 @@ def test_what_comes_before_the_moment_is_the_same(students, tmp_path, monkeypatc
         (["--gait", "gallop"], "gallop"),
     ],
 )
-def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
+def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):
     short = ["--step", "3", "--seconds", "0.1"]
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--source", str(students), "--output", str(tmp_path / "sparse_formula")]
+    where = ["--source", str(few_students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", "counterfactual", *policy, *short, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()

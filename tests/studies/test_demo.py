@@ -14,7 +14,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.common.figures import save_figure, subplots
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 from glassgait.studies.reproduction import demo
 from glassgait.studies.reproduction.demo import Parts, demo_page, formula_texts

@@ -19,7 +19,7 @@ from glassgait.studies.distillation.students.boosting import (
 )
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds, r2_scores
 from glassgait.studies.distillation.students.library import load_students
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,

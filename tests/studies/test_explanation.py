@@ -7,38 +7,22 @@ import pytest
 import yaml
 
 from glassgait.diagrams.rollout import Rollout
-from glassgait.models.formulas.file import formula_lines
+from glassgait.models.formulas.file import formula_lines, read_formulas
 from glassgait.models.formulas.tape import Tape
 from glassgait.models.policies.library import load_expert, load_student
 from glassgait.models.policies.linear import LinearPolicy
-from glassgait.models.policies.open_loop import OpenLoopPolicy
 from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.observation import machine_state_entries
 from glassgait.studies.cli import main
-from glassgait.studies.explanation.page import explain_rollout, render_page
+from glassgait.studies.explanation.page import explain_rollout
 from glassgait.studies.explanation.policy_data import file_lines, variables_of
 
 
 @pytest.fixture(scope="module")
-def students(tmp_path_factory):
-    """A folder with a linear student, which leans a little, and one that is no sum of terms."""
-    folder = tmp_path_factory.mktemp("students")
-    names = load_expert("trot").observation_names
-    weights = 0.02 * np.random.default_rng(3).normal(size=(12, len(names)))
-    LinearPolicy("trot", names, weights, np.full(12, 0.1)).save(folder / "linear.safetensors")
-    OpenLoopPolicy("trot", names, np.zeros((2, 5, 12))).save(folder / "open_loop.safetensors")
-    walk = load_expert("walk").observation_names
-    LinearPolicy("trot", walk, np.zeros((12, len(walk))), np.zeros(12)).save(
-        folder / "ebm.safetensors"
-    )
-    return folder
-
-
-@pytest.fixture(scope="module")
-def page(students, tmp_path_factory):
+def page(few_students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
-    where = ["--source", str(students), "--output", str(output)]
+    where = ["--source", str(few_students), "--output", str(output)]
     main(["explain", "page", "--policy", "linear", "--seconds", "0.8", "--step", "12", *where])
     return output / "index.html"
 
@@ -89,7 +73,7 @@ def test_factors_are_those_of_the_terms(kind, generator):
             np.testing.assert_allclose(value, expected, rtol=1e-9)
 
 
-def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
+def test_names_of_a_gait_are_text_and_nothing_else(trot, explained_page, tmp_path, embedded):
     states = ("<b>bold</b>", "</script><script>throw 1</script>")
     gait = replace(trot, states=states, description="<i>slanted</i>")
     names = load_expert("trot").observation_names
@@ -99,29 +83,18 @@ def test_names_of_a_gait_are_text_and_nothing_else(trot, tmp_path, embedded):
         np.zeros(2), {name: np.zeros((2, n)) for name, n in {**values, "foot_contact": 4}.items()}
     )
     policy.limits_targets = True
-    page = render_page(
-        gait=gait,
-        policy_name="<u>mine</u>",
-        policy=policy,
-        rollout=rollout,
-        explained=explain_rollout(policy, rollout),
-        replay="",
-        joint=0,
-        step=0,
-        figures=[],
-    )
+    path = explained_page(tmp_path, gait, policy, rollout, policy_name="<u>mine</u>")
+    page = path.read_text()
     for tag in ("<b>bold", "<i>slanted", "<u>mine", "<script>throw"):
         assert tag not in page
     assert "Targets are limited" in page
-    path = tmp_path / "index.html"
-    path.write_text(page)
     assert tuple(embedded(path, "data")["states"]) == states
 
 
-def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, refused):
+def test_each_student_has_a_folder_of_its_own(few_students, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     short = ["explain", "page", "--seconds", "0.2", "--step", "5"]
-    main([*short, "--policy", "linear", "--source", str(students)])
+    main([*short, "--policy", "linear", "--source", str(few_students)])
     page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
     before = page.read_bytes()
     main([*short, "--policy", "statewise_linear"])
@@ -129,7 +102,7 @@ def test_each_student_has_a_folder_of_its_own(students, tmp_path, monkeypatch, r
     folder = ["--output", str(page.parent)]
     assert "page of another student" in refused([*short, "--policy", "statewise_linear", *folder])
     assert page.read_bytes() == before
-    main([*short, "--policy", "linear", "--source", str(students), "--joint", "FR_calf"])
+    main([*short, "--policy", "linear", "--source", str(few_students), "--joint", "FR_calf"])
     assert page.read_bytes() != before
 
 
@@ -141,8 +114,8 @@ def test_a_page_of_something_else_is_kept(tmp_path, refused):
     assert list(tmp_path.iterdir()) == [page]
 
 
-def test_a_short_rollout_is_shown_at_its_last_step(students, tmp_path, embedded):
-    where = ["--source", str(students), "--output", str(tmp_path)]
+def test_a_short_rollout_is_shown_at_its_last_step(few_students, tmp_path, embedded):
+    where = ["--source", str(few_students), "--output", str(tmp_path)]
     main(["explain", "page", "--policy", "linear", "--seconds", "0.2", *where])
     assert embedded(tmp_path / "index.html", "data")["step"] == 10
     assert yaml.safe_load((tmp_path / "config.yaml").read_text())["step"] == 10
@@ -238,8 +211,42 @@ def test_the_figure_of_the_step_has_the_terms_of_the_state_alone(few):
         (["--policy", "gbm"], "--policy 'gbm'"),
     ],
 )
-def test_bad_input_is_told(students, tmp_path, refused, arguments, message):
+def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
-    where = ["--source", str(students), "--output", str(tmp_path / "sparse_formula")]
+    where = ["--source", str(few_students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", "page", *policy, *arguments, *where])
     assert not (tmp_path / "sparse_formula").exists()
+
+
+MIRRORED = "format: 1\ngait: trot\nstates: 2\nmirror: 1 0\n\nstate 0\n" + "".join(
+    f"{joint} = 0.{place + 1}*q.{joint}\n" for place, joint in enumerate(quadruped.JOINTS)
+)
+
+
+@pytest.mark.parametrize("kind", ["symbolic", "statewise_symbolic"])
+def test_every_joint_has_its_lines_in_every_state(kind):
+    policy = load_student("trot", kind)
+    assert isinstance(policy, FormulaPolicy)
+    file = file_lines(policy, 2)
+    assert file["lines"] == policy.to_text().splitlines()
+    for state in range(2):
+        for joint, (first, end) in zip(quadruped.JOINTS, file["acting"][state], strict=True):
+            own = file["lines"][first:end]
+            assert own[0].startswith(f"{joint} = ")
+            assert all(line.startswith("    ") for line in own[1:])
+            assert not file["lines"][end : end + 1] or not file["lines"][end].startswith(" ")
+    assert not any(map(any, file["mirrored"]))
+    assert (file["acting"][0] == file["acting"][1]) == (kind == "symbolic")
+
+
+def test_a_mirror_images_lines_are_those_of_the_other_side():
+    file = file_lines(FormulaPolicy.from_file(read_formulas(MIRRORED)), 2)
+    stored, mirrored = file["mirrored"]
+    assert stored == [None] * 12
+    assert all(
+        lines[0].startswith(f"{j} = ") for j, lines in zip(quadruped.JOINTS, mirrored, strict=True)
+    )
+    left, right = quadruped.JOINTS.index("FL_calf"), quadruped.JOINTS.index("FR_calf")
+    assert file["acting"][1][right] == file["acting"][0][left]
+    first, _ = file["acting"][1][right]
+    assert file["lines"][first].startswith("FL_calf = ")

@@ -28,7 +28,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.deployment.export.agreement import random_sequences
-from glassgait.studies.deployment.export.compiler import (
+from glassgait.studies.deployment.export.files import (
     compile_c,
     has_compiler,
     load_controller,

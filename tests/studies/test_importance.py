@@ -17,7 +17,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import HistogramGbmSettings
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.study import distill
 from glassgait.studies.importance import study
 from glassgait.studies.importance.measures import (

@@ -27,7 +27,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 from glassgait.studies import cli
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.registry import StudentsSettings
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import StatewiseSymbolicSettings
 from glassgait.studies.importance import study
 from glassgait.studies.reproduction import demo

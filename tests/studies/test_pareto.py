@@ -99,18 +99,8 @@ def test_command_writes_table_figure_and_formulas(samples, tmp_path, capsys, mon
     samples.save(tmp_path / "rounds" / "round_1.safetensors")
     small = ["--terms", "20", "30", "--refined-updates", "1", "--n-robots", "2", "--n-steps", "20"]
     output = tmp_path / "pareto"
-    main(
-        [
-            "distill",
-            "--sweep",
-            "terms",
-            *small,
-            "--samples",
-            str(tmp_path / "rounds"),
-            "--output",
-            str(output),
-        ]
-    )
+    where = ["--samples", str(tmp_path / "rounds"), "--output", str(output)]
+    main(["distill", "--sweep", "terms", *small, *where])
     assert {path.name for path in output.glob("pareto.*")} == {
         "pareto.csv", "pareto.md", "pareto.png", "pareto.pdf",
     }  # fmt: skip

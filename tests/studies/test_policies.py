@@ -83,6 +83,13 @@ def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_
     assert found.controller("symbolic").expert.gait == "prance"
 
 
+def test_files_that_are_named_are_not_said_to_ship(capsys):
+    find_policies(TROT, names=["mine.formulas"])
+    assert "policies are the files that are named" in capsys.readouterr().err
+    find_policies(TROT, names=["mine.formulas", "gbm"])
+    assert "policies are those that ship" in capsys.readouterr().err
+
+
 def test_a_neural_file_acts_by_itself(tmp_path, other_expert):
     path = keep(other_expert, tmp_path, "still")
     controllers = find_policies(TROT).controllers(["expert", str(path)])

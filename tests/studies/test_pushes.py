@@ -110,7 +110,7 @@ def test_tables_hold_shares_and_their_intervals():
     (summed,) = summary_table({"sparse_formula": basin([[4, 2], [4, 0], [3, 1]])}).to_dict(
         "records"
     )
-    assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°"
+    assert summed["survived"] == "14 of 24" and summed["weakest direction"] == "120°, 240°"
     assert summed["how the others ended"] == "low trunk 3"
 
 

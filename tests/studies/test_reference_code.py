@@ -13,6 +13,7 @@ from glassgait.models.task.gait import gait_names, load_gait
 from glassgait.models.task.randomization import Randomization
 from glassgait.models.task.reward_machine import RewardMachine
 from glassgait.models.task.termination import TerminationLimits, failures
+from glassgait.models.task.terrain import PLANE
 from glassgait.studies.training.config import PpoConfig
 
 A1 = load_robot()
@@ -100,7 +101,7 @@ def test_robot_and_networks_are_those_that_the_page_names(compared):
     assert ppo.actor_layers == ppo.critic_layers == (256, 128, 64)
     assert row(compared, "actor and critic") == "hidden layers of 256, 128 and 64"
     station = StationConfig()
-    assert (station.contact_solver, station.time_step, station.slope) == ("sap", 0.01, 0.0)
+    assert (station.contact_solver, station.time_step, station.terrain) == ("sap", 0.01, PLANE)
     assert row(compared, "ground") == "flat"
     walk = load_gait("walk")
     assert row(compared, "the walk's") == f"{walk.max_speed} m/s, {walk.max_yaw_rate:g} rad/s"

@@ -11,7 +11,7 @@ from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.models.formulas.expression import ZERO, Expression, constant, variable
 from glassgait.models.formulas.file import read_formulas
 from glassgait.models.policies.library import load_expert, load_policy, load_student
-from glassgait.models.policies.symbolic import FormulaPolicy
+from glassgait.models.policies.symbolic import FormulaPolicy, SymbolicPolicy
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
@@ -131,6 +131,13 @@ def test_definitions_go_with_their_last_term():
     assert FormulaPolicy.from_file(read_formulas(text)).to_text() == text
 
 
+def test_formulas_stay_those_of_their_robot():
+    names, go2 = PAGE.observation_names, load_robot("go2")
+    policy = SymbolicPolicy("trot", names, [constant(0.1234)] * 12, robot=go2)
+    assert short_numbers(FormulaNetwork(policy).to_policy()).robot is go2
+    assert FormulaPolicy.from_file(read_formulas(policy.to_text())).robot is go2
+
+
 def test_what_is_multiplied_by_zero_is_left_out():
     x, half = variable(0), constant(0.5)
     nothing = Expression("mul", (ZERO, x))
@@ -231,16 +238,16 @@ def test_the_command_writes_the_formulas_and_their_record(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--policy", "gbm"], "not made of formulas"),
         (["--n-robots", "4"], "fewer than n_groups"),
         (["--gait", "walk", "--policy", str(__file__)], "--policy"),
     ],
 )
-def test_what_cannot_be_refined_is_refused(arguments, told, refused, tmp_path):
+def test_what_cannot_be_refined_is_refused(arguments, message, refused, tmp_path):
     folder = tmp_path / "refined"
-    assert told in refused(["refine", *arguments, "--output", str(folder)])
+    assert message in refused(["refine", *arguments, "--output", str(folder)])
     assert not folder.exists()
 
 

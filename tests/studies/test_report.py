@@ -23,7 +23,8 @@ from glassgait.studies.distillation.students.boosting import (
     GbmSettings,
     HistogramGbmSettings,
 )
-from glassgait.studies.distillation.students.registry import StudentsSettings, paper_students
+from glassgait.studies.distillation.students.registry import paper_students
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.symbolic_regression import (
     StatewiseSymbolicSettings,
     SymbolicSettings,

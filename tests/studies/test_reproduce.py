@@ -221,3 +221,18 @@ def test_command_does_everything_in_small_and_resumes(small, tmp_path, refused, 
     main([*arguments, "--resume"])
     assert (folder / "report.html").read_text() == page
     assert made == [path.stat().st_mtime_ns for path in kept]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "demo",
+        *(f"reproduce {name}" for name in ("report", "curricula", "convergence", "benchmark")),
+    ],
+)
+def test_robots_without_an_expert_and_folders_are_refused(command, tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    parts = ["--parts", "inference"] if command.endswith("benchmark") else []
+    assert "holds no policies of the" in refused([*command.split(), *parts, "--robot", "go2"])
+    assert "is a folder" in refused([*command.split(), *parts, "--robot", "."])
+    assert not list(tmp_path.iterdir())

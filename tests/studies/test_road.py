@@ -1,12 +1,10 @@
 """A gait of one's own goes the whole road, from a folder that is not the project's."""
 
-import subprocess
-import sys
-
 import pytest
 import yaml
 
 from glassgait.models.policies.library import load_policy
+from glassgait.studies.cli import main
 
 HOP = """
 description: All four feet leave the ground together.
@@ -25,44 +23,37 @@ SMALL = ["--n-robots", "2", "--n-steps", "40", "--n-seeds", "1"]
 ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
-    "distill": ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
+    "distill": [
+        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
+        *["--source", "runs/training/hop", "--students", "statewise_linear", "statewise_symbolic"],
+    ],
     "evaluate worlds": [*SMALL, "--scenario", "training"],
     "view": ["--policy", "statewise_linear", "--seconds", "0.4"],
     "explain page": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
-    "importance": ["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
+    "importance": [
+        *["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
+        *["--policy", "statewise_linear"],
+    ],
     "distill --sweep terms": [
         *["--n-robots", "2", "--n-steps", "10", "--terms", "48"],
+        *["--source", "runs/training/hop"],
         *["--samples", "runs/distillation/hop/statewise_symbolic"],
     ],
 }
 
 
 @pytest.mark.slow
-def test_a_gait_of_a_user_goes_the_whole_road(tmp_path):
+def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "gaits").mkdir()
     (tmp_path / "gaits" / "hop.yaml").write_text(HOP)
-    expert = ["--source", "runs/training/hop"]
-    more = {
-        "distill": ["--students", "statewise_linear", "statewise_symbolic"],
-        "importance": ["--policy", "statewise_linear"],
-    }
     for command, arguments in ROAD.items():
         gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]
-        policy = expert if command.startswith("distill") else []
-        line = [*command.split(), *gait, *policy, *arguments, *more.get(command, [])]
-        run = subprocess.run(
-            [sys.executable, "-m", "glassgait.studies.cli", *line],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert run.returncode == 0, f"{line}: {run.stderr}"
+        main([*command.split(), *gait, *arguments])
     runs = tmp_path / "runs"
     student = load_policy(runs / "distillation" / "hop" / "statewise_linear.safetensors")
     assert student.gait == "hop"
     assert yaml.safe_load((runs / "training" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
-    measured = ("worlds", "importance", "pareto")
-    for study in ("training", "distillation", "rollout", *measured):
+    for study in ("training", "distillation", "rollout", "worlds", "importance", "pareto"):
         assert (runs / study / "hop").is_dir()
     assert list(runs.rglob("index.html"))

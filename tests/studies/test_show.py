@@ -16,30 +16,19 @@ from glassgait.studies.cli import main
 def test_the_file_that_ships_is_printed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(["explain", "terms", "--gait", "trot"])
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     text = (STUDENT_DIRECTORY / "trot" / "sparse_formula.formulas").read_text()
-    assert told.startswith(text)
-    assert "# Page of formulas: 100 terms in 12 formulas" in told
+    assert printed.startswith(text)
+    assert "# Page of formulas: 100 terms in 12 formulas" in printed
     claims = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
     proved = sum(claim["outcome"] == "proved" for claim in claims)
-    assert f"# Claims about it: {proved} proved, " in told
-    assert read_formulas(told) == read_formulas(text)
+    assert f"# Claims about it: {proved} proved, " in printed
+    assert read_formulas(printed) == read_formulas(text)
 
 
 def test_a_joints_lines_are_printed_alone(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    main(
-        [
-            "explain",
-            "terms",
-            "--gait",
-            "trot",
-            "--policy",
-            "statewise_symbolic",
-            "--joint",
-            "RL_calf",
-        ]
-    )
+    main(["explain", "terms", "--policy", "statewise_symbolic", "--joint", "RL_calf"])
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line.startswith("state")] == ["state 0", "state 1"]
     # No certificate of these formulas ships.
@@ -56,8 +45,8 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
     assert capsys.readouterr().out.startswith(text)
     number = next(i for i, line in enumerate(text.splitlines(), 1) if line.startswith("RR_calf"))
     own.write_text(text.replace("\nRR_calf = ", "\nRR_calf = 2*q.RR_knee + "))
-    told = refused(["explain", "terms", "--gait", "trot", "--policy", str(own)])
-    assert f"{own}: line {number}, column 13: nothing is called 'q.RR_knee'" in told
+    printed = refused(["explain", "terms", "--gait", "trot", "--policy", str(own)])
+    assert f"{own}: line {number}, column 13: nothing is called 'q.RR_knee'" in printed
 
 
 @pytest.mark.parametrize(
@@ -108,8 +97,8 @@ def test_one_robot_walks_by_what_was_trained_here(hop, capsys):
     Path("runs/training/hop/hop.safetensors").unlink()
     with pytest.raises(SystemExit):
         main(["view", "--gait", "hop.yaml", "--seconds", "0.2"])
-    told = capsys.readouterr()
-    assert "inputs.expert" in told.out + told.err
+    printed = capsys.readouterr()
+    assert "inputs.expert" in printed.out + printed.err
 
 
 def test_what_ships_is_taken_and_named(tmp_path, monkeypatch, capsys):

@@ -88,14 +88,8 @@ def test_mirrored_pages_act_alike_on_both_sides(gait, generator):
 def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     small = ["--episodes", "5", "--alone-rounds", "1", "--alone-steps", "20"]
-    small += [
-        "--episode-steps",
-        "20",
-        "--sparse-formula.alone-episodes",
-        "2",
-        "--sparse-formula.terms",
-        "60",
-    ]
+    small += ["--episode-steps", "20", "--sparse-formula.alone-episodes", "2"]
+    small += ["--sparse-formula.terms", "60"]
     main(["distill", "--students", "sparse_formula", "--n-jobs", "1", *small])
     path = tmp_path / "runs" / "distillation" / "trot" / "sparse_formula.formulas"
     page = load_policy(path)

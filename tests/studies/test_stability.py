@@ -13,6 +13,7 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation import stride_analysis as analysis
+from glassgait.studies.evaluation import strides as strides_module
 from glassgait.studies.evaluation.stability import (
     prediction_table,
     stability_table,
@@ -20,7 +21,7 @@ from glassgait.studies.evaluation.stability import (
 )
 from glassgait.studies.evaluation.stability_figures import believed, radius_error, stability_figure
 from glassgait.studies.evaluation.stride_analysis import find_orbits
-from glassgait.studies.evaluation.strides import NAMES, UNITS, StrideMap
+from glassgait.studies.evaluation.strides import FIRST_STEPS, NAMES, UNITS, StrideMap
 
 TROT = load_gait("trot")
 COMMAND = Command(np.array([[0.5, 0.0]]), np.array([8.0]))
@@ -56,6 +57,18 @@ def test_a_stride_is_the_same_again_and_in_any_company(strides, entered):
     assert (strides.stride(entered, problems[:1]).images == apart).all()
     assert np.isnan(together.images[1]).all() and together.n_steps[1] == 0
     assert (together.images[0] != apart[0]).any()
+
+
+def test_odometry_is_part_of_the_map_where_it_is_in_the_loop(odometry_expert, monkeypatch):
+    remembering = StrideMap(TROT, alone(odometry_expert), COMMAND)
+    first = remembering.first_points()
+    assert first.shape == (1, 60) and len(remembering.names) == len(remembering.units) == 60
+    image = remembering(first, np.zeros(1, dtype=np.int64))
+    # The robot that was never set anew comes to the same point, but for its quaternion's length.
+    monkeypatch.setattr(strides_module, "FIRST_STEPS", FIRST_STEPS + 16)
+    np.testing.assert_allclose(remembering.first_points(), image, atol=1e-3)
+    first[0, remembering.names.index("odometry forward speed")] += 1.0
+    assert np.abs(remembering(first, np.zeros(1, dtype=np.int64)) - image).max() > 0.05
 
 
 def test_the_previous_action_is_remembered(strides, entered):

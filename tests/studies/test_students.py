@@ -25,10 +25,7 @@ from glassgait.models.task.gait import load_gait
 from glassgait.studies.cli import main
 from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
-from glassgait.studies.distillation.students.library import (
-    default_student,
-    load_students,
-)
+from glassgait.studies.distillation.students.library import default_student, load_students
 from glassgait.studies.distillation.students.registry import STUDENTS
 from glassgait.studies.evaluation.worlds import Worlds
 

@@ -95,6 +95,7 @@ def test_one_fallen_robot_is_no_worst_world_beside_many(table):
     assert worst.loc["Linear", "falls there"] == "8 of 10"
     assert worst.loc["Linear", "points more than the expert"] == "+60"
     assert worst.loc["Linear", "scenarios without a fall"] == "2 of 4"
+    assert worst["return"].notna().all()
     assert worst["falls in training scenario"].tolist() == ["0 of 10"] * 3
 
 

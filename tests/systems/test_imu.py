@@ -13,6 +13,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import GRAVITY, IMU_NOISE, ImuReading, measure_imu
+from glassgait.models.task.terrain import Terrain
 from glassgait.systems.imu import ImuSensor
 from glassgait.systems.joint_targets import JointTargets
 
@@ -122,7 +123,7 @@ def falling_robot(config):
 @pytest.mark.parametrize("slope", [0.0, 10.0])
 def test_drakes_sensors_read_the_same(slope, standing):
     step = 1e-4
-    config = StationConfig(time_step=step, contact_solver="similar", slope=slope)
+    config = StationConfig(time_step=step, contact_solver="similar", terrain=Terrain(slope=slope))
     diagram = falling_robot(config)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
@@ -141,7 +142,7 @@ def test_drakes_sensors_read_the_same(slope, standing):
         simulator.AdvanceTo(part * step)
         if part % 200 == 0:
             state = diagram.GetOutputPort("state").Eval(context).copy()
-            reading = measure_imu(state, before[quadruped.LINEAR_VELOCITY], config.gravity())
+            reading = measure_imu(state, before[quadruped.LINEAR_VELOCITY], config.terrain.gravity)
             ours = ImuReading.of(reading)
             gyroscope = diagram.GetOutputPort("gyroscope").Eval(context)
             np.testing.assert_allclose(ours.angular_velocity, gyroscope, atol=1e-12)

@@ -1,5 +1,6 @@
 """Ports of every leaf system: their names and sizes, feedthrough, docstrings and clones."""
 
+import copy
 import importlib
 import inspect
 import pkgutil
@@ -60,6 +61,7 @@ from glassgait.systems.sensors_sender import SensorsSender
 from glassgait.systems.state_estimator import StateEstimator
 from glassgait.systems.symbolic_policy import make_symbolic_policy
 from glassgait.systems.targets_sender import TargetsSender
+from glassgait.systems.world_state import WorldState
 
 A1, TROT, WALK = load_robot(), load_gait("trot"), load_gait("walk")
 LAYOUT = ObservationLayout(TROT.n_states)
@@ -84,6 +86,13 @@ class Ports(NamedTuple):
     """Pairs of input and output port; None where they are all."""
 
 
+def with_imu(compiled):
+    """A controller that has every port that one may have."""
+    own = copy.copy(compiled)
+    own.has_imu = True
+    return own
+
+
 PORTS: dict[Any, Ports] = {
     ActionDelay: Ports(
         lambda: ActionDelay(0.01, 0.01), {"held_action": 12}, {"delayed_action": 12}, set()
@@ -103,8 +112,8 @@ PORTS: dict[Any, Ports] = {
     CommandReceiver: Ports(lambda: CommandReceiver(TROT), {"message": ABSTRACT}, COMMAND),
     CommandSender: Ports(lambda: CommandSender(session=3), COMMAND, {"message": ABSTRACT}),
     CompiledController: Ports(
-        lambda compiled_pages: CompiledController(A1, compiled_pages),
-        {"state": 37, **COMMAND, "requested_gait": 1},
+        lambda compiled_pages: CompiledController(A1, with_imu(compiled_pages)),
+        {"state": 37, **COMMAND, "requested_gait": 1, "imu": 9},
         {"action": 12, "targets": 12, "status": 1},
     ),
     ContactMemory: Ports(ContactMemory, {"touching": 4}, {"foot_contact": 4}),
@@ -236,6 +245,7 @@ PORTS: dict[Any, Ports] = {
     TargetsSender: Ports(
         lambda: TargetsSender(A1), {"action": 12, "sensors": ABSTRACT}, {"message": ABSTRACT}
     ),
+    WorldState: Ports(WorldState, {"plant_state": 37}, {"state": 37}),
     make_symbolic_policy: Ports(lambda: make_symbolic_policy(POLICY), {"u0": 49}, {"y0": 12}),
 }
 

@@ -57,7 +57,7 @@ KINDS = {
 
 
 def read_policy(
-    robot: Robot, data: bytes, kind: str, gait: str, n_states: int
+    robot: Robot, data: bytes, kind: str, gait: str, n_states: int, imu: bool
 ) -> tuple[Formulas | Tables, Any]:
     """Reads what a policy's file says of the targets, and its mirror if it says one.
 
@@ -70,6 +70,7 @@ def read_policy(
         of = text.header.get("robot", DEFAULT_ROBOT)
         refuse_unless(of == robot.name, "the policy is of another robot")
         refuse_unless(text.n_states == n_states, "the policy has other states")
+        refuse_unless(text.imu == imu, "the policy has other senses than the boxes")
         refuse_unless(text.kinds == {kind == "symbolic"}, "the policy is of another kind")
         return Formulas.read(robot, text), text.image
     header, arrays = read_arrays(data)
@@ -77,12 +78,12 @@ def read_policy(
     refuse_unless(header["kind"] == kind, "the policy is of another kind")
     of = header.get("robot", DEFAULT_ROBOT)
     refuse_unless(of == robot.name, "the policy is of another robot")
-    same = header["observation_names"] == observed_names(n_states)
+    same = header["observation_names"] == observed_names(n_states, imu)
     refuse_unless(same, "the policy observes other things")
     readers = {"additive": Tables, "boosted_trees": Trees}
     readers |= dict.fromkeys(("linear", "statewise_linear"), Formulas.linear)
     refuse_unless(kind in readers, f"a policy of kind {kind!r} is not checked")
-    return readers[kind](robot, arrays, n_states), None
+    return readers[kind](robot, arrays, n_states, imu), None
 
 
 class Document:
@@ -115,7 +116,9 @@ class Document:
         self.gait = Gait(path)
         states = self.gait.states
         refuse_unless(self.content["states"] == states, f"the {name} has other states: {states}")
-        self.n_states, self.names = len(states), symbols(len(states))
+        # What a robot senses is what a box of its observations is of.
+        self.n_states, self.imu = len(states), "g.x" in self.content["boxes"]["operating"]
+        self.names = symbols(self.n_states, self.imu)
         self.check_policy(policy, plain)
         self.check_boxes()
 
@@ -161,7 +164,9 @@ class Document:
             hashlib.sha256(data).hexdigest() == own["sha256"],
             f"the policy {path} is not the one that was certified",
         )
-        self.targets, mirror = read_policy(self.robot, data, own["kind"], name, self.n_states)
+        self.targets, mirror = read_policy(
+            self.robot, data, own["kind"], name, self.n_states, self.imu
+        )
         image = self.content["mirror"]
         refuse_unless(
             image is None or is_involution(image, self.n_states),

@@ -48,11 +48,9 @@ class Formulas:
         weights: Weights by quantity and the intercept, of a linear law.
     """
 
-    def __init__(self, robot: Robot, n_states: int) -> None:
-        self.robot, self.names = (
-            robot,
-            [*symbols(n_states), "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))],
-        )
+    def __init__(self, robot: Robot, quantities: list[str]) -> None:
+        self.robot, self.quantities = robot, quantities
+        self.names = [*quantities, "other", *(f"f{i}" for i in range(MOST_FUNCTIONS))]
         self.ring = fmpq_mpoly_ctx.get(self.names)
         self.variables = dict(zip(self.names, self.ring.gens(), strict=True))
         self.inner: dict[str, tuple[str, fmpq_mpoly]] = {}
@@ -65,7 +63,7 @@ class Formulas:
     @classmethod
     def read(cls, robot: Robot, text: FormulaText) -> "Formulas":
         """Takes what a formula file says."""
-        own = cls(robot, text.n_states)
+        own = cls(robot, text.names)
         own.written |= text.targets
         return own
 
@@ -77,9 +75,12 @@ class Formulas:
         return self.targets[place]
 
     @classmethod
-    def linear(cls, robot: Robot, arrays: dict[str, Any], n_states: int) -> "Formulas":
+    def linear(
+        cls, robot: Robot, arrays: dict[str, Any], n_states: int, imu: bool = False
+    ) -> "Formulas":
         """Takes weights of the observations and intercepts."""
-        own, names = cls(robot, n_states), symbols(n_states)
+        names = symbols(n_states, imu)
+        own = cls(robot, names)
         for state, (number, joint) in ways(range(n_states), enumerate(JOINTS)):
             place = (state if arrays["weights"].ndim == 3 else ..., number)
             action = own.ring.constant(exact(arrays["intercepts"][place]))
@@ -145,7 +146,7 @@ class Formulas:
         """Returns whether a target is the image of its image's, as exact numbers go."""
         theirs = image_of(joint, image)[0]
         put = {}
-        for name in symbols(len(image)):
+        for name in self.quantities:
             new, sign = image_of(name, image)
             put[name] = self.variables[new] * sign
         own = self.put(self.target(image[state], theirs), put) * image_of(theirs, image)[1]

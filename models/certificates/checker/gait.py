@@ -12,16 +12,17 @@ from .robot import (
     ANGLE_OVERRUN,
     FASTEST_JOINT,
     FASTEST_TRUNK,
+    FASTEST_TURN,
     FOOT_HEIGHTS,
     LEGS,
     MIRRORED,
     OVERDUE,
+    STEEPEST,
     Box,
     RefusedError,
     Robot,
     read_yaml,
     refuse_unless,
-    symbols,
 )
 from .text import MOST_STATES, is_involution
 
@@ -104,10 +105,9 @@ class Gait:
     def physical(self, robot: Robot, operating: Box) -> Box:
         """Returns the box of what a robot can be and its sensors can say, and of `operating`."""
         box = {}
-        for name in symbols(len(self.states)):
+        for name, ends in operating.items():
             low, high = self.limits(robot, name)
-            low, high = min(low, operating[name][0]), max(high, operating[name][1])
-            box[name] = (low, high)
+            box[name] = min(low, ends[0]), max(high, ends[1])
         return box
 
     def limits(self, robot: Robot, name: str) -> tuple[float, float]:
@@ -128,6 +128,10 @@ class Gait:
                 return outward(low, high)
             case "t", _:
                 return 0.0, longest + OVERDUE
+            case "g", _:
+                return -STEEPEST, STEEPEST
+            case "w", _:
+                return -FASTEST_TURN, FASTEST_TURN
             case "v", _:
                 return -FASTEST_TRUNK, FASTEST_TRUNK
             case "h", _:

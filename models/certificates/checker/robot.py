@@ -19,8 +19,11 @@ LEGS, PARTS = ("FL", "FR", "RL", "RR"), ("hip", "thigh", "calf")
 JOINTS = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
 ABRUPT, ANGLE_OVERRUN, OVERDUE = 60.0, 0.06, 2
 FASTEST_JOINT, FASTEST_TRUNK, FOOT_HEIGHTS = 50.0, 3.0, (-0.1, 0.4)
+FASTEST_TURN, STEEPEST = 20.0, 1.05
 MIRRORED = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
 COUNTED = ("t", "cmd.t")
+TURNED = ("cmd.yaw", "v.y", "g.y", "w.x", "w.z")
+"""What has another sign in the mirror, besides hips."""
 
 DEFAULT_ROBOT = "a1"
 """The robot of files that name none."""
@@ -56,29 +59,36 @@ def refuse_unless(holds: Any, sentence: str) -> None:
         raise RefusedError(sentence)
 
 
-def symbols(n_states: int) -> list[str]:
-    """Names the quantities in the order of the observation."""
-    of_joints = [f"{kind}.{joint}" for kind in ("q", "dq", "a") for joint in JOINTS]
+def symbols(n_states: int, imu: bool = False) -> list[str]:
+    """Names the quantities in the order of the observation, with those of an IMU or without."""
+    measured, last_targets = (
+        [f"{kind}.{joint}" for kind in kinds for joint in JOINTS] for kinds in (("q", "dq"), "a")
+    )
+    trunk = [f"{kind}.{axis}" for kind in "gw" for axis in "xyz"] if imu else []
     last = ["t", "cmd.t", "v.x", "v.y", "v.z", *(f"h.{leg}" for leg in LEGS)]
-    return ["cmd.v", "cmd.yaw", *of_joints, *(f"s{i}" for i in range(n_states)), *last]
+    states = [f"s{i}" for i in range(n_states)]
+    return ["cmd.v", "cmd.yaw", *measured, *trunk, *last_targets, *states, *last]
 
 
-def observed_names(n_states: int) -> list[str]:
+def observed_names(n_states: int, imu: bool = False) -> list[str]:
     """Names the observations as policies of arrays do, in their order."""
     titles = [f"{leg} {part.capitalize()}" for leg in LEGS for part in PARTS]
-    of_joints = [
-        f"{kind} {title}" for kind in ("DoF Pos", "DoF Vel", "Prev Action") for title in titles
-    ]
+    measured, last_targets = (
+        [f"{kind} {title}" for kind in kinds for title in titles]
+        for kinds in (("DoF Pos", "DoF Vel"), ("Prev Action",))
+    )
+    trunk = [f"{kind} {axis}" for kind in ("Gravity", "Base Ang Vel") for axis in "XYZ" if imu]
     states = [f"RM State {i}" for i in range(n_states)]
     last = [f"Base Lin Vel {axis}" for axis in "XYZ"] + [f"Foot Height {leg}" for leg in LEGS]
-    return ["Command X", "Command Yaw", *of_joints, *states, "RM Iters", "Command RM Iters", *last]
+    counts = ["RM Iters", "Command RM Iters"]
+    return ["Command X", "Command Yaw", *measured, *trunk, *last_targets, *states, *counts, *last]
 
 
 def image_of(name: str, image: list[int]) -> tuple[str, int]:
     """Returns what a quantity or a joint is in the mirror, and its sign there."""
     new = re.sub(r"(FL|FR|RL|RR)", lambda leg: MIRRORED[leg[1]], name)
     new = re.sub(r"^s(\d+)$", lambda state: f"s{image[int(state[1])]}", new)
-    return new, -1 if name.endswith("_hip") or name in ("cmd.yaw", "v.y") else 1
+    return new, -1 if name.endswith("_hip") or name in TURNED else 1
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,7 @@ class Robot:
     def units(self, name: str) -> tuple[float, float]:
         """Returns scale and offset of a quantity, observed as (quantity - offset) * scale."""
         kind, _, joint = name.partition(".")
-        scales = {"dq": 0.05, "a": 1.0 / self.action_scale, "t": 0.1, "v": 2.0}
+        scales = {"dq": 0.05, "a": 1.0 / self.action_scale, "t": 0.1, "v": 2.0, "w": 0.25}
         scale = 0.1 if name == "cmd.t" else scales.get(kind, 1.0)
         return scale, self.stance[joint] if kind in ("q", "a") else 0.0
 

@@ -51,8 +51,10 @@ def read_arrays(data: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
 class Tables:
     """Targets that are sums of tables of one and of two observations."""
 
-    def __init__(self, robot: Robot, arrays: dict[str, Any], n_states: int) -> None:
-        self.robot, self.arrays, self.names = robot, arrays, symbols(n_states)
+    def __init__(
+        self, robot: Robot, arrays: dict[str, Any], n_states: int, imu: bool = False
+    ) -> None:
+        self.robot, self.arrays, self.names = robot, arrays, symbols(n_states, imu)
         sound = all(np.isfinite(own).all() for name, own in arrays.items() if name in self.summed)
         refuse_unless(sound, "the policy holds what is no number")
         twice = arrays.get("pairs", np.zeros((0, 2)))
@@ -208,8 +210,10 @@ def held(table: Table, label: int, value: int) -> Table:
 class Trees(Tables):
     """Targets that are sums of trees, of which each is bounded by itself."""
 
-    def __init__(self, robot: Robot, arrays: dict[str, Any], n_states: int) -> None:
-        super().__init__(robot, arrays, n_states)
+    def __init__(
+        self, robot: Robot, arrays: dict[str, Any], n_states: int, imu: bool = False
+    ) -> None:
+        super().__init__(robot, arrays, n_states, imu)
         nodes, leaves = arrays["features"].shape[-1], arrays["leaves"].shape[-1]
         whole = leaves == nodes + 1 and leaves >= 2 and leaves & nodes == 0
         refuse_unless(whole, "the policy's trees are not complete")

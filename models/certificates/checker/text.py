@@ -13,7 +13,18 @@ from keyword import iskeyword
 from .robot import JOINTS, RefusedError, image_of, refuse_unless, symbols
 
 FUNCTIONS = ("sin", "cos", "tanh", "exp", "log", "sqrt", "abs")
-HEADER = ("format", "gait", "robot", "states", "mirror", "targets")
+HEADER = ("format", "gait", "robot", "states", "senses", "mirror", "targets")
+ODOMETRY = (
+    "predicted = v - 0.02*cross(w, v) + dv + 0.02*9.81*g",
+    "standing = touching and touching.before",
+    "measured = mean(-(dp + cross(w, p)), standing)",
+    "v = predicted + GAIN*(measured - predicted) if any(standing) else predicted",
+    "foothold = p if touching else foothold - 0.02*(v + cross(w, foothold))",
+    "normal = unit(cross(foothold.FR - foothold.RL, foothold.FL - foothold.RR))",
+    "h = dot(normal, p - mean(foothold))",
+)
+"""What the section of odometry says, but for its gain: of what is estimated a proof knows no more
+than that it lies in a box."""
 MOST_CHARACTERS, MOST_STATES, MOST_DEFINITIONS = 1_000_000, 32, 200
 DEEPEST, MOST_NODES, LARGEST = 100, 5000, 1e30
 
@@ -191,12 +202,14 @@ class FormulaText:
         definitions: Formulas that have names.
         section: The section that is read.
         kinds: Whether formulas serve every state; empty before the first.
+        odometry: The statements of odometry.
     """
 
     header: dict[str, str] = field(default_factory=dict)
     targets: dict[tuple[int, str], Node] = field(default_factory=dict)
     given: set[tuple[int, str]] = field(default_factory=set)
     definitions: dict[str, Node] = field(default_factory=dict)
+    odometry: list[str] = field(default_factory=list)
     section: str = ""
     kinds: set[bool] = field(default_factory=set)
 
@@ -218,6 +231,15 @@ class FormulaText:
         return int(self.header["states"])
 
     @property
+    def imu(self) -> bool:
+        return "senses" in self.header
+
+    @property
+    def names(self) -> list[str]:
+        """The quantities that formulas may hold."""
+        return symbols(self.n_states, self.imu)
+
+    @property
     def image(self) -> list[int] | None:
         """State that each state is in the mirror, where the file says so."""
         said = self.header.get("mirror")
@@ -226,7 +248,9 @@ class FormulaText:
     def take(self, first: str, more: list[str]) -> None:
         key, colon, value = first.partition(":")
         assigned = re.fullmatch(r"([A-Za-z_][A-Za-z0-9_.]*) *=(?!=)(.*)", first)
-        title = first in ("definitions", "every state") or re.fullmatch(r"state [0-9]{1,3}", first)
+        title = first in ("odometry", "definitions", "every state") or re.fullmatch(
+            r"state [0-9]{1,3}", first
+        )
         if title or (colon and key in HEADER and not self.section):
             refuse_unless(not more, f"{first[:40]!r} goes on in the next line")
         if colon and key in HEADER and not self.section:
@@ -234,6 +258,8 @@ class FormulaText:
             self.header[key] = value.strip(" ")
         elif title:
             self.begin(first)
+        elif self.section == "odometry":
+            self.odometry.append(" ".join([first, *more]))
         elif assigned and self.section:
             self.assign(assigned[1], " ".join([assigned[2], *more]))
         else:
@@ -242,7 +268,8 @@ class FormulaText:
     def begin(self, title: str) -> None:
         if not self.section:
             self.check_header()
-        refuse_unless(not self.section or title != "definitions", "definitions stand too late")
+        before = {"odometry": ("",), "definitions": ("", "odometry")}.get(title, (self.section,))
+        refuse_unless(self.section in before, f"{title} stand too late")
         if title.startswith("state "):
             refuse_unless(int(title[6:]) < self.n_states, f"there is no {title}")
         shared = title == "every state"
@@ -257,6 +284,7 @@ class FormulaText:
         refuse_unless(
             counted and 1 <= self.n_states <= MOST_STATES, "the policy's states are no number"
         )
+        refuse_unless(said.get("senses", "imu") == "imu", "the policy's senses are not known")
         limited = said.get("targets", "limited") == "limited"
         refuse_unless(limited, "the policy's targets are neither limited nor free")
         if "mirror" in said:
@@ -268,7 +296,7 @@ class FormulaText:
             )
 
     def assign(self, name: str, text: str) -> None:
-        observed = set(symbols(self.n_states))
+        observed = set(self.names)
         if self.section == "definitions":
             taken = name in {*observed, *self.definitions, *JOINTS}
             plain = re.fullmatch(rf"{WORD}(?:\.{WORD})?", name)
@@ -288,16 +316,41 @@ class FormulaText:
             self.targets[state, name] = whole
         self.kinds = {shared}
 
+    def check_odometry(self) -> None:
+        """Asks that odometry, where the file has it, is the one program, with a gain."""
+        if not self.odometry:
+            refuse_unless(self.section != "odometry", "the policy's file holds no formulas")
+            return
+        gain = re.search(r"\+ *([0-9.]+(?:[eE][+-]?[0-9]+)?) *\*", " ".join(self.odometry[3:4]))
+        refuse_unless(gain and is_gain(gain[1]), "the odometry's gain is none")
+        wanted = [bare(own.replace("GAIN", str(gain and gain[1]))) for own in ODOMETRY]
+        refuse_unless(
+            [*map(bare, self.odometry)] == wanted, "the policy's odometry is another program"
+        )
+
     def finish(self) -> None:
         """Adds mirror images, and asks that there is a formula of each joint and state."""
         refuse_unless(self.section, "the policy's file holds no formulas")
+        self.check_odometry()
         if (image := self.image) is not None:
             for state, joint in sorted(self.given):
                 place = image[state], image_of(joint, image)[0]
                 if place not in self.given:
-                    self.targets[place] = mirrored(self.targets[state, joint], joint, image)
+                    own = self.targets[state, joint]
+                    self.targets[place] = mirrored(own, joint, image, self.names)
         places = {(state, joint) for state in range(self.n_states) for joint in JOINTS}
         refuse_unless(places == set(self.targets), "the policy's file lacks a formula of a joint")
+
+
+def is_gain(text: str) -> bool:
+    """Returns whether a text is a number above 0, up to 1."""
+    sound = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text)
+    return bool(sound) and 0.0 < float(text) <= 1.0
+
+
+def bare(text: str) -> str:
+    """Returns a statement with single spaces, and those between words alone."""
+    return re.sub(r"(?<![A-Za-z0-9_.]) | (?![A-Za-z0-9_.])", "", " ".join(text.split()))
 
 
 def is_involution(image: object, count: int) -> bool:
@@ -310,10 +363,10 @@ def is_involution(image: object, count: int) -> bool:
     )
 
 
-def mirrored(formula: Node, joint: str, image: list[int]) -> Node:
+def mirrored(formula: Node, joint: str, image: list[int], names: list[str]) -> Node:
     """Returns what the formula of a joint is for the joint's image."""
     images = {}
-    for name in symbols(len(image)):
+    for name in names:
         new, sign = image_of(name, image)
         seen = Node("variable", name=new)
         images[name] = seen if sign > 0 else Node("neg", (seen,))

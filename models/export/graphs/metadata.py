@@ -3,17 +3,20 @@
 import json
 from collections.abc import Iterable
 
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
+from glassgait.models.formulas.odometry import odometry_lines
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import OVERDUE, Group, ObservationEntry, ObservationLayout
+from glassgait.models.task.odometry import Odometry
 
 TERMS: dict[Group, str] = {
     "commanded velocity": "command",
     "joint position": "joint_pos",
     "joint velocity": "joint_vel",
+    "gravity": "projected_gravity",
+    "angular velocity": "base_ang_vel",
     "previous action": "actions",
     "machine state": "rm_state",
     "iterations": "rm_iterations",
@@ -24,18 +27,18 @@ such group."""
 
 
 def metadata(
-    gait: Gait, policy: Policy, expert: NeuralPolicy, *, policy_name: str, version: str
+    gait: Gait, controller: AlternatingController, *, policy_name: str, version: str
 ) -> dict[str, str]:
     """Describes a policy's graph; lists are separated by commas, numbers are in full.
 
     Args:
         gait: The gait.
-        policy: The controller.
-        expert: Its estimator observes what no sensor measures.
+        controller: One policy alone, with what it estimates by.
         policy_name: What the policy is called.
         version: Version of this project.
     """
-    layout = ObservationLayout(gait.n_states)
+    policy, estimator = controller.policy, controller.estimator
+    layout = policy.layout
     own = layout.entries[: layout.n_proprioceptive]
     groups: dict[Group, list[ObservationEntry]] = {}
     for entry in own:
@@ -54,7 +57,7 @@ def metadata(
         "joint_effort_limit": _listed(robot.effort.tolist()),
         "joint_pos_lower_limit": _listed(robot.lower_limits.tolist()),
         "joint_pos_upper_limit": _listed(robot.upper_limits.tolist()),
-        "limit_targets": json.dumps(policy.limits_targets or expert.limits_targets),
+        "limit_targets": json.dumps(controller.limits_targets),
         "default_joint_pos": _listed(robot.default_stance.tolist()),
         "action_scale": _listed([robot.action_scale] * n),
         "command_names": "twist,rm_iterations",
@@ -77,8 +80,21 @@ def metadata(
         "policy_kind": policy.kind,
         "gait_digest": gait.digest(),
         "policy_digest": policy.digest(),
-        "estimator_digest": expert.digest(),
+        "estimator_digest": estimator.digest()
+        if isinstance(estimator, Odometry)
+        else controller.expert.digest(),
         "glassgait_version": version,
+        **(_odometry(estimator, layout) if isinstance(estimator, Odometry) else {}),
+    }
+
+
+def _odometry(odometry: Odometry, layout: ObservationLayout) -> dict[str, str]:
+    """Describes how a robot makes the estimate that the graph reads."""
+    own = layout.entries[layout.n_proprioceptive :]
+    return {
+        "estimate_units": _listed(entry.unit for entry in own),
+        "estimate_scale": _listed(entry.factor for entry in own),
+        "odometry": "\n".join(odometry_lines(odometry)),
     }
 
 

@@ -14,7 +14,8 @@ class Acted(NamedTuple):
 
     Attributes:
         action: Actions (..., 12).
-        estimate: Estimated velocity of the trunk and heights of the feet (..., 7).
+        estimate: Estimated velocity of the trunk and heights of the feet (..., 7), by itself or as
+            it was given.
     """
 
     action: Array
@@ -22,7 +23,13 @@ class Acted(NamedTuple):
 
 
 class LoadedGraph:
-    """Calls a policy's graph, on one thread."""
+    """Calls a policy's graph, on one thread.
+
+    Attributes:
+        dtype: Type of what it reads.
+        reads_estimate: Whether it reads the estimate, which odometry makes.
+        metadata: What its file says of it.
+    """
 
     def __init__(self, model: bytes) -> None:
         """
@@ -34,14 +41,28 @@ class LoadedGraph:
         self._session = onnxruntime.InferenceSession(
             model, options, providers=["CPUExecutionProvider"]
         )
-        (read,) = self._session.get_inputs()
-        self.dtype = np.float32 if read.type == "tensor(float)" else np.float64
+        read = self._session.get_inputs()
+        self.dtype = np.float32 if read[0].type == "tensor(float)" else np.float64
+        self.reads_estimate = len(read) > 1
         self.metadata = self._session.get_modelmeta().custom_metadata_map
 
-    def __call__(self, own: Array) -> Acted:
-        """Maps proprioception (..., 40 + n_states) to actions, through the estimator."""
-        rows = own.reshape(-1, own.shape[-1]).astype(self.dtype)
-        given = self._session.run([ACTIONS, ESTIMATE], {OBSERVATION: rows})
-        action, estimate = (np.asarray(one, dtype=float) for one in given)
-        shape = own.shape[:-1]
-        return Acted(action.reshape(*shape, -1), estimate.reshape(*shape, -1))
+    def __call__(self, own: Array, estimate: Array | None = None) -> Acted:
+        """Maps proprioception (..., 40 + n_states) to actions.
+
+        Args:
+            own: Proprioception.
+            estimate: The estimate (..., 7), of graphs that read one; others have an estimator.
+        """
+        read = {OBSERVATION: own}
+        if self.reads_estimate:
+            assert estimate is not None
+            read[ESTIMATE] = estimate
+        asked = [ACTIONS] if self.reads_estimate else [ACTIONS, ESTIMATE]
+        rows = {
+            name: one.reshape(-1, one.shape[-1]).astype(self.dtype) for name, one in read.items()
+        }
+        given = self._session.run(asked, rows)
+        action, *estimated = (
+            np.asarray(one, dtype=float).reshape(*own.shape[:-1], -1) for one in given
+        )
+        return Acted(action, estimated[0] if estimated else read[ESTIMATE])

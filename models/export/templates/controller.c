@@ -1,12 +1,12 @@
 /* {{ name }}.c - {{ title }}.
  *
- * From what a {{ robot }}'s joints and feet sense to the targets of its joints, {{ rate }} times a second.
+ * From what a {{ robot }}'s joints{{ ',' if has_imu else ' and' }} feet{{ ' and IMU' if has_imu }} sense to the targets of its joints, {{ rate }} times a second.
  * It reads no other sensor, and asks for no library but math.h. It takes no memory of its own.
  *
 {% block made_of %}
  *   gait       {{ '%-28s' % only.title }} {{ only.digests[0] }}
  *   policy     {{ '%-28s' % policy_name }} {{ only.digests[1] }}
- *   estimator  {{ '%-28s' % 'of the expert' }} {{ only.digests[2] }}
+ *   estimator  {{ '%-28s' % ('odometry' if odometry else 'of the expert') }} {{ only.digests[2] }}
 {% endblock %}
  *   numbers    {{ real }}
  *
@@ -17,7 +17,11 @@
 {% block diagram %}
  *   feet ----> contact memory ----> reward machine <---- heights estimated at the step before
  *                                        |
- *   joints, command, last action ----> observation ----> estimator ----> policy ----> targets
+ *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
+{% if odometry %}
+ *                                        ^
+ *   joints, feet, IMU ----> odometry ----+
+{% endif %}
 {% endblock %}
  *
  * Compile:  cc -O2 -std=c99 -ffp-contract=off -c {{ name }}.c     (link with -lm)
@@ -84,11 +88,13 @@ static const {{ real }} {{ name }}[12] = {
 #define LARGEST {{ 1000000.0 | number }} /* greatest size of a sensible number, in any unit here */
 #define INITIALISED 0x{{ '%08X' % mark }} /* what a controller holds that {{ name }}_init has set */
 
+{% if arrays %}
 /* The numbers of {{ named }}, which stand at the end of this file. */
 {% for array in arrays %}
 {{ '%-56s' % (array.declaration ~ ';') }} /* {{ array.note }} */
 {% endfor %}
 
+{% endif %}
 /* ---- Reward machine: where in the gait the robot is ------------------------------------------ */
 
 #define CLEARANCE {{ gait.clearance | number }} /* m, how high feet must be that a transition wants in the air */
@@ -141,7 +147,7 @@ static void step_machine({{ name }}_controller *controller, const int foot_conta
 {% endblock %}
 }
 
-/* ---- Observation: what the estimator and the policy see -------------------------------------- */
+{{ '/* ---- Observation: what the policy sees ------------------------------------------------------- */' if odometry else '/* ---- Observation: what the estimator and the policy see -------------------------------------- */' }}
 
 {% block places %}
 enum {
@@ -170,6 +176,12 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
         observation[JOINT_VELOCITY + joint] = sensors->joint_velocity[joint] * {{ 0.05 | number }};
         observation[PREVIOUS_ACTION + joint] = controller->action[joint];
     }
+{% if observes_imu %}
+    for (int axis = 0; axis < 3; axis++) {
+        observation[GRAVITY_DIRECTION + axis] = sensors->gravity[axis];
+        observation[ANGULAR_VELOCITY + axis] = sensors->angular_velocity[axis] * {{ 0.25 | number }};
+    }
+{% endif %}
     for (int state = 0; state < {% block observed_states %}N_STATES{% endblock %}; state++)
         observation[RM_STATE + state] = state == controller->state ? {{ 1.0 | number }} : {{ 0.0 | number }};
     observation[{% block iterations %}RM_ITERATIONS{% endblock %}] = (spent < longest ? spent : longest) * {{ 0.1 | number }};
@@ -177,10 +189,16 @@ static void observe(const {{ name }}_controller *controller, const {{ name }}_se
 }
 
 {% block estimator_and_policy %}
+{% if odometry %}
+/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
+
+{{ odometry }}
+{% else %}
 /* ---- Estimator ------------------------------------------------------------------------------- */
 
 {{ (only.estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
+{% endif %}
 {% if needs_elu %}
 static {{ real }} elu({{ real }} x)
 {
@@ -188,7 +206,9 @@ static {{ real }} elu({{ real }} x)
 }
 
 {% endif %}
+{% if not odometry %}
 {{ only.estimator.functions }}
+{% endif %}
 /* ---- Policy: from the observation to the action ---------------------------------------------- */
 
 {{ only.policy.title | comment }}
@@ -210,9 +230,23 @@ static int sound_input(const {{ name }}_sensors *sensors, const {{ name }}_comma
     const {{ real }} commands[3] = {command->speed, command->yaw_rate, command->dwell};
 
     return all_sound(commands, 3) && all_sound(sensors->joint_position, 12)
-        && all_sound(sensors->joint_velocity, 12){% block sound_request %}{% endblock %};
+        && all_sound(sensors->joint_velocity, 12){% if has_imu %}
+
+        && all_sound(sensors->angular_velocity, 3) && all_sound(sensors->velocity_change, 3)
+        && all_sound(sensors->gravity, 3){% endif %}{% block sound_request %}{% endblock %};
 }
 
+{% if odometry %}
+/* Returns whether what odometry remembers is something that a step may have left. */
+static int sound_odometry(const {{ name }}_controller *controller)
+{
+    for (int leg = 0; leg < 4; leg++)
+        if (!all_sound(controller->footholds[leg], 3))
+            return 0;
+    return all_sound(controller->velocity, 3);
+}
+
+{% endif %}
 /* Tells whether a controller remembers what a step may have left. */
 static int sound_memory(const {{ name }}_controller *controller)
 {
@@ -220,7 +254,7 @@ static int sound_memory(const {{ name }}_controller *controller)
         && {% block sound_state %}controller->state >= 0 && controller->state < N_STATES{% endblock %}
 
         && controller->iterations >= 0 && controller->iterations <= LONGEST
-        && controller->age >= 0 && controller->age <= LONGEST;
+        && controller->age >= 0 && controller->age <= LONGEST{{ ' && sound_odometry(controller)' if odometry }};
 }
 
 static {{ real }} limited({{ real }} value, {{ real }} least, {{ real }} greatest, int *flags)
@@ -291,8 +325,13 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
 {% block take %}
     step_machine(&next, sensors->foot_contact, within.dwell);
     observe(&next, sensors, &within, observation);
+{% if odometry %}
+    estimate(&next, sensors, &observation[BASE_VELOCITY]);
+    if (!all_sound(observation, N_OBSERVATIONS) || !sound_odometry(&next))
+{% else %}
     estimate(observation, &observation[BASE_VELOCITY]);
     if (!all_sound(observation, N_OBSERVATIONS))
+{% endif %}
         return flags | {{ prefix }}_BAD_TARGET;
     act({{ 'next.state, ' if takes_state }}observation, next.action);
     if (!all_sound(next.action, 12))
@@ -305,6 +344,7 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
     set_targets(controller->action, targets);
     return flags;
 }
+{% if arrays %}
 
 /* ---- The numbers ----------------------------------------------------------------------------- */
 {% for array in arrays %}
@@ -312,3 +352,4 @@ int {{ name }}_step({{ name }}_controller *controller, const {{ name }}_sensors 
 /* {{ array.note }} */
 {{ array.definition }}
 {% endfor %}
+{% endif %}

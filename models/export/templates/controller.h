@@ -55,6 +55,12 @@ typedef struct {
     {{ real }} joint_position[12]; /* rad */
     {{ real }} joint_velocity[12]; /* rad/s */
     int foot_contact[4]; /* not 0 where a foot presses on the ground now */
+{% if has_imu %}
+    /* What an IMU in the trunk measures, x forward, y to the left, z up. */
+    {{ real }} angular_velocity[3]; /* rad/s */
+    {{ real }} velocity_change[3]; /* acceleration, summed since the step before, m/s: at rest 0, 0, {{ '%g' % (period * gravity) }} */
+    {{ real }} gravity[3]; /* its direction, a unit vector: 0, 0, -1 where the trunk is level */
+{% endif %}
 } {{ name }}_sensors;
 
 typedef struct {
@@ -80,6 +86,12 @@ typedef struct {
     int iterations; /* control steps in that state */
     int age; /* control steps since the start */
 {% endblock %}
+{% if odometry %}
+    int begun; /* whether odometry has, with the first step */
+    {{ real }} velocity[3]; /* of the trunk, as odometry has it, m/s, in the trunk's frame */
+    {{ real }} footholds[4][3]; /* where each foot stands, or stood last, m, in the trunk's frame */
+    int touching[4]; /* which feet touched at odometry's step before */
+{% endif %}
 } {{ name }}_controller;
 
 void {{ name }}_init({{ name }}_controller *controller);

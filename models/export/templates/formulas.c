@@ -30,6 +30,18 @@
     } v = {observation[{{ OWN }}BASE_VELOCITY] / {{ 2.0 | number }},{{ '\n        ' if own else ' ' }}observation[{{ OWN }}BASE_VELOCITY + 1] / {{ 2.0 | number }},
         observation[{{ OWN }}BASE_VELOCITY + 2] / {{ 2.0 | number }}};
 {% endif %}
+{% if 'g' in quantities %}
+    const struct {
+        {{ real }} x, y, z; /* direction of gravity, forward, left and up */
+    } g = {observation[GRAVITY_DIRECTION], observation[GRAVITY_DIRECTION + 1],
+        observation[GRAVITY_DIRECTION + 2]};
+{% endif %}
+{% if 'w' in quantities %}
+    const struct {
+        {{ real }} x, y, z; /* angular velocity of the trunk about these axes, rad/s */
+    } w = {observation[ANGULAR_VELOCITY] / {{ 0.25 | number }}, observation[ANGULAR_VELOCITY + 1] / {{ 0.25 | number }},
+        observation[ANGULAR_VELOCITY + 2] / {{ 0.25 | number }}};
+{% endif %}
 {% if 'h' in quantities %}
     const struct {
         {{ real }} FL, FR, RL, RR; /* estimated height of a foot, m */

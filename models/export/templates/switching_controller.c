@@ -9,13 +9,17 @@
  *   feet ----> contact memory ----> machine of the gait that runs <---- heights estimated before
  *                                        |                ^
  *                                        |                +---- requested gait
- *   joints, command, last action ----> observation ----> estimator ----> policy ----> targets
+ *   joints, {{ 'IMU, command, action' if observes_imu else 'command, last action' }} ----> observation ----> {{ 'policy' if odometry else 'estimator ----> policy' }} ----> targets
+{% if odometry %}
+ *                                        ^
+ *   joints, feet, IMU ----> odometry ----+
+{% endif %}
 {% endblock %}
 {% block changes_of_gait %}
  * Gaits: {{ prefix }}_GAIT_{{ gaits[0].constant }} runs at first. Set command.gait to another one at any
  * time; controller.gait tells which one runs. The gait that runs gives way at the stance that ends
- * one of its states and suits the other gait best, or when it has lost its rhythm. Estimator and
- * policy are the other gait's own from that step on; the previous action carries over.
+ * one of its states and suits the other gait best, or when it has lost its rhythm. {{ 'The' if odometry else 'Estimator and' }}
+ * policy {{ "is" if odometry else 'are' }} the other gait's own from that step on; the previous action carries over.
  *
 {% endblock %}
 {% block states %}
@@ -137,18 +141,26 @@ static {{ real }} elu({{ real }} x)
 
 {% endif %}
 {{ helpers | join }}
+{%- if odometry %}
+/* ---- Odometry: how fast the trunk is, and how high its feet are ------------------------------ */
+
+{{ odometry }}
+{% endif %}
 {%- for own in gaits %}
 /* ---- {{ (own.title ~ ' ' ~ '-' * 90)[:88] }} */
 
+{% if not odometry %}
 {{ (own.estimator.title ~ ' It estimates the velocity of the trunk and the heights of the feet from the rest of the observation.') | comment }}
 
 {{ own.estimator.functions }}
+{% endif %}
 {{ own.policy.title | comment }}
 
 {{ own.policy.functions }}
 {% endfor %}
 /* ---- The gait that runs ---------------------------------------------------------------------- */
 
+{% if not odometry %}
 static void estimate(int gait, {{ real }} observation[MOST_OBSERVATIONS])
 {
     switch (gait) {
@@ -160,6 +172,7 @@ static void estimate(int gait, {{ real }} observation[MOST_OBSERVATIONS])
     }
 }
 
+{% endif %}
 static void act(int gait, {{ 'int state, ' if takes_state }}const {{ real }} observation[MOST_OBSERVATIONS],
     {{ real }} action[12])
 {
@@ -219,8 +232,13 @@ static void limit_change(const {{ real }} last[12], {{ real }} action[12])
 {% block take %}
     step_machine(&next, sensors->foot_contact, within.dwell, command->gait);
     observe(&next, sensors, &within, observation);
+{% if odometry %}
+    estimate(&next, sensors, &observation[N_OBSERVATIONS[next.gait] - 7]);
+    if (!all_sound(observation, N_OBSERVATIONS[next.gait]) || !sound_odometry(&next))
+{% else %}
     estimate(next.gait, observation);
     if (!all_sound(observation, N_OBSERVATIONS[next.gait]))
+{% endif %}
         return flags | {{ prefix }}_BAD_TARGET;
     act(next.gait, {{ 'next.state, ' if takes_state }}observation, next.action);
     if (!all_sound(next.action, 12))

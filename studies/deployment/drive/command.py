@@ -1,7 +1,7 @@
 """`glassgait drive`: a robot and its controller in two processes, and what becomes of losses."""
 
-import json
 import time
+from abc import abstractmethod
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,58 +9,57 @@ from typing import Annotated, ClassVar
 
 import pandas as pd
 import tyro
-from annotated_types import Le
+from annotated_types import Ge, Le
+from pydrake.lcm import DrakeLcm
 
-from glassgait.diagrams.commands import DrawnCommands, SliderCommand
+from glassgait.diagrams.commands import SliderCommand
 from glassgait.diagrams.link import ControllerEnd, RobotEnd
-from glassgait.diagrams.scenario import TRAINING, load_scenario
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
 from glassgait.diagrams.visualization import open_meshcat
-from glassgait.models.link.settings import LinkSettings
+from glassgait.models.errors import InputError, shown
+from glassgait.models.link.channels import LinkSettings
 from glassgait.models.link.watchdog import Watchdog
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
-from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.console import console, progress_bar, say
+from glassgait.models.task.gait import Gait, load_gait
+from glassgait.studies.common.console import console, say
+from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.play import Seconds, pusher
-from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, distilled_speeds
+from glassgait.studies.common.policies import OneGait
+from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
-from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
-from glassgait.studies.deployment.drive.connection import open_lcm
-from glassgait.studies.deployment.drive.controller import control
-from glassgait.studies.deployment.drive.packet_loss import COLUMNS, TRIALS, LossyRobots
-from glassgait.studies.deployment.drive.simulator import Record, RobotProcess
+from glassgait.studies.common.tables import json_records, print_table
+from glassgait.studies.deployment.drive.dropout import silence_controllers
+from glassgait.studies.deployment.drive.packet_loss import lose_packets
+from glassgait.studies.deployment.drive.processes import Record, RobotProcess, control
 from glassgait.studies.view.command import OwnCommand
 from glassgait.studies.view.live import first_interrupt
 
 Link = Annotated[LinkSettings, tyro.conf.arg(name="")]
 
+PATIENCE = 2.0
+"""Time in which a message that is sent here must come back (s)."""
+
 
 @dataclass(frozen=True)
-class DriveController(Settings):
+class DriveController(OneGait):
     """Answer what a robot in another process senses, until Ctrl-C.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
         link: Where messages go.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
     """
 
     title: ClassVar[str] = "drive controller"
 
-    gait: str = "trot"
     policy: str = "expert"
     link: Link = field(default_factory=LinkSettings)
-    robot: str | None = None
-    source: Path | None = None
 
     def run(self) -> None:
         """Answers, and reports what was counted."""
-        gait = load_gait(self.gait)
-        policy = find_policies(gait, self.source, self.robot).controller(self.policy)
+        found = self.policies()
+        gait, policy = found.gait, found.controller(self.policy)
         lcm = open_lcm(self.link)
         controller = ControllerEnd(policy.robot, gait, policy, lcm, self.link.names)
         say(f"listening on {self.link.names.sensors}; Ctrl-C ends")
@@ -141,81 +140,168 @@ class DriveSimulator(Settings):
             with first_interrupt() as interrupted:
                 record = process.run(n_steps, interrupted)
             if self.output:
-                write_table(_table(record), self.output / "link")
-                write_metrics(record, self.output / "metrics.json")
+                Report({"link": _table(record)}, record).write(self.output)
         print_table(f"{gait.name}: the robot", _table(record))
         if self.output:
             console.print(f"written to {self.output}")
 
 
 @dataclass(frozen=True)
-class DrivePacketLoss(Settings):
-    """Lose messages on purpose, in one process and simulated time, and count what happens.
+class _Study(OneGait):
+    """Robots whose link fails, in one process and simulated time.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         policy: `expert`, a kind of student, or the path of a policy file.
-        scenario: Name of a scenario that ships, or path of a scenario file. One that names no
-            command lets robots go at the speeds of distillation.
-        n_robots: Robots of each trial.
-        n_steps: Control steps of each robot.
+        scenario: Name of a scenario that ships, or path of a scenario file.
         watchdog: How long robots wait for their controller.
-        seed: Seed of commands, noise and losses.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/drive/<gait>/<policy> by default.
+        output: Folder of the results.
     """
 
-    title: ClassVar[str] = "drive packet-loss"
+    table: ClassVar[str]
+    """Name of the table's files."""
 
-    gait: str = "trot"
+    heading: ClassVar[str]
+
     policy: str = "expert"
     scenario: str = TRAINING
-    n_robots: Count = 26
-    n_steps: Count = EPISODE_STEPS
     watchdog: Watchdog = field(default_factory=Watchdog)
-    seed: Seed = REPORTED_SEEDS[0]
-    robot: str | None = None
-    source: Path | None = None
     resume: bool = False
     output: Path | None = None
 
+    @property
+    @abstractmethod
+    def place(self) -> str:
+        """Folder of the results below that of the gait."""
+
+    @abstractmethod
+    def measure(
+        self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
+    ) -> pd.DataFrame:
+        """Lets robots walk, and counts."""
+
     def run(self) -> None:
-        """Walks through every trial, and writes the table."""
-        gait, scenario = load_gait(self.gait), load_scenario(self.scenario)
-        found = find_policies(gait, self.source, self.robot)
-        policy = found.controller(self.policy)
-        if not scenario.names_a_command:
-            scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
-        folder = self.output or found.output("drive") / Path(self.policy).stem
+        """Measures, and writes the table."""
+        found, scenario = self.policies(), load_scenario(self.scenario)
+        gait, controller = found.gait, found.controller(self.policy)
+        folder = self.output or found.output("drive") / self.place
         inputs = {
             "gait": gait.digest(),
             "world": scenario.digest(),
-            "expert": policy.expert.digest(),
-            "policy": policy.policy.digest(),
+            "expert": controller.expert.digest(),
+            "policy": controller.policy.digest(),
         }
-        run = {"study": "drive", "settings": self, "resume": self.resume}
-        with open_run(folder, **run, inputs=inputs):
-            rows = []
-            with progress_bar(len(TRIALS)) as (progress, task):
-                for number, trial in enumerate(TRIALS):
-                    progress.update(task, text=trial.title)
-                    done = folder / "trials" / f"{number}.json"
-                    if not done.exists():
-                        robots = LossyRobots(
-                            gait, policy, scenario, trial, watchdog=self.watchdog, seed=self.seed
-                        )
-                        write_metrics(robots.walk(self.n_robots, self.n_steps), done)
-                    rows.append(json.loads(done.read_text()))
-                    progress.advance(task)
-            table = pd.DataFrame(rows, columns=list(COLUMNS))
-            write_table(table, folder / "losses")
-            write_metrics(json_records(table), folder / "metrics.json")
-        print_table(f"{gait.name}, {self.policy}: lost and late messages", table)
+        run = {"study": "drive", "settings": self, "inputs": inputs, "resume": self.resume}
+        with open_run(folder, **run):
+            table = self.measure(gait, controller, scenario, folder)
+            Report({self.table: table}, json_records(table)).write(folder)
+        print_table(f"{gait.name}, {self.policy}: {self.heading}", table)
         console.print(f"written to {folder}")
+
+
+@dataclass(frozen=True)
+class DrivePacketLoss(_Study):
+    """Lose messages on purpose, in one process and simulated time, and count what happens.
+
+    A scenario that names no command lets robots go at the speeds of distillation. Results are in
+    runs/drive/<gait>/<policy> by default.
+
+    Attributes:
+        n_robots: Robots of each trial.
+        n_steps: Control steps of each robot.
+        seed: Seed of commands, noise and losses.
+    """
+
+    title: ClassVar[str] = "drive packet-loss"
+    table: ClassVar[str] = "losses"
+    heading: ClassVar[str] = "lost and late messages"
+
+    n_robots: Count = 26
+    n_steps: Count = EPISODE_STEPS
+    seed: Seed = REPORTED_SEEDS[0]
+
+    @property
+    def place(self) -> str:
+        return Path(self.policy).stem
+
+    def measure(
+        self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
+    ) -> pd.DataFrame:
+        return lose_packets(
+            gait,
+            controller,
+            scenario,
+            folder / "trials",
+            n_robots=self.n_robots,
+            n_steps=self.n_steps,
+            watchdog=self.watchdog,
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True)
+class DriveDropout(_Study):
+    """Silence controllers for good at many moments of the stride, and count the falls.
+
+    Robots go at thirds of the fastest speed of distillation, whatever the scenario commands.
+    Results are in runs/drive/<gait>/silence by default.
+
+    Attributes:
+        n_moments: Robots of each speed; each loses its controller at another moment.
+        push: What is added to the trunk's velocity at that moment, in a drawn direction (m/s).
+        seconds: Time from then to the end (s).
+        seed: Seed of dwell, turning, noise, initial states and pushes.
+    """
+
+    title: ClassVar[str] = "drive dropout"
+    table: ClassVar[str] = "silence"
+    heading: ClassVar[str] = "silent for good"
+    place: ClassVar[str] = "silence"
+
+    n_moments: Count = 32
+    push: Annotated[NotNegative, Le(20.0)] = 0.0
+    seconds: Annotated[float, Ge(0.1), Le(60.0)] = 2.0
+    seed: Seed = 2000
+
+    def measure(
+        self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
+    ) -> pd.DataFrame:
+        return silence_controllers(
+            gait,
+            controller,
+            scenario,
+            n_moments=self.n_moments,
+            push=self.push,
+            seconds=self.seconds,
+            watchdog=self.watchdog,
+            seed=self.seed,
+        )
 
 
 def _table(record: Record) -> pd.DataFrame:
     return pd.DataFrame({"what": record.keys(), "value": record.values()})
+
+
+def open_lcm(link: LinkSettings) -> DrakeLcm:
+    """Opens LCM, and tries whether messages come through.
+
+    Drake goes on without a word where a URL cannot be used, and messages go nowhere.
+
+    Raises:
+        InputError: if a message does not come back.
+    """
+    lcm = DrakeLcm(link.lcm_url)
+    # On a channel of its own moment, so that others that start now do not answer in its place.
+    channel, heard = f"{link.channels}PROBE_{time.time_ns()}", []
+    subscription = lcm.Subscribe(channel, heard.append)
+    end = time.monotonic() + PATIENCE
+    while not heard and time.monotonic() < end:
+        lcm.Publish(channel, b"probe")
+        lcm.HandleSubscriptions(100)
+    del subscription
+    if not heard:
+        raise InputError(
+            f"link: no message comes through at {shown(link.lcm_url)}; check that this machine "
+            "takes multicast on its loopback, that a server of tcpq runs, or give another --lcm-url"
+        )
+    return lcm

@@ -60,6 +60,35 @@ class Lowered(NamedTuple):
     descent: Array
 
 
+def silence_controllers(
+    gait: Gait,
+    controller: Controller,
+    scenario: Scenario,
+    *,
+    n_moments: int,
+    push: float,
+    seconds: float,
+    watchdog: Watchdog,
+    seed: int,
+) -> pd.DataFrame:
+    """Lets robots walk, silences their controllers, and counts what becomes of them.
+
+    Args:
+        gait: The gait.
+        controller: The controller.
+        scenario: The world; its commands are left out.
+        n_moments: Robots of each speed.
+        push: What is added to each trunk's velocity (m/s).
+        seconds: Time from then to the end (s).
+        watchdog: How long robots wait for their controller.
+        seed: Seed of all that is drawn.
+    """
+    left = walk_until_silent(gait, controller, scenario, n_moments=n_moments, seed=seed)
+    left = pushed(left, push, seed)
+    lowered = lower(controller.robot, left, scenario.station, watchdog, seconds=seconds)
+    return silence_table(left, lowered)
+
+
 def walk_until_silent(
     gait: Gait, controller: Controller, scenario: Scenario, *, n_moments: int, seed: int
 ) -> Left:
@@ -67,13 +96,6 @@ def walk_until_silent(
 
     The moments are equally far apart over two strides of the slowest rhythm. Dwell, turning, noise
     and initial states are drawn.
-
-    Args:
-        gait: The gait.
-        controller: The controller.
-        scenario: The world; its commands are left out.
-        n_moments: Robots of each speed.
-        seed: Seed of all that is drawn.
 
     Raises:
         InputError: if the plant is continuous, or a policy was made for another gait.
@@ -126,13 +148,6 @@ def lower(
     robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float
 ) -> Lowered:
     """Advances robots that their watchdogs alone move.
-
-    Args:
-        robot: What robots they are.
-        left: The robots.
-        station: Their physics.
-        watchdog: How long they wait for their controller.
-        seconds: Time until the end (s).
 
     Raises:
         InputError: if the plant is continuous.

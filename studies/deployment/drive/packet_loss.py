@@ -1,22 +1,32 @@
 """What becomes of robots whose messages are lost or late, counted in simulated time."""
 
+import json
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import pandas as pd
+from annotated_types import Ge, Lt
 from pydrake.lcm import DrakeLcm
 
+from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.link import FOLLOWED, ControllerEnd, RobotEnd
 from glassgait.diagrams.scenario import Scenario
-from glassgait.models.link.loss import BoolArray, Loss
-from glassgait.models.link.settings import Channels
+from glassgait.models.link.channels import Channels
 from glassgait.models.link.watchdog import Phase, Watchdog
 from glassgait.models.policies.controller import Controller
 from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.settings import NotNegative, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
+from glassgait.studies.common.console import progress_bar
+from glassgait.studies.common.episode import BoolArray
+from glassgait.studies.common.rollouts import distilled_speeds
+from glassgait.studies.common.tables import write_metrics
 
 OVERTURNED = 60.0
 """Lean of the trunk beyond which a robot lies on its side or back (°)."""
@@ -39,6 +49,39 @@ COLUMNS = (
     "longest hold (s)",
 )
 """Columns of the table, in order."""
+
+
+@dataclass(frozen=True)
+class Loss(Settings):
+    """Which messages are lost.
+
+    Attributes:
+        share: Share of messages that are lost, each by itself.
+        burst: Length of a time in which all are lost (s); 0 for none.
+        interval: Time from the begin of a burst to the next (s).
+    """
+
+    title: ClassVar[str] = "loss"
+
+    share: Annotated[float, Ge(0.0), Lt(1.0)] = 0.0
+    burst: NotNegative = 0.0
+    interval: Annotated[float, Ge(CONTROL_PERIOD)] = 10.0
+
+    def draw(self, n_steps: int, n_channels: int, generator: np.random.Generator) -> BoolArray:
+        """Draws which of the messages of each control step and channel are lost.
+
+        Bursts take all channels at once; the first comes in the middle of the first interval, give
+        or take a quarter of it.
+        """
+        lost = generator.uniform(size=(n_steps, n_channels)) < self.share
+        if self.burst > 0.0:
+            period = round(self.interval / CONTROL_PERIOD)
+            starts = np.arange(0, n_steps, period)
+            starts = starts + generator.integers(period // 4, 3 * period // 4 + 1, len(starts))
+            step = np.arange(n_steps)[:, None]
+            length = round(self.burst / CONTROL_PERIOD)
+            lost |= np.any((step >= starts) & (step < starts + length), axis=1)[:, None]
+        return lost
 
 
 @dataclass(frozen=True)
@@ -74,14 +117,53 @@ TRIALS = (
 """Where no latency is given, answers act 10 ms after their sensors, at the plant's next step."""
 
 
+def lose_packets(
+    gait: Gait,
+    controller: Controller,
+    scenario: Scenario,
+    folder: Path,
+    *,
+    n_robots: int,
+    n_steps: int,
+    watchdog: Watchdog,
+    seed: int,
+) -> pd.DataFrame:
+    """Lets robots walk through every trial.
+
+    Args:
+        gait: The gait.
+        controller: The controller.
+        scenario: The world; one that names no command lets robots go at the speeds of distillation.
+        folder: Where each trial is kept; one that is there is not done again.
+        n_robots: Robots of each trial.
+        n_steps: Control steps of each robot.
+        watchdog: How long robots wait for their controller.
+        seed: Seed of commands, noise and losses.
+
+    Returns:
+        A row a trial, with columns `COLUMNS`.
+    """
+    if not scenario.names_a_command:
+        scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
+    rows = []
+    with progress_bar(len(TRIALS)) as (progress, task):
+        for number, trial in enumerate(TRIALS):
+            progress.update(task, text=trial.title)
+            done = folder / f"{number}.json"
+            if not done.exists():
+                robots = LossyRobots(
+                    gait, controller, scenario, trial, watchdog=watchdog, seed=seed
+                )
+                write_metrics(robots.walk(n_robots, n_steps), done)
+            rows.append(json.loads(done.read_text()))
+            progress.advance(task)
+    return pd.DataFrame(rows, columns=pd.Index(COLUMNS))
+
+
 class LossyLink:
     """Carries messages from one end to the other, in one process, as far as they are not lost."""
 
     def __init__(self, channels: Channels) -> None:
-        """
-        Args:
-            channels: Names of the channels.
-        """
         self.robot, self.controller = DrakeLcm("memq://"), DrakeLcm("memq://")
         self._channels = channels
         self._lost: BoolArray = np.zeros(2, dtype=bool)
@@ -92,12 +174,7 @@ class LossyLink:
         self.controller.Subscribe(channels.targets, self._take_answer)
 
     def begin_step(self, lost: BoolArray, due: int) -> None:
-        """Sets what becomes of a control step's messages.
-
-        Args:
-            lost: Whether those to the controller are lost, and those to the robot (2).
-            due: When answers are delivered, in steps of the plant.
-        """
+        """Sets what becomes of a control step's messages."""
         self._lost, self._due = lost, due
 
     def deliver(self, now: int) -> None:
@@ -131,14 +208,6 @@ class LossyRobots:
         seed: int,
     ) -> None:
         """
-        Args:
-            gait: The gait.
-            policy: The controller.
-            scenario: The world.
-            trial: What happens to the messages.
-            watchdog: How long robots wait for their controller.
-            seed: Seed of commands, noise and losses.
-
         Raises:
             InputError: if the scenario is not made for two processes, or the gait not for it.
         """
@@ -154,23 +223,12 @@ class LossyRobots:
         self._late = round(trial.latency / CONTROL_PERIOD * self._robot.n_parts)
 
     def walk(self, n_robots: int, n_steps: int) -> dict[str, Any]:
-        """Lets robots walk, each until it falls or its time is over.
-
-        Args:
-            n_robots: Number of robots.
-            n_steps: Control steps of each.
-
-        Returns:
-            A row of the table.
-        """
+        """Lets robots walk, each until it falls or its steps are taken; returns a row."""
         outcomes = [self._walk_one(n_steps) for _ in range(n_robots)]
         phases = [phase for one in outcomes for phase in one.phases]
         steps, tally = len(phases), self._robot.tally
         changes = [
-            after
-            for one in outcomes
-            for before, after in zip(one.phases, one.phases[1:], strict=False)
-            if before != after
+            after for one in outcomes for before, after in pairwise(one.phases) if before != after
         ]
         row = (
             self._trial.title,
@@ -235,8 +293,4 @@ class Outcome:
 
 
 def _longest(phases: Sequence[Phase], sought: Phase) -> int:
-    longest = length = 0
-    for phase in phases:
-        length = length + 1 if phase is sought else 0
-        longest = max(longest, length)
-    return longest
+    return max((len(list(run)) for phase, run in groupby(phases) if phase is sought), default=0)

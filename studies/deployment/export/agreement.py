@@ -14,10 +14,12 @@ from glassgait.models.export.reference import PythonController
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.formula import STANCES
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
+from glassgait.models.task.imu import GRAVITY
 from glassgait.studies.common.episode import (
     BoolArray,
     ControlStep,
@@ -104,13 +106,16 @@ def random_sequences(
     """Draws sensors at random, in sequences of `SEQUENCE_STEPS`, and requests of several gaits.
 
     Joints are anywhere in their ranges, as fast as they can be; every other stance is one in which
-    a transition of the gait fires, or of one of the gaits.
+    a transition of the gait fires, or of one of the gaits. The trunk leans and turns anyhow.
     """
-    generator = np.random.default_rng(seed)
+    generator, of_trunk = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     machine = gait.gait if isinstance(gait, GaitSwitch) else gait
     tables = np.array([transition.when.table for transition in machine.transitions])
     counts = [min(SEQUENCE_STEPS, n_steps - k) for k in range(0, n_steps, SEQUENCE_STEPS)]
-    sequences = [list(_random_moments(robot, machine, tables, own, generator)) for own in counts]
+    sequences = [
+        list(_random_moments(robot, machine, tables, random_readings(own, of_trunk), generator))
+        for own in counts
+    ]
     if isinstance(gait, Gait):
         return sequences
     requested = drawn_requests(gait, len(sequences), SEQUENCE_STEPS, RANDOM_REQUEST_STEPS, seed)
@@ -120,10 +125,18 @@ def random_sequences(
     ]
 
 
+def random_readings(count: int, generator: np.random.Generator) -> Array:
+    """Draws readings of an IMU (count, 9) of robots that lean and turn anyhow."""
+    turning, change, down = generator.normal(size=(3, count, 3))
+    down /= np.sqrt(np.sum(np.square(down), axis=1, keepdims=True))
+    change *= CONTROL_PERIOD * GRAVITY
+    return np.concatenate([turning, change - CONTROL_PERIOD * GRAVITY * down, down], axis=1)
+
+
 def _random_moments(
-    robot: Robot, gait: Gait, tables: Array, count: int, generator: np.random.Generator
+    robot: Robot, gait: Gait, tables: Array, readings: Array, generator: np.random.Generator
 ) -> Iterator[Moment]:
-    for step in range(count):
+    for step, imu in enumerate(readings):
         if step % COMMAND_STEPS == 0:
             drawn = sample_commands(gait, 1, generator)
             command = Command(drawn.velocity[0], drawn.dwell[0])
@@ -134,20 +147,13 @@ def _random_moments(
             touching = np.zeros(quadruped.N_LEGS, dtype=bool)
         position = generator.uniform(robot.lower_limits, robot.upper_limits)
         velocity = generator.uniform(-robot.velocity, robot.velocity)
-        yield Moment(Sensors(position, velocity, touching), command)
+        yield Moment(Sensors(position, velocity, touching, imu), command)
 
 
 def recorded_sequences(
     gait: Gait | GaitSwitch, controller: AlternatingController, n_steps: int, seed: int
 ) -> list[list[Moment]]:
-    """Records what robots sense that the controller moves, in the training world.
-
-    Args:
-        gait: The gait, or several, which robots then change again and again.
-        controller: The controller, in Python.
-        n_steps: Control steps of all robots together.
-        seed: Seed of initial states, commands, requests and noise.
-    """
+    """Records what robots sense that the controller moves, in the training world."""
     n_robots = max(1, round(n_steps / SEQUENCE_STEPS))
     own_steps = n_steps // n_robots
     if isinstance(gait, GaitSwitch):
@@ -176,13 +182,6 @@ def drawn_requests(
     """Draws the numbers of the gaits that robots are asked for (n_steps, n_robots).
 
     The first gait is asked for at first, and from time to time another one than before.
-
-    Args:
-        switch: The gaits.
-        n_robots: Number of robots.
-        n_steps: Control steps.
-        every: Control steps from one request to the next.
-        seed: Seed of what is drawn.
     """
     generator = np.random.default_rng(seed)
     n_gaits, n_requests = len(switch.gaits), -(-n_steps // every)
@@ -212,11 +211,6 @@ class RecordedMoments(Observer):
     """
 
     def __init__(self, n_robots: int, requested: IntArray | None = None) -> None:
-        """
-        Args:
-            n_robots: Number of robots.
-            requested: Gaits that are requested in each control step (T, n), of several gaits.
-        """
         self.sequences: list[list[Moment]] = [[] for _ in range(n_robots)]
         self._requested = requested
 
@@ -251,11 +245,11 @@ def moments(state: TaskState, requested: IntArray | None = None) -> Iterator[Mom
     """Returns what each robot senses and is asked for in a state; see `Moment`."""
     gaits = np.zeros(len(state.steps), dtype=np.int64) if requested is None else requested
     measured = joint_readings(state.plant, state.joint_noise)
-    for row, touching, velocity, dwell, gait in zip(
-        measured, state.touching, *state.command, gaits, strict=True
+    for row, touching, imu, velocity, dwell, gait in zip(
+        measured, state.sensed, state.imu[:, -1], *state.command, gaits, strict=True
     ):
         position, speed = np.split(row, 2)
-        yield Moment(Sensors(position, speed, touching), Command(velocity, dwell), int(gait))
+        yield Moment(Sensors(position, speed, touching, imu), Command(velocity, dwell), int(gait))
 
 
 def joint_readings(plant: Array, noise: Array) -> Array:

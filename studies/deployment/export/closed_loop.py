@@ -156,8 +156,8 @@ def by_policy(controller: Controller) -> tuple[Controller, Sequence[Event]]:
     return controller, ()
 
 
-def by_graph(graph: Callable[[Array], tuple[Array, Array]]) -> Maker:
-    """Returns what acts by proprioception, and estimates the rest by its own estimator."""
+def by_graph(graph: Callable[[Array, Array], tuple[Array, Array]]) -> Maker:
+    """Returns what acts by proprioception, and by odometry or else its own estimator."""
     return lambda controller: (_GraphController(controller, graph), ())
 
 
@@ -175,10 +175,10 @@ def by_controller(compiled: LoadedController) -> Maker:
 class _GraphController(WrappedController):
     """Acts by a graph."""
 
-    graph: Callable[[Array], tuple[Array, Array]]
+    graph: Callable[[Array, Array], tuple[Array, Array]]
 
     def advance(self, step: int, observation: Array, memory: None) -> ControllerOutput:
-        action = self.graph(observation[:, :-N_ESTIMATED])[0]
+        action = self.graph(*np.split(observation, [-N_ESTIMATED], axis=1))[0]
         return ControllerOutput(action, np.zeros(len(action), dtype=bool), memory)
 
 

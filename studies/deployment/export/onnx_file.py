@@ -10,21 +10,25 @@ import pandas as pd
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
-from glassgait.models.export.controller import network_expert, refuse_other_than_names
+from glassgait.models.export.controller import refuse_other_than_names
 from glassgait.models.export.graphs.policy_graph import write_graph
 from glassgait.models.export.graphs.runtime import LoadedGraph
 from glassgait.models.export.language import Real
 from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.command import sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import N_ESTIMATED, OVERDUE, proprioception
+from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
-from glassgait.studies.deployment.export.agreement import SEQUENCE_STEPS, recorded_observations
+from glassgait.studies.deployment.export.agreement import (
+    SEQUENCE_STEPS,
+    random_readings,
+    recorded_observations,
+)
 from glassgait.studies.deployment.export.closed_loop import by_graph
 from glassgait.studies.deployment.export.files import Deployment, Effort, Exported
 
@@ -48,22 +52,32 @@ class GraphAgreement:
 
 
 def compare_graph(
-    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, own: Array
+    graph: LoadedGraph, policy: Policy, expert: Policy, rows: Array
 ) -> GraphAgreement:
-    """Lets both act on proprioception (m, 40 + n_states), rounded to what the graph reads."""
-    rounded = own.astype(graph.dtype).astype(float)
-    estimate = expert.learned_estimator(rounded)
-    action = policy(np.concatenate([rounded, estimate], axis=-1))
-    acted = graph(own)
+    """Lets both act on the same rows, rounded to what the graph reads.
+
+    Args:
+        graph: The graph.
+        policy: The policy that acts.
+        expert: Its estimator observes, unless the graph reads the estimate.
+        rows: Proprioception (m, 40 + n_states), and behind it the estimate if the graph reads one.
+    """
+    rounded = rows.astype(graph.dtype).astype(float)
+    if graph.reads_estimate:
+        own, estimate = np.split(rounded, [-N_ESTIMATED], axis=1)
+    else:
+        assert callable(expert.estimator)
+        own, estimate = rounded, expert.estimator(rounded)
+    action, acted = policy(np.concatenate([own, estimate], axis=-1)), graph(own, estimate)
     return GraphAgreement(
-        len(own),
+        len(rows),
         expert.robot.action_scale * _apart(acted.action, action),
         _apart(acted.estimate, estimate),
     )
 
 
 def check_graph(
-    graph: LoadedGraph, policy: Policy, expert: NeuralPolicy, rows: Mapping[str, Array]
+    graph: LoadedGraph, policy: Policy, expert: Policy, rows: Mapping[str, Array]
 ) -> pd.DataFrame:
     """Compares a graph with Python on rows from several sources, by their names.
 
@@ -82,15 +96,34 @@ def check_graph(
 
 
 def recorded_rows(gait: Gait, controller: AlternatingController, n_rows: int, seed: int) -> Array:
-    """Records proprioception (m, 40 + n_states) of robots that the controller moves."""
+    """Records what a graph reads (m, n) of robots that the controller moves."""
     n_robots = max(1, round(n_rows / SEQUENCE_STEPS))
     n_steps = -(-n_rows // n_robots)
     observations = recorded_observations(gait, controller, n_robots, n_steps, seed)
-    return observations[:n_rows, :-N_ESTIMATED]
+    has_odometry = isinstance(controller.estimator, Odometry)
+    return observations[:n_rows, : None if has_odometry else -N_ESTIMATED]
 
 
-def random_rows(robot: Robot, gait: Gait, n_rows: int, seed: int) -> Array:
-    """Draws proprioception (m, 40 + n_states): joints and last targets anywhere in their ranges."""
+def random_rows(
+    robot: Robot,
+    gait: Gait,
+    n_rows: int,
+    seed: int,
+    *,
+    imu: bool = False,
+    estimate: bool = False,
+) -> Array:
+    """Draws what a graph reads (m, n): joints and last targets anywhere in their ranges.
+
+    Args:
+        robot: The robot.
+        gait: The gait.
+        n_rows: Number of rows (m).
+        seed: Seed of what is drawn.
+        imu: Whether it observes gravity's direction and the angular velocity.
+        estimate: Whether it reads the estimate.
+    """
+    of_trunk = np.random.default_rng([seed, 1])
     generator = np.random.default_rng(seed)
     command = sample_commands(gait, n_rows, generator)
     shape = (n_rows, quadruped.N_JOINTS)
@@ -98,7 +131,7 @@ def random_rows(robot: Robot, gait: Gait, n_rows: int, seed: int) -> Array:
         generator.uniform(robot.lower_limits, robot.upper_limits, size=shape) for _ in range(2)
     )
     counts = generator.integers(gait.dwell[1] + OVERDUE, endpoint=True, size=n_rows)
-    return proprioception(
+    own = proprioception(
         robot,
         command=command.velocity,
         joint_position=position,
@@ -107,7 +140,10 @@ def random_rows(robot: Robot, gait: Gait, n_rows: int, seed: int) -> Array:
         rm_state=np.eye(gait.n_states)[generator.integers(gait.n_states, size=n_rows)],
         rm_iterations=counts.astype(float),
         commanded_dwell=command.dwell,
+        imu=random_readings(n_rows, of_trunk) if imu else None,
     )
+    body = of_trunk.normal(size=(n_rows, N_ESTIMATED if estimate else 0))
+    return np.concatenate([own, body], axis=1)
 
 
 def _apart(graph: Array, python: Array) -> float:
@@ -124,10 +160,6 @@ class OnnxFile(Exported):
 
     def __init__(self, deployment: Deployment, real: Real) -> None:
         """
-        Args:
-            deployment: What is exported, of one gait.
-            real: Type of what the graph reads and gives.
-
         Raises:
             InputError: if there is no graph for it, or its name can name no controller.
         """
@@ -135,11 +167,9 @@ class OnnxFile(Exported):
         refuse_other_than_names(deployment.name)
         assert isinstance(deployment.gait, Gait)
         self.gait, self.policy = deployment.gait, deployment.controller.policy
-        self.expert = network_expert(deployment.controller.expert)
         model = write_graph(
             self.gait,
-            self.policy,
-            self.expert,
+            deployment.controller,
             policy_name=deployment.policy_name,
             version=version("glassgait"),
             real=real,
@@ -149,11 +179,19 @@ class OnnxFile(Exported):
     def check(self, effort: Effort) -> dict[str, pd.DataFrame]:
         graph, recorded, seed = LoadedGraph(self.model), effort.n_recorded, effort.seed
         say(f"acting on {effort.n_steps} observations, in Python and by ONNX Runtime")
+        policy, controller = self.policy, self.deployment.controller
         rows = {
-            "recorded": recorded_rows(self.gait, self.deployment.controller, recorded, seed),
-            "random": random_rows(self.policy.robot, self.gait, effort.n_steps - recorded, seed),
+            "recorded": recorded_rows(self.gait, controller, recorded, seed),
+            "random": random_rows(
+                policy.robot,
+                self.gait,
+                effort.n_steps - recorded,
+                seed,
+                imu=policy.layout.imu,
+                estimate=graph.reads_estimate,
+            ),
         }
-        agreement = check_graph(graph, self.policy, self.expert, rows)
+        agreement = check_graph(graph, policy, controller.expert, rows)
         return {"agreement": agreement} | self._walked(by_graph(graph), effort)
 
     def write(self, folder: Path) -> tuple[Path, ...]:

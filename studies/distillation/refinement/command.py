@@ -54,11 +54,7 @@ class Refine(OnePolicy):
             folder,
             study="refine",
             settings=self.config,
-            inputs={
-                "gait": gait.digest(),
-                "policy": policy.digest(),
-                "expert": expert.digest(),
-            },
+            inputs={"gait": gait.digest(), "policy": policy.digest(), "expert": expert.digest()},
             resume=self.resume,
             free=("updates",),
         ):

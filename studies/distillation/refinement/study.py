@@ -187,7 +187,7 @@ class RefinementRun(LearningRun):
 
     def policy(self) -> FormulaPolicy:
         """Returns the policy as it is now, with the digits that its file shows."""
-        return short_numbers(self._network.to_policy())
+        return short_numbers(self._network.to_policy()).with_estimator_of(self._expert)
 
     def write_result(self) -> None:
         """Writes formulas, record and curve: the formulas as they are now, and in the end the best.

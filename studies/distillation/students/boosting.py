@@ -12,10 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.settings import Count, Natural, Share
-from glassgait.studies.distillation.students.student import (
-    StudentSettings,
-    compiled_student,
-)
+from glassgait.studies.distillation.students.student import StudentSettings, compiled_student
 
 Depth = Annotated[Count, Le(16)]
 """Depth of a tree: compiled trees are complete, and of this depth have 65,536 leaves."""

@@ -12,9 +12,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays, refuse_another, save_arrays
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import mirrored_states
 from glassgait.studies.distillation.students.student import TrainingSet
 
@@ -66,16 +64,16 @@ class Dataset:
             self.minutes + other.minutes,
         )
 
-    def training_set(self, gait: Gait, robot: Robot) -> TrainingSet:
-        """Returns what a student of a gait and a robot is fitted to."""
+    def training_set(self, gait: Gait, expert: Policy) -> TrainingSet:
+        """Returns what a student of an expert is fitted to."""
         return TrainingSet(
             gait.name,
-            ObservationLayout(gait.n_states).names,
+            expert.observation_names,
             self.observations,
             self.actions,
             self.starts,
             mirrored_states(gait),
-            robot,
+            expert.robot,
         )
 
     def save(self, path: Path, of: str = "") -> None:

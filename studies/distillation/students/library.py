@@ -20,10 +20,9 @@ from glassgait.models.policies.library import (
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder
-from glassgait.models.settings import Settings
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.policies import Policies, find_policies
+from glassgait.studies.common.policies import OneGait, Policies
 from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
 from glassgait.studies.distillation.students.student import ITSELF
@@ -48,18 +47,13 @@ def samples_folder(folder: Path, kind: str) -> Path:
     return folder / (kind if collector == ITSELF else str(collector))
 
 
-def kept_students(folder: Path) -> tuple[str, ...]:
-    """Lists the kinds of students that a run has finished."""
-    return tuple(kind for kind in STUDENTS if policy_path(folder, kind).exists())
-
-
 def load_students(folder: Path, expert: NeuralPolicy) -> dict[str, Policy]:
     """Loads the students of a run, by kind.
 
     Raises:
         InputError: if the folder holds none, or a student does not fit the expert.
     """
-    kinds = kept_students(folder)
+    kinds = [kind for kind in STUDENTS if policy_path(folder, kind).exists()]
     if not kinds:
         raise InputError(
             f"{folder}: holds no students; make them with 'glassgait distill --gait {expert.gait}'"
@@ -81,26 +75,19 @@ def load_shipped_students(expert: NeuralPolicy) -> dict[str, Policy]:
 
 
 @dataclass(frozen=True)
-class OnePolicy(Settings):
+class OnePolicy(OneGait):
     """Settings of a command that takes one student.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         policy: Kind of student, or path of a policy file; by default the student whose actions are
             sums of the fewest terms.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine to take policies from, in place of those
-            that ship.
     """
 
-    gait: str = "trot"
     policy: str | None = None
-    robot: str | None = None
-    source: Path | None = None
 
     def find(self) -> tuple[Policies, str]:
         """Finds the policies of the gait, and returns the name of the one that is taken."""
-        found = find_policies(load_gait(self.gait), self.source, self.robot)
+        found = self.policies()
         return found, self.policy or default_student(found)
 
 

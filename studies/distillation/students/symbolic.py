@@ -13,16 +13,9 @@ from glassgait.models.arrays import Array
 from glassgait.models.formulas.expression import Expression, canonical, constant
 from glassgait.models.formulas.file import FormulaFile
 from glassgait.models.formulas.mirror import Place
-from glassgait.models.formulas.quantities import (
-    GATES,
-    RobotUnits,
-    Vocabulary,
-    known_definitions,
-)
+from glassgait.models.formulas.quantities import GATES, RobotUnits, Vocabulary, known_definitions
 from glassgait.models.formulas.tape import Tape
-from glassgait.models.policies.symbolic import (
-    FormulaPolicy,
-)
+from glassgait.models.policies.symbolic import FormulaPolicy
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.observation import indices_of
 from glassgait.studies.distillation.students.student import Student, TrainingSet

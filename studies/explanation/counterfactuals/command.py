@@ -55,18 +55,6 @@ from glassgait.studies.explanation.counterfactuals.page import (
     render_page,
 )
 
-COLUMNS = (
-    "joint",
-    "step",
-    "by",
-    "distance",
-    "gap",
-    "changed",
-    "fewest",
-    "seconds",
-    "fewest_seconds",
-)
-
 
 def ask_many(
     policy: Policy, observations: Array, room: Room, *, count: int, by: float, seed: int
@@ -81,9 +69,10 @@ def ask_many(
         seed: Seed of moments and joints.
 
     Returns:
-        A row a question, with `COLUMNS`: the nearest answer's distance (spreads), gap and number of
-        observations that it changes, NaN where there is none; how many change at `fewest`, NaN for
-        more than two; and the processor's time of both answers (s).
+        A row a question: `joint`, `step` and `by`; the nearest answer's `distance` (spreads), `gap`
+        and number of observations `changed`, NaN where there is none; how many change at `fewest`,
+        NaN for more than two; and the processor's time of both answers, `seconds` and
+        `fewest_seconds`.
     """
     generator = np.random.default_rng(seed)
     steps = generator.integers(len(observations), size=count)
@@ -93,23 +82,27 @@ def ask_many(
         for number, (joint, step) in enumerate(zip(joints.tolist(), steps.tolist(), strict=True)):
             way = abs(by) * (1 if number % 2 == 0 else -1)
             question = Question(policy, joint, observations[step], way, room)
-            rows.append((quadruped.JOINTS[joint], step, way, *_asked(question)))
+            asked = {"joint": quadruped.JOINTS[joint], "step": step, "by": way}
+            rows.append(asked | _asked(question))
             progress.update(task, advance=1, text=f"{number + 1} questions")
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows)
 
 
-def _asked(question: Question) -> tuple[float, ...]:
+def _asked(question: Question) -> dict[str, float]:
     start = time.process_time()
     search = search_of(question)
     nearest = search.nearest()
     middle = time.process_time()
     fewest = search.fewest()
     end = time.process_time()
-    found = (np.nan, np.nan, np.nan)
-    if nearest is not None:
-        found = (nearest.distance, nearest.gap, len(nearest.changed))
-    few = np.nan if fewest is None else len(fewest.changed)
-    return *found, few, middle - start, end - middle
+    return {
+        "distance": nearest.distance if nearest else np.nan,
+        "gap": nearest.gap if nearest else np.nan,
+        "changed": len(nearest.changed) if nearest else np.nan,
+        "fewest": len(fewest.changed) if fewest else np.nan,
+        "seconds": middle - start,
+        "fewest_seconds": end - middle,
+    }
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:

@@ -93,7 +93,7 @@ def part_of(rollout: Rollout, step: int) -> Rollout:
 def foot_course(robot: Robot, rollout: Rollout, leg: int) -> Array:
     """Returns how far a foot is before the trunk's centre, and how high above ground (n, 2; m)."""
     forward = kinematics.foot_positions(robot, _angles(rollout))[:, leg, 0]
-    return np.stack([forward, kinematics.foot_heights(robot, rollout["state"])[:, leg]], axis=1)
+    return np.stack([forward, rollout["foot_height"][:, leg]], axis=1)
 
 
 @styled

@@ -16,7 +16,7 @@ from glassgait.models.settings import Count, Seed
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
-from glassgait.studies.common.rollouts import REPORTED_SEEDS
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy
@@ -157,9 +157,12 @@ class ExplainInterventions(OnePolicy):
     ) -> tuple[pd.DataFrame, int]:
         """Returns what `Examiner.examine` does, and how many robots fall with the formulas."""
 
+        config = RolloutConfig(
+            n_robots=self.n_robots, n_steps=self.n_steps, seed=self.seed, n_seeds=1
+        )
+
         def walk_with(edited: FormulaPolicy) -> Walk:
-            robots = {"n_robots": self.n_robots, "n_steps": self.n_steps, "seed": self.seed}
-            return walk(gait, expert, edited, **robots)
+            return walk(gait, expert, edited, config)
 
         say(f"{gait.name}: walking with the formulas as they are")
         plain = walk_with(policy)

@@ -73,11 +73,7 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-FOLLOWED = {
-    "cmd.v": "going_speed_error",
-    "cmd.yaw": "yaw_rate_error",
-    "e.v": "going_speed_error",
-}
+FOLLOWED = {"cmd.v": "going_speed_error", "cmd.yaw": "yaw_rate_error", "e.v": "going_speed_error"}
 """Score that a term of an input is there for: how far the robot is from its command."""
 
 

@@ -49,26 +49,15 @@ class Walk:
         return int(self.scores["fell"].sum())
 
 
-def walk(
-    gait: Gait,
-    expert: NeuralPolicy,
-    policy: FormulaPolicy,
-    *,
-    n_robots: int,
-    n_steps: int,
-    seed: int,
-) -> Walk:
+def walk(gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, config: RolloutConfig) -> Walk:
     """Lets a policy walk alone in the training scenario, at the speeds of distillation.
 
     Equal seeds give equal starts, commands and noise, whatever the policy does.
 
     Args:
         expert: The expert; its estimator observes for the policy.
-        policy: The controller.
-        n_steps: Control steps of each, 2 or more.
-        seed: Seed of starts, commands and noise.
+        config: How many robots walk, for how long (2 control steps or more), and of which seed.
     """
-    config = RolloutConfig(n_robots=n_robots, n_steps=n_steps, seed=seed, n_seeds=1)
     controller, observations = alone(policy, expert), Observations()
     config = config.at_distilled_speeds(gait)
     log = roll_out(gait, controller, Scenario(), config, observers=[observations])

@@ -21,12 +21,13 @@ from glassgait.models.policies.controller import alone
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import Gait
-from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
-from glassgait.studies.reproduction.benchmark.controllers import compile_harness, run_harness
-from glassgait.studies.reproduction.benchmark.timing import fastest
-
-COUNT = 20_000
-"""Actions that are timed."""
+from glassgait.studies.deployment.export.files import FLAGS, compile_c, write_source
+from glassgait.studies.reproduction.benchmark.controllers import (
+    COUNT,
+    compile_harness,
+    fastest,
+    run_harness,
+)
 
 LOOSE_FLAGS = tuple(flag for flag in FLAGS if not flag.startswith("-W"))
 """What others write is compiled with its warnings."""

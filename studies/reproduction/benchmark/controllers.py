@@ -1,48 +1,75 @@
 """Time of one step of controllers in C, and their size."""
 
+import os
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from glassgait.models.export.controller import ControllerSource, write_controller
 from glassgait.models.files import write_atomically
-from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
+from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import Gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.pages import page_template
-from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.policies import ALL, Policies
 from glassgait.studies.deployment.export.command import controller_name
-from glassgait.studies.deployment.export.compiler import FLAGS, compile_c, write_source
-from glassgait.studies.distillation.students.library import load_shipped_students
-from glassgait.studies.reproduction.benchmark.timing import Times, fastest
+from glassgait.studies.deployment.export.files import FLAGS, compile_c, write_source
 
 COUNT = 20_000
 """Steps that are timed."""
 
-GAITS = ("walk", "trot", "pace", "bound")
-"""Gaits that a controller of several changes between."""
+REPETITIONS = 5
+"""Repetitions, of which the fastest is reported: the machine does other work too."""
 
 
-def shipped_policies(expert: NeuralPolicy) -> dict[str, Policy]:
-    """Loads the expert and the shipped students of its gait, by kind."""
-    return {EXPERT: expert, **load_shipped_students(expert)}
+@dataclass(frozen=True)
+class Times:
+    """How long a call takes.
+
+    Attributes:
+        median: By the clock on the wall (µs).
+        late: 99.9th percentile by the thread's own clock (µs), which does not run while the machine
+            does other work.
+    """
+
+    median: float
+    late: float
 
 
-def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
-    """Times the controllers of a gait's shipped policies, compiled with the system's compiler.
+def fastest(measure: Callable[[], Sequence[Times]]) -> tuple[Sequence[Times], float]:
+    """Measures several times, and returns the repetition whose first median is the least.
 
-    Args:
-        gait_name: Name of a gait that ships.
-        count: Steps that are timed, in each repetition.
+    Returns:
+        Its times, and the machine's load after it (average number of processes that would run, over
+        a minute).
+    """
+    found = [(measure(), os.getloadavg()[0]) for _ in range(REPETITIONS)]
+    return min(found, key=lambda one: one[0][0].median)
+
+
+def call_times(call: Callable[[Any], Any], rows: np.ndarray, count: int) -> Times:
+    """Times calls on one row after the other (m, n), the first again after the last."""
+    wall, thread = np.empty(count), np.empty(count)
+    for k in range(count):
+        row = rows[k % len(rows)]
+        own, begun = time.thread_time(), time.perf_counter()
+        call(row)
+        wall[k] = time.perf_counter() - begun
+        thread[k] = time.thread_time() - own
+    return Times(1e6 * float(np.median(wall)), 1e6 * float(np.quantile(thread, 0.999)))
+
+
+def controller_times(found: Policies, count: int = COUNT) -> pd.DataFrame:
+    """Times the controllers of a gait's policies, compiled with the system's compiler.
 
     Returns:
         A row a policy: median and 99.9th percentile (µs) of the policy alone, of the estimator and
@@ -51,26 +78,14 @@ def controller_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
     Raises:
         InputError: if there is no compiler.
     """
-    gait, expert = load_gait(gait_name), load_expert(gait_name)
-    rows = []
-    for kind, policy in shipped_policies(expert).items():
-        written = write_controller(
-            gait,
-            alone(policy, expert),
-            name=controller_name(gait.name, kind),
-            policy_name=kind,
-            version=version("glassgait"),
-        )
-        rows.append({"policy": kind, **_measured(gait, written, count)})
-    return pd.DataFrame(rows)
+    return pd.DataFrame(
+        {"policy": kind, **_measured(found.gait, controller, kind, count)}
+        for kind, controller in found.controllers([ALL]).items()
+    )
 
 
-def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.DataFrame:
+def switching_times(several: Sequence[Policies], count: int = COUNT) -> pd.DataFrame:
     """Times controllers of several gaits, which change the gait every 100 steps.
-
-    Args:
-        names: Names of gaits that ship.
-        count: Steps that are timed, in each repetition.
 
     Returns:
         A row for each kind of policy that all these gaits have, as of `controller_times` without
@@ -79,29 +94,32 @@ def switching_times(names: Sequence[str] = GAITS, count: int = COUNT) -> pd.Data
     Raises:
         InputError: if there is no compiler.
     """
-    switch = GaitSwitch([load_gait(name) for name in names])
-    experts = [load_expert(gait) for gait in switch.gaits]
-    policies = [shipped_policies(expert) for expert in experts]
+    switch = GaitSwitch([found.gait for found in several])
+    controllers = [found.controllers([ALL]) for found in several]
+    shared = [kind for kind in controllers[0] if all(kind in own for own in controllers)]
     rows = []
-    for kind in policies[0]:
-        if not all(kind in own for own in policies):
-            continue
-        controllers = [
-            alone(expert) if kind == EXPERT else alone(own[kind], expert)
-            for expert, own in zip(experts, policies, strict=True)
-        ]
-        written = write_controller(
-            switch,
-            alone(SwitchedPolicy(switch, controllers)),
-            name=controller_name("_".join(names), kind),
-            policy_name=kind,
-            version=version("glassgait"),
-        )
-        rows.append({"policy": kind, **_measured(switch.gait, written, count)})
+    for kind in shared:
+        switched = alone(SwitchedPolicy(switch, [own[kind] for own in controllers]))
+        rows.append({"policy": kind, **_measured(switch, switched, kind, count)})
     return pd.DataFrame(rows)
 
 
-def _measured(gait: Gait, written: ControllerSource, count: int) -> dict[str, float]:
+def _measured(
+    gait: Gait | GaitSwitch, controller: AlternatingController, kind: str, count: int
+) -> dict[str, float]:
+    several = isinstance(gait, GaitSwitch)
+    names = "_".join(own.name for own in gait.gaits) if several else gait.name
+    written = write_controller(
+        gait,
+        controller,
+        name=controller_name(names, kind),
+        policy_name=kind,
+        version=version("glassgait"),
+    )
+    return _timed(gait.gait if several else gait, written, count)
+
+
+def _timed(gait: Gait, written: ControllerSource, count: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         source = write_source(written, folder)

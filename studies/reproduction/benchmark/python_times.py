@@ -1,7 +1,7 @@
 """Time of one action in Python and by ONNX Runtime; compiled students against their libraries."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,70 +15,63 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.files import read_record
 from glassgait.models.policies.controller import alone
-from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
-from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.console import say
+from glassgait.studies.common.policies import EXPERT, Policies
 from glassgait.studies.deployment.export.agreement import recorded_observations
 from glassgait.studies.deployment.export.files import Deployment
 from glassgait.studies.distillation.collection import collect
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import EBM, GBM
 from glassgait.studies.distillation.students.dataset import HELD_OUT_EVERY, Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS, StudentsSettings
+from glassgait.studies.distillation.students.registry import STUDENTS
+from glassgait.studies.distillation.students.settings import StudentsSettings
 from glassgait.studies.distillation.students.student import TrainingSet
-from glassgait.studies.reproduction.benchmark.controllers import shipped_policies
-from glassgait.studies.reproduction.benchmark.timing import call_times, fastest
-
-
-def single_row_microseconds(policy: Callable[[Array], Any], observation: Array) -> float:
-    """Returns the median time of one call (µs) on one observation (n,)."""
-    for _ in range(20):
-        policy(observation)
-    times = []
-    for _ in range(300):
-        start = time.perf_counter()
-        policy(observation)
-        times.append(time.perf_counter() - start)
-    return 1e6 * float(np.median(times))
-
+from glassgait.studies.reproduction.benchmark.controllers import call_times, fastest
 
 COUNT = 3000
-"""Calls that are timed."""
+"""Calls that are timed, in each repetition."""
+
+CALLS = 300
+"""Calls that are timed once."""
 
 N_ROBOTS, N_STEPS = 4, 250
 """Robots that the expert moves, and control steps: what they observe is acted on."""
 
 
-def observed(gait: Gait, expert: NeuralPolicy) -> Array:
+def observed(found: Policies) -> Array:
     """Records observations (m, n) of robots that the expert moves."""
-    return recorded_observations(gait, alone(expert), N_ROBOTS, N_STEPS, 0)
+    return recorded_observations(found.gait, alone(found.expert), N_ROBOTS, N_STEPS, 0)
 
 
-def peer_times(gait_name: str, count: int = COUNT) -> pd.DataFrame:
-    """Times the shipped policies of a gait, one observation at a time.
+def action_times(policies: Mapping[str, Policy]) -> pd.DataFrame:
+    """Times an action of policies in Python, by their titles, on one observation."""
+    n_observations = len(next(iter(policies.values())).observation_names)
+    row = np.random.default_rng(0).normal(size=(1, n_observations))
+    times = [call_times(policy, row, CALLS).median for policy in policies.values()]
+    return pd.DataFrame({"policy": policies.keys(), "12 joints (µs)": np.round(times, 1)})
 
-    Args:
-        gait_name: Name of a gait that ships.
-        count: Calls that are timed, in each repetition.
+
+def peer_times(found: Policies, count: int = COUNT) -> pd.DataFrame:
+    """Times the policies of a gait, one observation at a time.
 
     Returns:
         A row a policy: median and 99.9th percentile (µs) of the policy in Python; of estimator and
         policy in Python, and, if it is installed, by ONNX Runtime; the machine's load.
     """
-    gait, expert = load_gait(gait_name), load_expert(gait_name)
-    observations = observed(gait, expert)
+    observations, expert = observed(found), found.expert
     own = observations[:, :-N_ESTIMATED]
     rows = []
-    for kind, policy in shipped_policies(expert).items():
+    for kind, policy in {EXPERT: expert, **found.students}.items():
         calls: dict[str, tuple[Callable[[Array], Any], Array]] = {
             "policy, Python": (policy, observations),
             "both, Python": (_both(policy, expert), own),
         }
-        if graph := _graph(Deployment(gait, alone(policy, expert), "timed", kind)):
+        if graph := _graph(Deployment(found.gait, alone(policy, expert), "timed", kind)):
             calls["both, ONNX"] = (graph, own)
         row: dict[str, object] = {"policy": kind}
         times, load = fastest(lambda: [call_times(*one, count) for one in calls.values()])  # noqa: B023
@@ -105,7 +98,6 @@ def _graph(deployment: Deployment) -> Callable[[Array], Any] | None:
 
 NAIVE_BAGS = 14
 """Outer bags of an additive model by interpret's default, fitted one after the other on 2 cores."""
-
 
 N_JOBS = 2
 """Joints that are fitted at once."""
@@ -177,8 +169,8 @@ def compiled_against_library(
             for model in models:
                 model.predict(observation)
 
-        ours = single_row_microseconds(compiled, row[0])
-        theirs = single_row_microseconds(library, row)
+        ours = call_times(compiled, row, CALLS).median
+        theirs = call_times(library, row[None], CALLS).median
         expected = np.stack([model.predict(samples.observations) for model in models], axis=1)
         rows.append(
             {
@@ -198,11 +190,6 @@ def naive_minutes(
     samples: Dataset, model: NaiveModel, config: DistillationConfig
 ) -> tuple[float, float]:
     """Extrapolates the naive loop: 12 default models fitted anew after each episode.
-
-    Args:
-        samples: Samples to fit to.
-        model: The model.
-        config: How many episodes there are, and how long they are.
 
     Returns:
         Minutes if a fit's time is linear in the samples, and if none takes longer than the smallest

@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 from gymnasium.vector import AsyncVectorEnv
 from pydrake.common import Parallelism
 from pydrake.gym import DrakeGymEnv
@@ -24,8 +25,46 @@ from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import load_gait
+from glassgait.studies.common.console import say
 from glassgait.studies.training.config import TrainingConfig
 from glassgait.studies.training.study import TrainingRun
+
+
+def throughput(
+    config: TrainingConfig, checkpoint: Path | None, n_updates: int, repeats: int, gym_steps: int
+) -> pd.DataFrame:
+    """Times training, its physics and gymnasium's processes: a row each, with training's share.
+
+    Args:
+        config: The training run.
+        checkpoint: Folder of a run to start from, or None to start at the beginning.
+        n_updates: Updates to time at once.
+        repeats: Number of turns, of which medians are reported.
+        gym_steps: Steps of gymnasium's sixteen environments.
+    """
+    say("timing training and bare physics in turn")
+    pairs = pd.DataFrame(training_and_physics(config, checkpoint, n_updates, repeats))
+    say("timing gymnasium's AsyncVectorEnv of DrakeGymEnv, 16 environments")
+    processes = gymnasium_processes(16, gym_steps)
+    speeds = pairs.median()
+    shares = pairs[["late_physics", "physics"]].rdiv(pairs["training"], axis=0).median()
+    late, bare = (f"{share:.2f} of it" for share in shares)
+    rows = [
+        (f"PPO training, {config.n_robots} robots", speeds["training"], "1"),
+        ("its physics alone, latencies included", speeds["late_physics"], late),
+        (
+            "bare BatchEvalUniquePeriodicDiscreteUpdate, same states and targets",
+            speeds["physics"],
+            bare,
+        ),
+        (
+            "AsyncVectorEnv of 16 DrakeGymEnv over the diagram, no learning",
+            processes,
+            f"{speeds['training'] / processes:.1f} times it",
+        ),
+    ]
+    table = pd.DataFrame(rows, columns=pd.Index(["what", "control steps/s", "training is"]))
+    return table.assign(**{"control steps/s": table["control steps/s"].round().astype(int)})
 
 
 def training_and_physics(
@@ -36,12 +75,6 @@ def training_and_physics(
     Physics is timed as training steps it, latencies included, and bare. All are timed in turn,
     `repeats` times, so that they meet the machine's moods alike.
 
-    Args:
-        config: The training run.
-        checkpoint: Folder of a run to start from, or None to start at the beginning.
-        n_updates: Updates to time at once.
-        repeats: Number of turns.
-
     Returns:
         Control steps/s of `training`, `late_physics` and bare `physics`, a row a turn.
     """
@@ -49,9 +82,9 @@ def training_and_physics(
         folder = checkpoint or Path(temporary)
         gait = load_gait(config.gait)
         run = TrainingRun(config, gait, folder, resume=checkpoint is not None)
-    physics = _BarePhysics(
-        load_robot(), config.worlds.stations(load_robot(), np.random.default_rng(config.seed))
-    )
+    robot = load_robot(config.robot)
+    stations = config.worlds.stations(robot, np.random.default_rng(config.seed))
+    physics = _BarePhysics(robot, stations)
     late_step, recorded = _record_steps(run)
     run.update()
     rows = []

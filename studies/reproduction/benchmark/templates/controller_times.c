@@ -1,28 +1,10 @@
 /* Times a controller's step{{ ', and its two parts,' if n_gaits == 1 }} on sensors drawn at random around the stance. */
-#define _POSIX_C_SOURCE 199309L
-#include "{{ name }}.c"
+{% include "clock.c" %}
 
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
+#include "{{ name }}.c"
 
 enum { COUNT = {{ count }}, PLACES = {{ 3 if n_gaits == 1 else 1 }} };
 
-static double now(clockid_t clock)
-{
-    struct timespec time;
-    clock_gettime(clock, &time);
-    return 1e6 * (double)time.tv_sec + 1e-3 * (double)time.tv_nsec;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/* Times what it is given, by the clock on the wall, and by that of this thread alone: what else the
- * machine does shows in the first. */
 #define TIMED(place, call)                                            \
     do {                                                              \
         const double own = now(CLOCK_THREAD_CPUTIME_ID);              \
@@ -61,10 +43,7 @@ int main(void)
         TIMED(2, act({{ 'controller.state, ' if takes_state }}observation, action));
 {% endif %}
     }
-    for (int place = 0; place < PLACES; place++) {
-        qsort(wall[place], COUNT, sizeof(double), ascending);
-        qsort(thread[place], COUNT, sizeof(double), ascending);
-        printf("%.6f %.6f\n", wall[place][COUNT / 2], thread[place][COUNT - 1 - COUNT / 1000]);
-    }
+    for (int place = 0; place < PLACES; place++)
+        report(wall[place], thread[place], COUNT);
     return 0;
 }

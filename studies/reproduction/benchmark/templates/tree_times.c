@@ -1,26 +1,9 @@
 /* Times trees on observations that robots made, and writes down what they give. */
-#define _POSIX_C_SOURCE 199309L
+{% include "clock.c" %}
+
 #include "{{ source }}"
 
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-
 enum { COUNT = {{ count }}, N_ROWS = {{ n_rows }}, N_COLUMNS = {{ n_columns }} };
-
-static double now(clockid_t clock)
-{
-    struct timespec time;
-    clock_gettime(clock, &time);
-    return 1e6 * (double)time.tv_sec + 1e-3 * (double)time.tv_nsec;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 int main(void)
 {
@@ -50,8 +33,6 @@ int main(void)
     }
     if (fclose(out))
         return 1;
-    qsort(wall, COUNT, sizeof(double), ascending);
-    qsort(thread, COUNT, sizeof(double), ascending);
-    printf("%.6f %.6f\n", wall[COUNT / 2], thread[COUNT - 1 - COUNT / 1000]);
+    report(wall, thread, COUNT);
     return 0;
 }

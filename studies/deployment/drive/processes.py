@@ -1,4 +1,4 @@
-"""The robot's process: a simulated robot at real time."""
+"""The two processes: a robot that is simulated at real time, and a controller that answers it."""
 
 import os
 import time
@@ -8,14 +8,29 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.lcm import DrakeLcmInterface
 
-from glassgait.diagrams.link import RobotEnd
+from glassgait.diagrams.link import ControllerEnd, RobotEnd
 from glassgait.models.link.watchdog import Phase
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import say
-from glassgait.studies.deployment.drive.foreign import ForeignMessages
-from glassgait.studies.deployment.drive.pace import KEPT, Pace, spread
 
 Record = dict[str, float]
+"""What a process counted, by name."""
+
+KEPT = 500_000
+"""Instants that are remembered, the latest ones: of almost three hours."""
+
+MILLISECONDS = 1e3
+
+LISTENING = 100
+"""Time for which a controller listens before it asks whether to end (ms)."""
+
+SILENCE = 1.0
+"""Time without sensors that is reported (s)."""
+
+FOREIGN = (
+    "a message came that is of another kind, or of another version: it was passed over; run both "
+    "processes of one version, or name other --channels"
+)
 
 REPORTED = {
     (Phase.STANDING, Phase.FOLLOWING): "a controller is followed",
@@ -54,7 +69,7 @@ class RobotProcess:
         self._steps = Counter[Phase]()
         self._changes = Counter[tuple[Phase, Phase]]()
         self._falls = 0
-        self._foreign = ForeignMessages()
+        self._warned = False
 
     def run(self, n_steps: int | None, stopped: Callable[[], bool]) -> Record:
         """Simulates until it is asked to end.
@@ -94,7 +109,9 @@ class RobotProcess:
                 self._listen_for(self._patience)
             robot.advance(part)
             self._note_answer()
-            self._foreign.say(robot.n_foreign)
+            if robot.n_foreign and not self._warned:
+                self._warned = True
+                say(FOREIGN)
 
     def _listen_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -146,3 +163,91 @@ class RobotProcess:
             "load of the machine, 1 minute": os.getloadavg()[0],
             "processors": float(os.cpu_count() or 0),
         }
+
+
+def control(
+    controller: ControllerEnd, lcm: DrakeLcmInterface, stopped: Callable[[], bool]
+) -> Record:
+    """Answers until it is asked to end.
+
+    Returns:
+        What was counted, by name.
+    """
+    taken: deque[float] = deque(maxlen=KEPT)
+    answered, last, hears, warned = 0, time.monotonic(), False, False
+    while not stopped():
+        lcm.HandleSubscriptions(LISTENING)
+        if controller.n_foreign and not warned:
+            warned = True
+            say(FOREIGN)
+        now = time.monotonic()
+        if controller.answer():
+            answered, last = answered + 1, time.monotonic()
+            taken.append(last - now)
+            if not hears:
+                say("answering a robot")
+                hears = True
+        elif hears and now - last > SILENCE:
+            say("the robot is silent")
+            hears = False
+    return {
+        "answers sent": answered,
+        **{f"sensors {name}": count for name, count in controller.tally.rows().items()},
+        "messages of another kind": controller.n_foreign,
+        "robots heard": controller.tally.sessions,
+        **spread("time of a step", np.array(taken)),
+    }
+
+
+class Pace:
+    """Waits for control instants, 20 ms apart.
+
+    A process that is late by more than a control step does not hurry after the clock: a robot's
+    controller would have no time to answer. The clock is put back then, which counts as a slip.
+
+    Attributes:
+        slips: How often that was.
+        slipped: By how much in all (s).
+    """
+
+    def __init__(self, wait: Callable[[float], None] = time.sleep) -> None:
+        """
+        Args:
+            wait: Called with seconds to spend; it may come back early.
+        """
+        self.slips, self.slipped = 0, 0.0
+        self._wait = wait
+        self._start: float | None = None
+        self._begun: deque[float] = deque(maxlen=KEPT)
+
+    def wait_until(self, step: int, share: float) -> None:
+        """Waits for an instant."""
+        now = time.monotonic()
+        due = (step + share) * CONTROL_PERIOD
+        if self._start is None:
+            self._start = now - due
+        behind = now - self._start - due
+        if behind > CONTROL_PERIOD:
+            self.slips, self.slipped = self.slips + 1, self.slipped + behind
+            self._start += behind
+        while (left := self._start + due - time.monotonic()) > 0.0:
+            self._wait(left)
+        if share == 0.0:
+            self._begun.append(time.monotonic())
+
+    def jitter(self) -> dict[str, float]:
+        """Returns by how much steps were longer or shorter than 20 ms (ms); NaN without any."""
+        steps = np.abs(np.diff(self._begun) - CONTROL_PERIOD)
+        return spread("step jitter", steps)
+
+
+def spread(name: str, seconds: np.ndarray) -> dict[str, float]:
+    """Returns median, 99.9th percentile and maximum of times (n; s), in ms."""
+    if not len(seconds):
+        seconds = np.array([np.nan])
+    median, high, most = np.quantile(seconds, [0.5, 0.999, 1.0]) * MILLISECONDS
+    return {
+        f"{name}, median (ms)": float(median),
+        f"{name}, 99.9th percentile (ms)": float(high),
+        f"{name}, greatest (ms)": float(most),
+    }

@@ -1,0 +1,139 @@
+#define GAIN {{ gain | number }} /* share of the standing feet's velocity in the trunk's, each step */
+#define PERIOD {{ period | number }} /* s between two steps */
+#define GRAVITY {{ gravity | number }} /* m/s^2 */
+
+/* Lengths of the legs, m. The signs of OFFSET are those of left and right. */
+#define THIGH {{ thigh | number }} /* from the thigh joint to the knee */
+#define CALF {{ calf | number }} /* from the knee to the foot's centre */
+static const {{ real }} OFFSET[4] = { {{- offset | map('number') | join(', ') -}} }; /* of the thigh joint */
+static const {{ real }} HIP[4][3] = { /* the hip joint, from the trunk's centre */
+{% for leg in legs %}
+    {{ '{' }}{{ hip[loop.index0] | map('number') | join(', ') }}}{{ ',' if not loop.last }} /* {{ leg }} */
+{% endfor %}
+};
+
+/* Where a foot is and how fast its joints move it, in the trunk's frame, m and m/s. */
+typedef struct {
+    {{ real }} p[3], dp[3];
+} Foot;
+
+/* Returns a leg's foot by the angles and velocities of its hip, thigh and calf. */
+static Foot foot_of(int leg, const {{ real }} q[3], const {{ real }} dq[3])
+{
+    const {{ real }} shank = q[1] + q[2], turning = dq[1] + dq[2];
+    const {{ real }} sin_hip = {{ 'sin' | function }}(q[0]), cos_hip = {{ 'cos' | function }}(q[0]);
+    /* In the plane of the leg, forward and up from the thigh joint. */
+    const {{ real }} x = -THIGH * {{ 'sin' | function }}(q[1]) - CALF * {{ 'sin' | function }}(shank);
+    const {{ real }} z = -THIGH * {{ 'cos' | function }}(q[1]) - CALF * {{ 'cos' | function }}(shank);
+    const {{ real }} dx = -THIGH * {{ 'cos' | function }}(q[1]) * dq[1] - CALF * {{ 'cos' | function }}(shank) * turning;
+    const {{ real }} dz = THIGH * {{ 'sin' | function }}(q[1]) * dq[1] + CALF * {{ 'sin' | function }}(shank) * turning;
+    /* The hip turns that plane about the trunk's axis. */
+    const {{ real }} left = cos_hip * OFFSET[leg] - sin_hip * z;
+    const {{ real }} up = sin_hip * OFFSET[leg] + cos_hip * z;
+    const Foot foot = {
+        .p = {HIP[leg][0] + x, HIP[leg][1] + left, HIP[leg][2] + up},
+        .dp = {dx, -up * dq[0] - sin_hip * dz, left * dq[0] + cos_hip * dz},
+    };
+    return foot;
+}
+
+static void cross(const {{ real }} a[3], const {{ real }} b[3], {{ real }} product[3])
+{
+    product[0] = a[1] * b[2] - a[2] * b[1];
+    product[1] = a[2] * b[0] - a[0] * b[2];
+    product[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Predicts the velocity by the accelerometer, and corrects it by the feet that stand: that touch
+ * now and did before, since one that has just come down still moves. */
+static void advance_velocity({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
+    const Foot feet[4])
+{
+    const {{ real }} *w = sensors->angular_velocity, *dv = sensors->velocity_change;
+    const {{ real }} *g = sensors->gravity;
+    {{ real }} *v = controller->velocity, turned[3], of_feet[3] = {0};
+    int standing = 0;
+
+    for (int leg = 0; leg < 4; leg++) {
+        if (!sensors->foot_contact[leg] || !controller->touching[leg])
+            continue;
+        cross(w, feet[leg].p, turned);
+        for (int axis = 0; axis < 3; axis++)
+            of_feet[axis] += feet[leg].dp[axis] + turned[axis];
+        standing++;
+    }
+    cross(w, v, turned);
+    for (int axis = 0; axis < 3; axis++) {
+        const {{ real }} free = dv[axis] + PERIOD * GRAVITY * g[axis];
+        const {{ real }} predicted = v[axis] - PERIOD * turned[axis] + free;
+
+        v[axis] = predicted;
+        if (standing > 0)
+            v[axis] += GAIN * (-of_feet[axis] / ({{ real }})standing - predicted);
+    }
+}
+
+/* A foot that touches stands where it is; where another one stood last moves as the ground does. */
+static void carry_footholds({{ name }}_controller *controller, const {{ name }}_sensors *sensors,
+    const Foot feet[4])
+{
+    const {{ real }} *v = controller->velocity, *w = sensors->angular_velocity;
+    {{ real }} turned[3];
+
+    for (int leg = 0; leg < 4; leg++) {
+        {{ real }} *at = controller->footholds[leg];
+
+        cross(w, at, turned);
+        for (int axis = 0; axis < 3; axis++)
+            if (sensors->foot_contact[leg])
+                at[axis] = feet[leg].p[axis];
+            else
+                at[axis] -= PERIOD * (v[axis] + turned[axis]);
+        controller->touching[leg] = sensors->foot_contact[leg] != 0;
+    }
+}
+
+/* Writes the feet's heights above the plane through the mean of the footholds, whose normal is the
+ * cross product of their diagonals. */
+static void measure_heights(const {{ name }}_controller *controller, const Foot feet[4],
+    {{ real }} height[4])
+{
+    const {{ real }}(*at)[3] = controller->footholds;
+    {{ real }} one[3], other[3], normal[3], mean[3], length;
+
+    for (int axis = 0; axis < 3; axis++) {
+        one[axis] = at[FR][axis] - at[RL][axis];
+        other[axis] = at[FL][axis] - at[RR][axis];
+        mean[axis] = (at[FL][axis] + at[FR][axis] + at[RL][axis] + at[RR][axis]) / {{ 4.0 | number }};
+    }
+    cross(one, other, normal);
+    length = {{ 'sqrt' | function }}(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    for (int leg = 0; leg < 4; leg++) {
+        height[leg] = {{ 0.0 | number }};
+        for (int axis = 0; axis < 3; axis++)
+            height[leg] += (feet[leg].p[axis] - mean[axis]) * (normal[axis] / length);
+    }
+}
+
+/* Goes on by a step, or begins with a robot at rest on all feet, and writes what is observed: twice
+ * the velocity, then the heights. */
+static void estimate({{ name }}_controller *controller, const {{ name }}_sensors *sensors, {{ real }} body[7])
+{
+    Foot feet[4];
+
+    for (int leg = 0; leg < 4; leg++)
+        feet[leg] = foot_of(
+            leg, &sensors->joint_position[3 * leg], &sensors->joint_velocity[3 * leg]);
+    if (controller->begun) {
+        advance_velocity(controller, sensors, feet);
+        carry_footholds(controller, sensors, feet);
+    } else {
+        for (int leg = 0; leg < 4; leg++)
+            for (int axis = 0; axis < 3; axis++)
+                controller->footholds[leg][axis] = feet[leg].p[axis];
+        controller->begun = 1;
+    }
+    for (int axis = 0; axis < 3; axis++)
+        body[axis] = {{ 2.0 | number }} * controller->velocity[axis];
+    measure_heights(controller, feet, &body[3]);
+}

@@ -1,0 +1,332 @@
+"""The ground: one definition from which physics, heights, contacts and pictures derive.
+
+Ground other than a plane is made of boxes, one a cell of a grid. A few cells repeat for ever, so
+that a tile of them, a period and what feet reach beyond it, serves a robot that is moved back into
+it by whole periods. The world's z axis is normal to the mean ground, and on a slope gravity leans.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+
+from glassgait.models.arrays import Array
+from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import Robot
+from glassgait.models.settings import NotNegative, Seed, Settings
+from glassgait.models.task.imu import GRAVITY
+
+Kind = Literal["plane", "blocks", "steps", "uneven"]
+
+KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
+    "cell": ("plane", "blocks", "uneven"),
+    "cells": ("plane", "blocks", "uneven"),
+    "amplitude": ("blocks", "uneven"),
+    "wavelength": ("uneven",),
+    "height": ("steps",),
+    "run": ("steps",),
+    "flight": ("steps",),
+    "landing": ("steps",),
+    "endless": ("steps",),
+}
+"""Kinds of ground that a key belongs to; the others belong to all."""
+
+REACH = 0.75
+"""How far around a robot's trunk the ground is laid while it takes a control step (m)."""
+
+DEPTH = 0.3
+"""Thickness of the boxes, and as much more as their tops differ (m)."""
+
+STAIR_WIDTH = 2.0
+"""Width of a box of the steps (m), which go on sideways for ever."""
+
+FLATTEST = 1e-4
+"""Least height that ground of boxes is scaled to (m)."""
+
+STEEPEST = 1.0
+"""Greatest rise of uneven ground over its run."""
+
+
+class Grid(NamedTuple):
+    """Cells that repeat.
+
+    Attributes:
+        origin: Corner of the first cell (2; m).
+        cell: Edges of a cell (2; m).
+        top: Height of the middle of each cell's top (nx, ny; m).
+        tilt: Rise of each top over its run, along x and y (nx, ny, 2).
+        patch: Whether a cell has the patches' friction (nx, ny).
+        rise: How much higher the next period along x is (m).
+        depth: Thickness of the boxes (m).
+    """
+
+    origin: Array
+    cell: Array
+    top: Array
+    tilt: Array
+    patch: NDArray[np.bool_]
+    rise: float
+    depth: float
+
+    @property
+    def period(self) -> Array:
+        """Edges of a period (2; m)."""
+        return self.cell * self.top.shape
+
+    @property
+    def rotation(self) -> Array:
+        """Axes of each cell's box, as columns (nx, ny, 3, 3); the third is normal to its top."""
+        zero, one = np.zeros_like(self.top), np.ones_like(self.top)
+        along = np.stack([one, zero, self.tilt[..., 0]], -1)
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        normal = np.stack([-self.tilt[..., 0], -self.tilt[..., 1], one], -1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.stack([along, np.cross(normal, along), normal], -1)
+
+    @property
+    def half_size(self) -> Array:
+        """Half edges of each cell's top (nx, ny, 2; m), which covers the cell."""
+        half = self.cell / 2
+        rises = self.tilt * half
+        corners = [
+            np.stack([x * half[0] + 0 * self.top, y * half[1] + 0 * self.top], -1)
+            for x, y in ((1, 1), (1, -1))
+        ]
+        heights = [rises[..., 0] + rises[..., 1], rises[..., 0] - rises[..., 1]]
+        reaches = [
+            np.abs(np.einsum("...k,...kc->...c", np.dstack([corner, height]), self.rotation))
+            for corner, height in zip(corners, heights, strict=True)
+        ]
+        return np.maximum(*reaches)[..., :2]
+
+
+class GroundBox(NamedTuple):
+    """A box of the ground.
+
+    Attributes:
+        centre: Its centre (3; m).
+        rotation: Its axes, as columns (3, 3).
+        size: Its edges (3; m).
+        is_patch: Whether it has the patches' friction.
+    """
+
+    centre: Array
+    rotation: Array
+    size: Array
+    is_patch: bool
+
+
+@dataclass(frozen=True)
+class Terrain(Settings):
+    """The ground.
+
+    Attributes:
+        kind: `plane`; `blocks`, a grid of cells of random heights; `steps` along x, up to a landing
+            and down again; `uneven`, noise of long wavelengths, whose cells are tilted.
+        slope: Angle at which the whole ground rises (°).
+        direction: Where it rises to, counted from the world's x axis, to the left (°).
+        cell: Edge of a cell (m).
+        cells: Cells along a period's edge.
+        amplitude: Height of the highest cell above the lowest (m).
+        wavelength: Shortest wavelength of the noise (m).
+        height: Height of a step (m); with `endless`, a negative one leads down.
+        run: Depth of a step (m).
+        flight: Steps between two landings.
+        landing: Depth of a landing at least (m); robots start in the middle of one.
+        endless: Whether every flight leads on, instead of up and then down.
+        patches: Share of the cells, or of the steps, with another friction.
+        patch_friction: Coulomb friction there.
+        seed: Seed of what is random.
+    """
+
+    title: ClassVar[str] = "terrain"
+
+    kind: Kind = "plane"
+    slope: Annotated[float, Ge(-45.0), Le(45.0)] = 0.0
+    direction: Annotated[float, Ge(-360.0), Le(360.0)] = 0.0
+    cell: Annotated[float, Ge(0.1), Le(2.0)] = 0.25
+    cells: Annotated[int, Ge(2), Le(12)] = 8
+    amplitude: Annotated[float, Gt(0.0), Le(1.0)] = 0.04
+    wavelength: Annotated[float, Gt(0.0), Le(24.0)] = 1.0
+    height: Annotated[float, Ge(-1.0), Le(1.0)] = 0.05
+    run: Annotated[float, Ge(0.1), Le(2.0)] = 0.3
+    flight: Annotated[int, Ge(1), Le(20)] = 4
+    landing: Annotated[float, Ge(0.1), Le(5.0)] = 1.2
+    endless: bool = False
+    patches: Annotated[float, Ge(0.0), Le(1.0)] = 0.0
+    patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4
+    seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for own in fields(self):
+            kinds = KINDS_OF_KEY.get(own.name, (self.kind,))
+            if self.kind not in kinds and getattr(self, own.name) != own.default:
+                raise InputError(
+                    f"{self.title}: {own.name} is of kind {' and '.join(kinds)}, and kind is "
+                    f"{self.kind!r}; leave one of them out"
+                )
+        if self.kind == "uneven":
+            self._check_noise()
+        if self.kind == "steps" and self.height == 0:
+            raise InputError(
+                f"{self.title}: height is 0, which is no step; give one, or kind plane"
+            )
+        if self.kind == "steps" and self.height < 0 and not self.endless:
+            raise InputError(
+                f"{self.title}: height is {self.height:g}, but steps that lead up and down begin "
+                f"upward; give {-self.height:g}, or endless: true"
+            )
+
+    def _check_noise(self) -> None:
+        longest, shortest = self.cell * self.cells, 2 * self.cell
+        if not shortest <= self.wavelength <= longest:
+            raise InputError(
+                f"{self.title}: wavelength is {self.wavelength:g} m, and {self.cells} cells of "
+                f"{self.cell:g} m hold {shortest:g} to {longest:g} m; give one of those, or other "
+                "cells"
+            )
+        steepest = float(np.abs(grid_of(self).tilt).max())
+        if steepest > STEEPEST:
+            raise InputError(
+                f"{self.title}: amplitude is {self.amplitude:g} m, which makes waves of "
+                f"{self.wavelength:g} m steeper than 45°; give a lower one, or longer waves"
+            )
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether it is one plane of one friction, level or sloped."""
+        return self.kind == "plane" and self.patches == 0.0
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration by gravity (3; m/s²)."""
+        slope, direction = math.radians(self.slope), math.radians(self.direction)
+        uphill = np.array([math.cos(direction), math.sin(direction), 0.0])
+        return GRAVITY * (np.array([0.0, 0.0, -math.cos(slope)]) - math.sin(slope) * uphill)
+
+    def scaled(self, difficulty: float) -> "Terrain":
+        """Returns the same ground with its angle and its heights multiplied by a difficulty."""
+        heights = {
+            key: max(FLATTEST, difficulty * abs(getattr(self, key))) * np.sign(getattr(self, key))
+            for key in ("amplitude", "height")
+            if self.kind in KINDS_OF_KEY[key]
+        }
+        return replace(
+            self, slope=difficulty * self.slope, **{key: float(own) for key, own in heights.items()}
+        )
+
+    def check(self, robot: Robot) -> None:
+        """Checks that a robot could step onto it.
+
+        Raises:
+            InputError: if a step or a block is higher than its leg is long.
+        """
+        leg = robot.thigh_length + robot.calf_length
+        key = {"steps": "height", "blocks": "amplitude", "uneven": "amplitude"}.get(self.kind)
+        if key is not None and abs(getattr(self, key)) > leg:
+            raise InputError(
+                f"{self.title}: {key} is {getattr(self, key):g} m, and a leg of the {robot.name} "
+                f"is {leg:g} m long; give less"
+            )
+
+    def boxes(self, reach: float = REACH) -> Iterator[GroundBox]:
+        """Returns the boxes of the middle period and of what lies around it, up to `reach` (m)."""
+        grid = grid_of(self)
+        rotation, half_size = grid.rotation, grid.half_size
+        counts = np.array(grid.top.shape)
+        beyond = np.ceil(reach / grid.cell).astype(int)
+        for cell in np.ndindex(*(counts + 2 * beyond)):
+            place = cell - beyond
+            own = tuple(place % counts)
+            top = np.append(
+                grid.origin + (place + 0.5) * grid.cell,
+                grid.top[own] + grid.rise * (place[0] // counts[0]),
+            )
+            yield GroundBox(
+                centre=top - grid.depth / 2 * rotation[own][:, 2],
+                rotation=rotation[own],
+                size=np.append(2 * half_size[own], grid.depth),
+                is_patch=bool(grid.patch[own]),
+            )
+
+
+PLANE = Terrain()
+"""A level plane."""
+
+
+@cache
+def grid_of(terrain: Terrain) -> Grid:
+    """Returns the cells of a terrain; of a plane they are level."""
+    generator = np.random.default_rng(terrain.seed)
+    cell, count = terrain.cell, terrain.cells
+    tilt, rise, origin = np.zeros((count, count, 2)), 0.0, -0.5 * cell * np.full(2, count)
+    edges = np.full(2, cell)
+    match terrain.kind:
+        case "plane":
+            top = np.zeros((count, count))
+        case "blocks":
+            top = _between(generator.random((count, count)), terrain.amplitude)
+        case "uneven":
+            corners = _between(_noise(terrain, generator), terrain.amplitude)
+            top, tilt = _planes(corners, cell)
+        case "steps":
+            top, rise = _stairs(terrain)
+            tilt = np.zeros((*top.shape, 2))
+            edges = np.array([terrain.run, STAIR_WIDTH])
+            origin = np.array([-0.5 * terrain.run * _landing_cells(terrain), -0.5 * STAIR_WIDTH])
+    patch = np.zeros(top.size, dtype=bool)
+    patch[: round(terrain.patches * top.size)] = True
+    patch = generator.permutation(patch).reshape(top.shape)
+    depth = DEPTH + float(np.ptp(top)) + abs(rise)
+    return Grid(origin, edges, top, tilt, patch, rise, depth)
+
+
+def _between(values: Array, amplitude: float) -> Array:
+    """Returns values scaled so that they go from 0 to an amplitude."""
+    return amplitude * (values - values.min()) / np.ptp(values)
+
+
+def _noise(terrain: Terrain, generator: np.random.Generator) -> Array:
+    """Returns a sum of random waves at the corners of the cells (n, n), which is periodic."""
+    n = terrain.cells
+    spectrum = generator.normal(size=(n, n)) + 1j * generator.normal(size=(n, n))
+    per_period = np.fft.fftfreq(n, 1.0 / n)
+    waves = np.hypot(per_period[:, None], per_period)
+    most = terrain.cell * n / terrain.wavelength
+    spectrum[(waves == 0) | (waves > most + 1e-9)] = 0.0
+    return np.fft.ifft2(spectrum).real
+
+
+def _planes(corners: Array, cell: float) -> tuple[Array, Array]:
+    """Fits a plane to the four corners of each cell, which is the tangent plane in its middle.
+
+    Returns:
+        Height in the middle (n, n; m), and rise over run along x and y (n, n, 2).
+    """
+    east, north = np.roll(corners, -1, axis=0), np.roll(corners, -1, axis=1)
+    opposite = np.roll(east, -1, axis=1)
+    top = (corners + east + north + opposite) / 4
+    along = (east + opposite - corners - north) / (2 * cell)
+    across = (north + opposite - corners - east) / (2 * cell)
+    return top, np.stack([along, across], -1)
+
+
+def _landing_cells(terrain: Terrain) -> int:
+    return int(np.ceil(terrain.landing / terrain.run - 1e-9))
+
+
+def _stairs(terrain: Terrain) -> tuple[Array, float]:
+    """Returns the heights of a period of steps (nx, 1; m), and how much higher the next one is."""
+    landing, flight = _landing_cells(terrain), terrain.flight
+    up = [0] * landing + list(range(1, flight))
+    if terrain.endless:
+        levels, rise = up, flight
+    else:
+        levels, rise = [*up, *[flight] * landing, *range(flight - 1, 0, -1)], 0
+    return terrain.height * np.array(levels, dtype=float)[:, None], terrain.height * rise

@@ -1,0 +1,191 @@
+"""Leg odometry."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from glassgait.models.errors import InputError
+from glassgait.models.robots import kinematics, quadruped
+from glassgait.models.robots.robot import load_robot
+from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.imu import GRAVITY, measure_imu
+from glassgait.models.task.observation import BASE_VELOCITY_SCALE, ObservationLayout
+from glassgait.models.task.odometry import Odometry, cross
+from glassgait.models.task.symmetry import REFLECT_JOINTS, reflect_observation
+
+A1 = load_robot()
+DOWN = np.array([0.0, 0.0, -GRAVITY])
+ALL = np.ones(4, dtype=bool)
+AT_REST = np.array([0, 0, 0, 0, 0, CONTROL_PERIOD * GRAVITY, 0, 0, -1.0])
+
+small = st.floats(-0.15, 0.15)
+joints = st.lists(small, min_size=12, max_size=12).map(lambda own: A1.default_stance + own)
+
+
+def run(odometry, steps, begin):
+    """Advances through steps of named inputs, from a stance."""
+    state = odometry.begin(A1, begin)
+    for own in steps:
+        state = odometry.advance(A1, state, **own)
+    return state
+
+
+def measured(**changes):
+    own = {"joint_position": A1.default_stance, "joint_velocity": np.zeros(12)}
+    return own | {"imu": AT_REST, "touching": ALL} | changes
+
+
+def test_a_robot_that_stands_stays_where_it_is():
+    state = run(Odometry(), [measured()] * 50, A1.default_stance)
+    body = Odometry().body_state(A1, state, A1.default_stance)
+    np.testing.assert_allclose(body, 0.0, atol=1e-12)
+
+
+@given(st.tuples(small, small, small), st.integers(1, 30))
+def test_in_flight_it_predicts_a_rigid_motion_by_the_imu_alone(velocity, count):
+    """Without noise, and with a trunk that does not turn, the prediction is exact."""
+    velocity = np.array(velocity)
+    steps = []
+    for step in range(count):
+        before, after = (velocity * k + CONTROL_PERIOD * k * DOWN for k in (step, step + 1))
+        plant = kinematics.standing_state(A1)
+        plant[quadruped.LINEAR_VELOCITY] = after
+        imu = measure_imu(plant, before, DOWN)
+        steps.append(measured(imu=imu, touching=~ALL))
+    state = run(Odometry(), steps, A1.default_stance)
+    np.testing.assert_allclose(state.velocity, after, atol=1e-12)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-0.5, 0.5))
+def test_a_turning_trunk_sees_a_steady_velocity_turn(rate, speed):
+    count = 10
+    steps = []
+    for step in range(count + 1):
+        plant = kinematics.standing_state(A1)
+        angle = rate * step * CONTROL_PERIOD
+        plant[quadruped.QUATERNION] = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
+        plant[quadruped.ANGULAR_VELOCITY] = [0.0, 0.0, rate]
+        plant[quadruped.LINEAR_VELOCITY] = [speed, 0.0, 0.0]
+        before = plant[quadruped.LINEAR_VELOCITY] * (step > 0)
+        steps.append(measured(imu=measure_imu(plant, before, DOWN), touching=~ALL))
+    state = run(Odometry(), steps, A1.default_stance)
+    true, _ = kinematics.base_velocity(plant)
+    # A step turns by a chord instead of an arc.
+    most = 1e-12 + count * abs(speed) * (rate * CONTROL_PERIOD) ** 2
+    np.testing.assert_allclose(state.velocity, true, atol=most)
+
+
+@given(joints, st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
+def test_standing_feet_give_the_velocity_of_a_trunk_that_moves_over_them(pose, twist):
+    """With a gain of 1 the velocity is what joints that keep the feet in place say."""
+    velocity, turning = np.array(twist[:3]), np.array(twist[3:])
+    feet = kinematics.foot_positions(A1, pose)
+    swept = -(velocity + cross(turning, feet))
+    rates = np.zeros(12)
+    for leg in range(4):
+        own = slice(3 * leg, 3 * leg + 3)
+        columns = [kinematics.foot_velocities(A1, pose, np.eye(12)[i])[leg] for i in range(12)[own]]
+        rates[own] = np.linalg.solve(np.transpose(columns), swept[leg])
+    imu = np.concatenate([turning, AT_REST[3:]])
+    step = measured(joint_position=pose, joint_velocity=rates, imu=imu)
+    state = run(Odometry(gain=1.0), [step, step], pose)
+    np.testing.assert_allclose(state.velocity, velocity, atol=1e-9)
+
+
+@given(st.lists(small, min_size=24, max_size=24), st.lists(small, min_size=9, max_size=9))
+def test_mirrored_inputs_give_mirrored_estimates(errors, imu_errors):
+    """Joints mirror as actions do; vectors of rotation and of displacement by their own signs."""
+    position = A1.default_stance + errors[:12]
+    velocity, imu = 10.0 * np.array(errors[12:]), AT_REST + imu_errors
+    touching = np.array([True, False, True, True])
+    step = measured(joint_position=position, joint_velocity=velocity, imu=imu, touching=touching)
+    signs = np.array([-1, 1, -1, 1, -1, 1, 1, -1, 1.0])
+    image = {
+        "joint_position": A1.default_stance + REFLECT_JOINTS(position - A1.default_stance),
+        "joint_velocity": REFLECT_JOINTS(velocity),
+        "imu": signs * imu,
+        "touching": touching[[1, 0, 3, 2]],
+    }
+    body, mirrored = (
+        Odometry().body_state(A1, run(Odometry(), [own] * 5, begin), begin)
+        for own, begin in ((step, position), (image, image["joint_position"]))
+    )
+    names = ObservationLayout(2).names
+    _, reflect = reflect_observation(names, (1, 0)).split(len(names) - 7)
+    np.testing.assert_allclose(mirrored, reflect(body), atol=1e-9)
+
+
+@pytest.mark.parametrize("lean", [(0.2, 0.0), (0.0, -0.3), (-0.15, 0.25)])
+def test_heights_are_above_the_plane_that_the_feet_stand_on(lean):
+    """Legs shortened and lengthened as on a slope, then one foot is lifted off it."""
+    slope_x, slope_y = lean
+    normal = np.array([-slope_x, -slope_y, 1.0])
+    normal /= np.linalg.norm(normal)
+    pose = stance_on(slope_x, slope_y)
+    state = run(Odometry(), [measured(joint_position=pose)] * 3, pose)
+    body = Odometry().body_state(A1, state, pose)
+    np.testing.assert_allclose(body[3:], 0.0, atol=1e-9)
+    lifted = pose.copy()
+    lifted[2] -= 0.4
+    touching = np.array([False, True, True, True])
+    state = Odometry().advance(
+        A1,
+        state,
+        **measured(joint_position=lifted, touching=touching),
+    )
+    moved = kinematics.foot_positions(A1, lifted) - kinematics.foot_positions(A1, pose)
+    body = Odometry().body_state(A1, state, lifted)
+    assert body[3] == pytest.approx(normal @ moved[0], abs=1e-6) and body[3] > 0.03
+    np.testing.assert_allclose(body[4:], 0.0, atol=1e-6)
+
+
+def stance_on(slope_x, slope_y):
+    """Finds joints whose feet stand on a plane under the trunk, by Newton's method."""
+    pose = A1.default_stance.copy()
+    target = kinematics.foot_positions(A1, pose)
+    target[:, 2] = target[:, 2].mean() + slope_x * target[:, 0] + slope_y * target[:, 1]
+    for _ in range(30):
+        off = target - kinematics.foot_positions(A1, pose)
+        for leg in range(4):
+            own = range(3 * leg, 3 * leg + 3)
+            columns = [kinematics.foot_velocities(A1, pose, np.eye(12)[i])[leg] for i in own]
+            pose[list(own)] += np.linalg.solve(np.transpose(columns), off[leg])
+    assert np.abs(target - kinematics.foot_positions(A1, pose)).max() < 1e-9
+    return pose
+
+
+def test_a_foot_that_has_just_come_down_does_not_correct():
+    kicked = measured(joint_velocity=np.ones(12), touching=np.array([True, False, False, False]))
+    once = run(Odometry(gain=1.0), [kicked], A1.default_stance)
+    np.testing.assert_allclose(once.velocity, 0.0, atol=1e-12)
+    twice = run(Odometry(gain=1.0), [kicked] * 2, A1.default_stance)
+    own = kinematics.foot_velocities(A1, A1.default_stance, np.ones(12))[0]
+    np.testing.assert_allclose(twice.velocity, -own, atol=1e-12)
+
+
+def test_robots_of_a_batch_do_not_look_at_each_other(generator):
+    pose = A1.default_stance + 0.1 * generator.normal(size=(5, 12))
+    step = {
+        "joint_position": pose,
+        "joint_velocity": generator.normal(size=(5, 12)),
+        "imu": AT_REST + generator.normal(size=(5, 9)),
+        "touching": generator.random((5, 4)) < 0.5,
+    }
+    together = Odometry().body_state(A1, run(Odometry(), [step] * 4, pose), pose)
+    for i in range(5):
+        alone = run(Odometry(), [{name: own[i] for name, own in step.items()}] * 4, pose[i])
+        np.testing.assert_allclose(Odometry().body_state(A1, alone, pose[i]), together[i])
+
+
+def test_the_estimate_is_scaled_as_it_is_observed():
+    falling = measured(imu=np.array([0, 0, 0, 0, 0, 0, 0, 0, -1.0]), touching=~ALL)
+    state = run(Odometry(), [falling], A1.default_stance)
+    body = Odometry().body_state(A1, state, A1.default_stance)
+    assert body[2] == pytest.approx(-BASE_VELOCITY_SCALE * CONTROL_PERIOD * GRAVITY)
+
+
+@pytest.mark.parametrize("gain", [0.0, -0.1, 1.1, float("nan")])
+def test_gains_that_cannot_be_are_refused(gain):
+    with pytest.raises(InputError, match="odometry: gain"):
+        Odometry(gain)
