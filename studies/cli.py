@@ -56,7 +56,7 @@ PURPOSES: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "evaluate estimators": (
             "evaluation.estimators:Estimators",
-            "Compare what odometry and a learned network say of a robot's body with the truth.",
+            "Compare what odometry and the expert's own estimator say with the truth.",
         ),
         "evaluate pushes": (
             "evaluation.pushes:Pushes",

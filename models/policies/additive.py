@@ -93,8 +93,9 @@ class AdditivePolicy(Policy):
     pair_deviations: Array
     intercepts: Array
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+    def __init__(self, gait: str, observation_names: Sequence[str], **options: Any) -> None:
+        # Some arrays are of one shape: all go by name.
+        super().__init__(gait, observation_names, **options)
         self._feature = np.arange(len(self.cuts))
         self._pair = np.arange(len(self.pairs))
         # Sums the pairs of each joint: (p, 12).

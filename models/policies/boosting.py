@@ -63,8 +63,9 @@ class BoostedTreesPolicy(Policy):
     intercepts: Array
     importances: Array
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+    def __init__(self, gait: str, observation_names: Sequence[str], **options: Any) -> None:
+        # Some arrays are of one shape: all go by name.
+        super().__init__(gait, observation_names, **options)
         n_joints, n_trees, n_inner = self.features.shape
         self.depth = (n_inner + 1).bit_length() - 1
         if n_inner + 1 != 2**self.depth:

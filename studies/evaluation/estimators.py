@@ -30,7 +30,7 @@ ERRORS = ["velocity x (m/s)", "velocity y (m/s)", "velocity z (m/s)", "foot heig
 
 @dataclass(frozen=True)
 class Estimators(Experiment):
-    """Let experts walk, and compare what odometry and their own estimator say with the truth.
+    """Compare what odometry and the expert's own estimator say with the truth.
 
     Odometry watches the same rollouts: it has an IMU of its own, and does not act. Of an expert
     that observes by odometry only that is reported, with the rollouts that it leads to.

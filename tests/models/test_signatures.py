@@ -2,6 +2,7 @@
 
 import inspect
 
+import numpy as np
 import pytest
 
 from glassgait.models.policies.additive import AdditivePolicy
@@ -27,12 +28,15 @@ A1 = load_robot()
         (failures, ("action", "previous_action")),
         (RewardMachine.step, ("foot_contact", "foot_height")),
         (GaitSwitch.step, ("requested", "foot_contact", "foot_height", "commanded_dwell")),
-        (BoostedTreesPolicy, ("features", "thresholds")),
-        (AdditivePolicy, ("tables", "deviations")),
-        (AdditivePolicy, ("pair_tables", "pair_deviations")),
-        (AdditivePolicy, ("cuts", "pair_cuts")),
     ],
 )
 def test_arrays_of_one_shape_go_by_name(function, swappable):
     parameters = inspect.signature(function).parameters
     assert {parameters[name].kind for name in swappable} == {inspect.Parameter.KEYWORD_ONLY}
+
+
+@pytest.mark.parametrize("policy", [AdditivePolicy, BoostedTreesPolicy])
+def test_arrays_of_policies_go_by_name(policy):
+    assert len(policy.array_specs) > 1
+    with pytest.raises(TypeError, match="positional"):
+        policy("trot", ("Command X",), *(np.zeros(1) for _ in policy.array_specs))

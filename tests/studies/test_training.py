@@ -20,7 +20,7 @@ from glassgait.models.task.gait import GAIT_DIRECTORY, load_gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.symmetry import REFLECT_JOINTS, mirrored_states, reflect_observation
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
-from glassgait.studies.training.config import PpoConfig, TrainingConfig
+from glassgait.studies.training.config import CurriculumConfig, PpoConfig, TrainingConfig
 from glassgait.studies.training.mirror import Mirrored
 from glassgait.studies.training.record import read_config
 from glassgait.studies.training.study import TrainingRun
@@ -201,13 +201,26 @@ def test_the_record_reports_how_the_expert_was_trained(tmp_path):
 
 def test_difficulty_rises_only_while_the_rhythm_is_kept(tmp_path):
     run = training_run(TINY, tmp_path)
-    run._raise_difficulty(0.4)
+    run._raise_demands(0.4, 0.0)
     assert run.environment.simulator.difficulty == pytest.approx(0.2)
-    run._raise_difficulty(0.6)
+    run._raise_demands(0.6, 0.0)
     assert run.environment.simulator.difficulty == pytest.approx(0.22)
     for _ in range(100):
-        run._raise_difficulty(0.6)
+        run._raise_demands(0.6, 0.0)
     assert run.environment.simulator.difficulty == 1.0
+
+
+def test_hardship_rises_once_the_machine_asks_for_all_and_few_fail(tmp_path):
+    curriculum = CurriculumConfig(initial_difficulty=0.99, initial_hardship=0.5, hardship_rise=0.1)
+    run = training_run(replace(TINY, curriculum=curriculum), tmp_path)
+    environment = run.environment
+    hardships = []
+    for rhythm, failure_rate in ((0.6, 0.0), (0.4, 0.0), (0.6, 0.01), (0.6, 0.0), (0.6, 0.004)):
+        run._raise_demands(rhythm, failure_rate)
+        hardships.append(environment.hardship)
+    assert hardships == pytest.approx([0.5, 0.5, 0.5, 0.6, 0.7])
+    _, values = environment.to_arrays()
+    assert values["hardship"] == environment.simulator.push_share == environment.hardship
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tmp_path):
