@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands, FixedCommand
-from glassgait.diagrams.physics import Physics
+from glassgait.diagrams.physics import Physics, PhysicsStep
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import BoolArray, TaskState
 from glassgait.models.arrays import Array
@@ -88,7 +88,6 @@ class BatchSimulator:
                 `RewardMachine`.
         """
         self.task = task
-        self.physics = physics
         self.n_robots = n_robots
         self.generator = generator
         self.estimator = estimator
@@ -101,7 +100,7 @@ class BatchSimulator:
         self._weights = task.weights
         self._is_commanded = False
         self._all_robots = np.arange(n_robots)
-        self._ground = physics.ground(n_robots)
+        self._stand_on(physics)
         self._state: TaskState = self._fresh(self._all_robots)
         self.resample_friction()
 
@@ -120,24 +119,24 @@ class BatchSimulator:
         Args:
             physics: Physics of as many groups.
         """
-        self.physics = physics
+        self._stand_on(physics)
         self.physics.set_friction(self.friction)
-        self._ground = physics.ground(self.n_robots)
         plant = self._state.plant
         standing = self._ground.stand(self.task.robot, plant)
         plant = np.where(self._ground.is_rough[:, None], standing, plant)
         self._state = replace(self._state, plant=plant)
+
+    def _stand_on(self, physics: Physics) -> None:
+        self.physics = physics
+        self.gravity = physics.gravity(self.n_robots)
+        """Acceleration by gravity where each robot stands (n, 3; m/s²)."""
+        self._ground = physics.ground(self.n_robots)
 
     def resample_friction(self) -> None:
         """Draws a new friction for every group of robots."""
         low, high = self.task.randomization.friction
         self.friction = self.generator.uniform(low, high, size=self.physics.n_groups)
         self.physics.set_friction(self.friction)
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration by gravity where each robot stands (n, 3; m/s²)."""
-        return self.physics.gravity(self.n_robots)
 
     def friction_of_robots(self) -> Array:
         """Returns the friction under each robot (n,)."""
@@ -190,15 +189,7 @@ class BatchSimulator:
     def step(self, action: Array) -> BatchStep:
         """Holds actions (n, 12) for one control step and moves the task on."""
         s, task, robot = self._state, self.task, self.task.robot
-        very_late = s.latency > CONTROL_PERIOD
-        coming = np.where(very_late[:, None], s.action, action)
-        held = np.where(very_late[:, None], s.action_before, s.action)
-        moved = self.physics.step(
-            s.plant,
-            robot.joint_targets(coming, limited=task.limit_targets),
-            previous_targets=robot.joint_targets(held, limited=task.limit_targets),
-            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
-        )
+        moved = self._moved(s, action)
         plant = moved.states
         shown = failures(
             robot,
@@ -214,8 +205,7 @@ class BatchSimulator:
         action = np.where(lost[:, None], s.action, action)
 
         steps = s.steps + 1
-        joint_noise = task.randomization.joint_noise(self.n_robots, self.generator)
-        joint_noise[:, : quadruped.N_JOINTS] += s.bias[:, : quadruped.N_JOINTS]
+        joint_noise = self._joint_errors(s.bias)
         push = self.push_share * task.randomization.pushes(self.n_robots, self.generator)
         # A new command holds from the instant at which the step ends, for the machine too.
         command = self._commanded(s, steps)
@@ -271,6 +261,25 @@ class BatchSimulator:
             truncated=steps >= task.episode_steps,
         )
 
+    def _moved(self, s: TaskState, action: Array) -> PhysicsStep:
+        """Lets the joints follow actions (n, 12) as late as they come, for a control period."""
+        very_late = s.latency > CONTROL_PERIOD
+        coming = np.where(very_late[:, None], s.action, action)
+        held = np.where(very_late[:, None], s.action_before, s.action)
+        robot, limited = self.task.robot, self.task.limit_targets
+        return self.physics.step(
+            s.plant,
+            robot.joint_targets(coming, limited=limited),
+            previous_targets=robot.joint_targets(held, limited=limited),
+            latency=np.where(very_late, s.latency - CONTROL_PERIOD, s.latency),
+        )
+
+    def _joint_errors(self, bias: Array) -> Array:
+        """Draws errors of measured joints (n, 24; rad, rad/s) around constant ones (n, 21)."""
+        errors = self.task.randomization.joint_noise(len(bias), self.generator)
+        errors[:, : quadruped.N_JOINTS] += bias[:, : quadruped.N_JOINTS]
+        return errors
+
     def _step_machine(
         self, s: TaskState, feet: FootSense, contact: BoolArray, command: Command
     ) -> MachineStep:
@@ -323,8 +332,7 @@ class BatchSimulator:
             difficulty=self.difficulty,
         )
         bias = randomization.biases(count, self.generator)
-        joint_noise = randomization.joint_noise(count, self.generator)
-        joint_noise[:, : quadruped.N_JOINTS] += bias[:, : quadruped.N_JOINTS]
+        joint_noise = self._joint_errors(bias)
         measured = plant[:, quadruped.JOINT_POSITION] + joint_noise[:, : quadruped.N_JOINTS]
         begun = TaskState(
             plant=plant,
@@ -386,7 +394,7 @@ class BatchSimulator:
         state = replace(state, imu=readings)
         if not isinstance(self.estimator, Odometry):
             return state
-        position, velocity = self._measured_joints(state)
+        position, velocity = state.measured_joints()
         odometry = self.estimator.advance(
             self.task.robot,
             state.odometry,
@@ -397,20 +405,13 @@ class BatchSimulator:
         )
         return replace(state, odometry=odometry)
 
-    def _measured_joints(self, state: TaskState) -> tuple[Array, Array]:
-        position = (
-            state.plant[:, quadruped.JOINT_POSITION] + state.joint_noise[:, : quadruped.N_JOINTS]
-        )
-        velocity = state.plant[:, quadruped.JOINT_VELOCITY]
-        return position, velocity + state.joint_noise[:, quadruped.N_JOINTS :]
-
     def _estimated(self, state: TaskState) -> TaskState:
         """Returns a state that is about to be observed, with what the estimator then gives."""
         match self.estimator:
             case None:
                 return state
             case Odometry() as odometry:
-                position, _ = self._measured_joints(state)
+                position, _ = state.measured_joints()
                 estimate = odometry.body_state(self.task.robot, state.odometry, position)
             case network:
                 estimate = network(self._proprioception(state))

@@ -2,7 +2,6 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +10,17 @@ from pydrake.systems.analysis import BatchEvalUniquePeriodicDiscreteUpdate, Simu
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from glassgait.diagrams.ground import set_friction
-from glassgait.diagrams.physics import Physics, PhysicsStep, moved_by
+from glassgait.diagrams.physics import EnginePhysics, Held
 from glassgait.diagrams.station import AddStation, StationConfig, actuated_joints
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task import CONTROL_PERIOD
 
 FEW_ROBOTS = 2
 """Robots for which Drake's batch takes longer to copy a context than they take in Python's loop."""
 
 
-class BatchPhysics(Physics):
+class BatchPhysics(EnginePhysics):
     """Steps the states of many stations in parallel; each group has a station of its own."""
 
     def __init__(
@@ -37,8 +35,7 @@ class BatchPhysics(Physics):
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
-        self._robot = robot
-        self.stations = stations
+        super().__init__(robot, stations)
         self._groups = [_Group(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
         # Drake releases the interpreter's lock, so groups run side by side, each on its share of
@@ -49,74 +46,23 @@ class BatchPhysics(Physics):
         # The slowest group starts first, or the others would be waiting for it in the end.
         self._order = sorted(range(len(stations)), key=lambda i: stations[i].time_step)
 
-    @property
-    def n_groups(self) -> int:
-        """Number of groups."""
-        return len(self._groups)
-
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
         for group, value in zip(self._groups, friction, strict=True):
             group.set_friction(float(value))
 
-    def step(
-        self,
-        states: Array,
-        targets: Array,
-        *,
-        previous_targets: Array | None = None,
-        latency: Array | None = None,
-    ) -> PhysicsStep:
-        """Advances every robot by one control period.
-
-        A robot whose state or target is not finite, or that the contact solver cannot advance,
-        comes back as NaN; the others are as they would be without it.
-
-        Args:
-            states: Plant states x (n, 37).
-            targets: Joint position targets (n, 12; rad), held over the period.
-            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
-                ones come; needed with a latency.
-            latency: Time from the period's start until the new targets come (n,; s), rounded to
-                the plant's steps; by default none.
-        """
-        late = targets if previous_targets is None else previous_targets
-        latency = np.zeros(len(states)) if latency is None else latency
-        sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
-        ground = self.ground(len(states))
-        away = ground.periods(states)
-        near = moved_by(states, -away)
+    def _advance(
+        self, states: Array, held: Held, members: list[NDArray[np.int64]]
+    ) -> tuple[Array, None]:
         after = np.full_like(states, np.nan)
-        members = [group[sound[group]] for group in self.members(len(states))]
 
         def step(i: int) -> None:
             mine = members[i]
-            group = self._groups[i]
-            held = _Held(targets[mine], late[mine], group.delay(latency[mine]))
-            after[mine] = group.step(near[mine], held, self._parallelism)
+            after[mine] = self._groups[i].step(states[mine], held.of(mine), self._parallelism)
 
         for _ in self._workers.map(step, self._order):
             pass
-        after = moved_by(after, away)
-        return PhysicsStep(after, ground.touching(self._robot, after))
-
-
-class _Held(NamedTuple):
-    """What the joints of some robots follow over a control period.
-
-    Attributes:
-        targets: Joint position targets (n, 12; rad).
-        late: Those that hold until they come (n, 12; rad).
-        delay: Plant steps until they come (n,).
-    """
-
-    targets: Array
-    late: Array
-    delay: NDArray[np.int64]
-
-    def of(self, part: slice) -> "_Held":
-        """Returns what some of the robots follow."""
-        return _Held(*(values[part] for values in self))
+        return after, None
 
 
 class _Group:
@@ -144,12 +90,7 @@ class _Group:
         context = self._scene_graph.GetMyMutableContextFromRoot(self._context)
         set_friction(self._plant, self._scene_graph, friction, context, terrain=self._terrain)
 
-    def delay(self, latency: Array) -> NDArray[np.int64]:
-        """Returns latencies (n,; s) in steps of the plant, no more than a control period has."""
-        steps = np.rint(latency / CONTROL_PERIOD * self._n_steps).astype(np.int64)
-        return np.clip(steps, 0, self._n_steps)
-
-    def step(self, states: Array, held: _Held, parallelism: Parallelism | None) -> Array:
+    def step(self, states: Array, held: Held, parallelism: Parallelism | None) -> Array:
         """Advances robots by a control period, in Drake's threads or, for None, in Python's."""
         if len(states) == 0:
             return states
@@ -164,11 +105,12 @@ class _Group:
                 [self.step(states[part], held.of(part), parallelism) for part in parts]
             )
 
-    def _evaluate(self, states: Array, held: _Held, parallelism: Parallelism | None) -> Array:
+    def _evaluate(self, states: Array, held: Held, parallelism: Parallelism | None) -> Array:
         # From one robot's change of targets to the next's, all targets stay.
-        changes = np.unique([0, *held.delay, self._n_steps]).tolist()
+        waits = held.waits(self._n_steps)
+        changes = np.unique([0, *waits, self._n_steps]).tolist()
         for start, stop in pairwise(changes):
-            waiting = held.delay[:, None] > start
+            waiting = waits[:, None] > start
             targets = np.where(waiting, held.late, held.targets)
             states = self._advance(states, targets, stop - start, parallelism)
         return states

@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from glassgait.diagrams.batch_physics import BatchPhysics
-from glassgait.diagrams.physics import Physics, PhysicsStep
+from glassgait.diagrams.physics import Held, Physics, PhysicsStep
 from glassgait.diagrams.station import Engine, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -38,43 +38,23 @@ class MixedPhysics(Physics):
         Args:
             parts: Physics of the first groups, of the next ones, and so on.
         """
+        stations = [station for part in parts for station in part.stations]
+        super().__init__(parts[0].robot, stations)
         self._parts = parts
-        self.stations = [station for part in parts for station in part.stations]
         self._ends = np.cumsum([part.n_groups for part in parts])[:-1]
-
-    @property
-    def n_groups(self) -> int:
-        """Number of groups."""
-        return len(self.stations)
 
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
         for part, own in zip(self._parts, np.split(friction, self._ends), strict=True):
             part.set_friction(own)
 
-    def step(
-        self,
-        states: Array,
-        targets: Array,
-        *,
-        previous_targets: Array | None = None,
-        latency: Array | None = None,
-    ) -> PhysicsStep:
-        """Advances every robot by one control period, as `Physics.step` has it."""
-        late = targets if previous_targets is None else previous_targets
-        latency = np.zeros(len(states)) if latency is None else latency
-        members = self.members(len(states))
+    def _step(self, states: Array, held: Held) -> PhysicsStep:
         # Groups are contiguous, and none is smaller than the one after it: each part splits its
         # robots as they are split here.
-        ends = [sum(len(group) for group in members[:end]) for end in self._ends]
-        steps = [
-            part.step(own, asked, previous_targets=held, latency=delay)
-            for part, own, asked, held, delay in zip(
-                self._parts,
-                *(np.split(values, ends) for values in (states, targets, late, latency)),
-                strict=True,
-            )
-        ]
+        sizes = [len(group) for group in self.members(len(states))]
+        ends = np.cumsum([0, *sizes])[self._ends]
+        parts = zip(self._parts, np.split(np.arange(len(states)), ends), strict=True)
+        steps = [part._step(states[own], held.of(own)) for part, own in parts]
         return PhysicsStep(*(np.concatenate(values) for values in zip(*steps, strict=True)))
 
 

@@ -52,9 +52,9 @@ FOLLOWED = (Phase.FOLLOWING, Phase.HOLDING)
 class ControllerEnd:
     """Answers sensors, as they come, by joint targets.
 
-    Whoever calls `answer` handles the subscriptions of its LCM before. Its time is that of the
-    sensors. For steps whose sensors never came it goes on with those that
-    it had, so that its reward machine counts them too.
+    The caller of `answer` handles the subscriptions of its LCM before. Its time is that of the
+    sensors. For steps whose sensors never came it goes on with those that it had, so that its
+    reward machine counts them too.
 
     Attributes:
         tally: Counts of the sensors that came.

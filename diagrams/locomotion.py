@@ -79,7 +79,7 @@ def MakeLocomotion(  # noqa: N802
     Read the outputs at a control instant before its updates, as `Simulator.AdvanceTo` leaves them.
     In a default context the robot stands at rest. `SetRandomContext` draws the robot's pose, the
     sensors' noise and biases, and drawn commands. The scenario's pushes come between two control
-    steps, from whoever advances the simulator; see `glassgait.diagrams.plant_state.push`.
+    steps, from the code that advances the simulator; see `glassgait.diagrams.plant_state.push`.
 
     Args:
         gait: The gait whose reward machine runs, or several that change on request.

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from pydrake.common import Parallelism
 
 from glassgait.diagrams.ground import PATCH
-from glassgait.diagrams.physics import Physics, PhysicsStep, moved_by
+from glassgait.diagrams.physics import EnginePhysics, Held
 from glassgait.diagrams.station import PAYLOAD_BOX, StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.terrain import Terrain
 
 LIMIT_TIME_CONSTANT = 0.004
@@ -27,7 +26,7 @@ their ranges, which counts as a failure."""
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
-class MujocoPhysics(Physics):
+class MujocoPhysics(EnginePhysics):
     """Steps the states of many robots in parallel; every group has a model of its own."""
 
     def __init__(
@@ -42,7 +41,7 @@ class MujocoPhysics(Physics):
         Raises:
             InputError: if a plant's period does not divide the control period.
         """
-        self.stations = stations
+        super().__init__(robot, stations)
         self._n_steps = [station.plant_steps() for station in stations]
         self._models = [make_model(robot, station) for station in stations]
         n_threads = n_threads or Parallelism.Max().num_threads()
@@ -52,63 +51,35 @@ class MujocoPhysics(Physics):
         self._q = [joint.qposadr[0] for joint in joints]
         self._v = [joint.dofadr[0] for joint in joints]
 
-    @property
-    def n_groups(self) -> int:
-        """Number of groups."""
-        return len(self._models)
-
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
         for model, station, value in zip(self._models, self.stations, friction, strict=True):
             _set_friction(model, station.terrain, value)
 
-    def step(
-        self,
-        states: Array,
-        targets: Array,
-        *,
-        previous_targets: Array | None = None,
-        latency: Array | None = None,
-    ) -> PhysicsStep:
-        """Advances every robot by one control period.
-
-        A robot whose state or target is not finite, or that MuJoCo cannot advance, comes back as
-        NaN; the others are as they would be without it.
-
-        Args:
-            states: Plant states x (n, 37), as Drake lays them out.
-            targets: Joint position targets (n, 12; rad), held over the period.
-            previous_targets: Targets of the period before (n, 12; rad), which hold until the new
-                ones come; needed with a latency.
-            latency: Time from the period's start until the new targets come (n,; s), rounded to
-                the plant's steps; by default none.
-        """
-        late = targets if previous_targets is None else previous_targets
-        latency = np.zeros(len(states)) if latency is None else latency
-        sound = np.all(np.isfinite(np.concatenate([states, targets, late], axis=1)), axis=1)
-        away = self.ground(len(states)).periods(states)
-        near = moved_by(states, -away)
+    def _advance(
+        self, states: Array, held: Held, members: list[NDArray[np.int64]]
+    ) -> tuple[Array, NDArray[np.bool_]]:
         after = np.full_like(states, np.nan)
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
-        for group, members in enumerate(self.members(len(states))):
-            mine = members[sound[members]]
+        for group, mine in enumerate(members):
             if len(mine):
-                held = self._held(group, targets[mine], late[mine], latency[mine])
-                after[mine], touching[mine] = self._advance(group, near[mine], held)
-        return PhysicsStep(moved_by(after, away), touching)
+                targets = self._at_steps(group, held.of(mine))
+                after[mine], touching[mine] = self._roll_out(group, states[mine], targets)
+        return after, touching
 
-    def _held(self, group: int, targets: Array, late: Array, latency: Array) -> Array:
+    def _at_steps(self, group: int, held: Held) -> Array:
         """Returns the targets at every step of the plant (n, n_steps, 12; rad)."""
         n_steps = self._n_steps[group]
-        delay = np.rint(latency / CONTROL_PERIOD * n_steps)
-        waiting = np.arange(n_steps) < delay[:, None]
-        return np.where(waiting[..., None], late[:, None], targets[:, None])
+        waiting = np.arange(n_steps) < held.waits(n_steps)[:, None]
+        return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
 
-    def _advance(self, group: int, states: Array, held: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _roll_out(
+        self, group: int, states: Array, targets: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
         model = self._models[group]
         before = np.zeros((len(states), mujoco.mj_stateSize(model, _STATE)))
         before[:, 1 : 1 + model.nq + model.nv] = self._to_mujoco(model, states)
-        after, sensed = self._rollout.rollout(model, self._data[group], before, held)
+        after, sensed = self._rollout.rollout(model, self._data[group], before, targets)
         assert after is not None and sensed is not None
         moved = after[:, -1, 1 : 1 + model.nq + model.nv]
         return self._from_mujoco(model, moved), sensed[:, -1] > self.stations[group].contact_force

@@ -1,8 +1,9 @@
 """What the batch simulator asks of a physics engine."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
+from glassgait.models.robots.robot import Robot
+from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.terrain import Terrain
 
@@ -26,6 +29,29 @@ class PhysicsStep(NamedTuple):
     touching: NDArray[np.bool_]
 
 
+class Held(NamedTuple):
+    """What the joints of some robots follow over a control period.
+
+    Attributes:
+        targets: Joint position targets (n, 12; rad).
+        late: Those that hold until they come (n, 12; rad).
+        latency: Time until they come (n,; s).
+    """
+
+    targets: Array
+    late: Array
+    latency: Array
+
+    def of(self, part: slice | NDArray[np.int64]) -> "Held":
+        """Returns what some of the robots follow."""
+        return Held(*(values[part] for values in self))
+
+    def waits(self, n_steps: int) -> NDArray[np.int64]:
+        """Returns the latencies (n,) in steps of a plant that takes `n_steps` in a period."""
+        steps = np.rint(self.latency / CONTROL_PERIOD * n_steps).astype(np.int64)
+        return np.clip(steps, 0, n_steps)
+
+
 def moved_by(states: Array, away: Array) -> Array:
     """Returns plant states x (n, 37) with trunks moved (n, 3; m)."""
     if not away.any():
@@ -35,16 +61,22 @@ def moved_by(states: Array, away: Array) -> Array:
     return states
 
 
-class Physics(Protocol):
+class Physics(ABC):
     """Advances many robots by control periods; they stand in groups, each on its own ground."""
 
-    stations: Sequence[StationConfig]
-    """Physics of each group."""
+    def __init__(self, robot: Robot, stations: Sequence[StationConfig]) -> None:
+        """
+        Args:
+            robot: What robots they are.
+            stations: Physics of each group.
+        """
+        self.robot = robot
+        self.stations = stations
 
     @property
     def n_groups(self) -> int:
         """Number of groups."""
-        ...
+        return len(self.stations)
 
     def members(self, n_robots: int) -> list[NDArray[np.int64]]:
         """Returns the robots of each group: they are split evenly, in order."""
@@ -60,9 +92,9 @@ class Physics(Protocol):
         """Returns what each robot stands on."""
         return _ground(tuple(station.terrain for station in self.stations), n_robots)
 
+    @abstractmethod
     def set_friction(self, friction: Array) -> None:
         """Sets the friction (n_groups,) of each group's ground."""
-        ...
 
     def step(
         self,
@@ -74,14 +106,52 @@ class Physics(Protocol):
     ) -> PhysicsStep:
         """Advances every robot by one control period.
 
+        A robot whose state or target is not finite, or that the engine cannot advance, comes back
+        as NaN; the others are as they would be without it.
+
         Args:
-            states: Plant states x (n, 37).
+            states: Plant states x (n, 37), as Drake lays them out.
             targets: Joint position targets (n, 12; rad), held over the period.
             previous_targets: Targets of the period before (n, 12; rad), which hold until the new
                 ones come; needed with a latency.
-            latency: Time from the period's start until the new targets come (n,; s).
+            latency: Time from the period's start until the new targets come (n,; s), rounded to
+                the plant's steps; by default none.
         """
-        ...
+        late = targets if previous_targets is None else previous_targets
+        latency = np.zeros(len(states)) if latency is None else latency
+        return self._step(states, Held(targets, late, latency))
+
+    @abstractmethod
+    def _step(self, states: Array, held: Held) -> PhysicsStep:
+        """Advances every robot by one control period."""
+
+
+class EnginePhysics(Physics):
+    """Robots that one engine advances."""
+
+    def _step(self, states: Array, held: Held) -> PhysicsStep:
+        # Those that are sound, each on the tile of ground that is laid.
+        values = np.concatenate([states, held.targets, held.late], axis=1)
+        sound = np.all(np.isfinite(values), axis=1)
+        ground = self.ground(len(states))
+        away = ground.periods(states)
+        members = [group[sound[group]] for group in self.members(len(states))]
+        after, touching = self._advance(moved_by(states, -away), held, members)
+        after = moved_by(after, away)
+        if touching is None:
+            touching = ground.touching(self.robot, after)
+        return PhysicsStep(after, touching)
+
+    @abstractmethod
+    def _advance(
+        self, states: Array, held: Held, members: list[NDArray[np.int64]]
+    ) -> tuple[Array, NDArray[np.bool_] | None]:
+        """Advances those of each group's robots that are sound.
+
+        Returns:
+            Plant states x (n, 37), NaN of others, and whether each foot presses on the ground (n,
+            4); None where that follows from the pose.
+        """
 
 
 def _members(n_robots: int, n_groups: int) -> list[NDArray[np.int64]]:

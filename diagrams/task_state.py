@@ -118,6 +118,14 @@ class TaskState:
             {name: _put(mine, index, theirs[name]) for name, mine in self.as_arrays().items()}
         )
 
+    def measured_joints(self) -> tuple[Array, Array]:
+        """Returns joint positions and velocities as sensors measure them (n, 12; rad, rad/s)."""
+        position, velocity = np.split(self.joint_noise, 2, axis=1)
+        return (
+            self.plant[:, quadruped.JOINT_POSITION] + position,
+            self.plant[:, quadruped.JOINT_VELOCITY] + velocity,
+        )
+
     def pushed(self, velocity: Array) -> "TaskState":
         """Returns a state with a velocity (n, 3; m/s, world frame) added to each trunk's."""
         plant = self.plant.copy()

@@ -1,19 +1,19 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     InputPort,
     LeafSystem,
     OutputPort,
-    ValueProducer,
 )
 
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
+from glassgait.models.task.randomization import seed_of
+from glassgait.systems.cached_value import CachedValue
 
 
 class RandomCommand(LeafSystem):
@@ -51,12 +51,11 @@ class RandomCommand(LeafSystem):
         self._speed_range = speed_range
         self._seed_port = self.DeclareVectorInputPort("seed", 1)
         # Seeding a generator takes longer than anything else here.
-        self._draw = self.DeclareCacheEntry(
-            description="drawn command",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_draw
-            ),
-            prerequisites_of_calc={self.time_ticket(), self.all_input_ports_ticket()},
+        self._draw = CachedValue(
+            self,
+            "drawn command",
+            self._calc_draw,
+            {self.time_ticket(), self.all_input_ports_ticket()},
         )
         self._command_port = self.DeclareVectorOutputPort(
             name="command",
@@ -83,18 +82,14 @@ class RandomCommand(LeafSystem):
         """Gives the commanded iterations in a state."""
         return self._commanded_dwell_port
 
-    def _calc_draw(self, context: Context, output: AbstractValue) -> None:
-        # All 64 bits of the number, since NumPy seeds with whole numbers alone.
-        (seed,) = np.array(self._seed_port.Eval(context)).view(np.uint64).tolist()
+    def _calc_draw(self, context: Context) -> Command:
+        seed = seed_of(self._seed_port.Eval(context))
         step = round(context.get_time() / CONTROL_PERIOD)
         generator = np.random.default_rng([seed, step // COMMAND_STEPS])
-        output.set_value(sample_commands(self._gait, 1, generator, self._speed_range))
-
-    def _eval_draw(self, context: Context) -> Command:
-        return self._draw.Eval(context)
+        return sample_commands(self._gait, 1, generator, self._speed_range)
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_draw(context).velocity[0])
+        output.SetFromVector(self._draw.Eval(context).velocity[0])
 
     def _calc_commanded_dwell(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_draw(context).dwell)
+        output.SetFromVector(self._draw.Eval(context).dwell)

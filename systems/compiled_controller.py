@@ -1,7 +1,6 @@
 """Acts by a controller that was compiled from C."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -9,7 +8,6 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.arrays import Array
@@ -20,6 +18,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.imu import N_IMU
+from glassgait.systems.cached_value import CachedValue
 
 
 class CompiledController(LeafSystem):
@@ -69,12 +68,11 @@ class CompiledController(LeafSystem):
         if controller.has_imu:
             self._imu_port = self.DeclareVectorInputPort("imu", N_IMU)
         # Three outputs and the update are of one step; the controller takes it once.
-        self._step = self.DeclareCacheEntry(
-            description="controller step",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        self._step = CachedValue(
+            self,
+            "controller step",
+            self._calc_step,
+            {self.all_input_ports_ticket(), self.xd_ticket()},
         )
         of_step = {self._step.ticket()}
         self._action_port = self.DeclareVectorOutputPort(
@@ -120,7 +118,7 @@ class CompiledController(LeafSystem):
         """Returns the flags of what happened."""
         return self._status_port
 
-    def _calc_step(self, context: Context, output: AbstractValue) -> None:
+    def _calc_step(self, context: Context) -> Step:
         command = Command(
             self._command_port.Eval(context), self._commanded_dwell_port.Eval(context)[0]
         )
@@ -128,7 +126,7 @@ class CompiledController(LeafSystem):
         imu = None if self._imu_port is None else self._imu_port.Eval(context)
         sensors = sensed(self._robot, self._state_port.Eval(context), self._ground, imu)
         requested = self._requested(context, memory)
-        output.set_value(self._controller.step(memory, sensors, command, requested))
+        return self._controller.step(memory, sensors, command, requested)
 
     def _requested(self, context: Context, memory: Array) -> int:
         port = self._requested_gait_port
@@ -137,18 +135,15 @@ class CompiledController(LeafSystem):
         number = np.rint(port.Eval(context)[0])
         return int(number) if 0 <= number < self._controller.n_gaits else NO_GAIT
 
-    def _eval_step(self, context: Context) -> Step:
-        return self._step.Eval(context)
-
     def _calc_action(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_step(context).memory[ACTION])
+        output.SetFromVector(self._step.Eval(context).memory[ACTION])
 
     def _calc_targets(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_step(context).targets)
+        output.SetFromVector(self._step.Eval(context).targets)
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.array([float(self._eval_step(context).status)]))
+        output.SetFromVector(np.array([float(self._step.Eval(context).status)]))
 
     def _latch(self, context: Context, state: State) -> None:
-        memory = self._eval_step(context).memory
+        memory = self._step.Eval(context).memory
         state.get_mutable_discrete_state(self._memory).SetFromVector(memory)

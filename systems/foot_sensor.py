@@ -1,6 +1,5 @@
 """Senses the contacts and the heights of the feet."""
 
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -8,7 +7,6 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.robots import quadruped
@@ -16,6 +14,7 @@ from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.contact import FootSense, sense_feet
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
+from glassgait.systems.cached_value import CachedValue
 
 
 class FootSensor(LeafSystem):
@@ -47,12 +46,8 @@ class FootSensor(LeafSystem):
             name="state", size=quadruped.N_POSITIONS + quadruped.N_VELOCITIES
         )
         # All outputs and the update come from one look at the feet.
-        self._sense = self.DeclareCacheEntry(
-            description="foot sense",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_sense
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        self._sense = CachedValue(
+            self, "foot sense", self._calc_sense, {self.all_input_ports_ticket(), self.xd_ticket()}
         )
         self._foot_contact_port = self.DeclareVectorOutputPort(
             name="foot_contact",
@@ -92,24 +87,21 @@ class FootSensor(LeafSystem):
         """Returns which feet touch at this instant."""
         return self._touching_port
 
-    def _calc_sense(self, context: Context, output: AbstractValue) -> None:
+    def _calc_sense(self, context: Context) -> FootSense:
         previously = context.get_discrete_state(self._touching).value() > 0.5
-        output.set_value(
-            sense_feet(self._robot, self._state_port.Eval(context), previously, ground=self._ground)
+        return sense_feet(
+            self._robot, self._state_port.Eval(context), previously, ground=self._ground
         )
 
-    def _eval_sense(self, context: Context) -> FootSense:
-        return self._sense.Eval(context)
-
     def _calc_foot_contact(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_sense(context).contact.astype(float))
+        output.SetFromVector(self._sense.Eval(context).contact.astype(float))
 
     def _calc_foot_height(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_sense(context).height)
+        output.SetFromVector(self._sense.Eval(context).height)
 
     def _calc_touching(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_sense(context).touching.astype(float))
+        output.SetFromVector(self._sense.Eval(context).touching.astype(float))
 
     def _latch(self, context: Context, state: State) -> None:
-        touching = self._eval_sense(context).touching
+        touching = self._sense.Eval(context).touching
         state.get_mutable_discrete_state(self._touching).SetFromVector(touching.astype(float))

@@ -1,11 +1,10 @@
 """Tracks where in which of several gaits the robot is, and changes the gait on request."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, InputPort
 
 from glassgait.models.task.gait_switch import GaitSwitch
-from glassgait.models.task.reward_machine import MachineState
+from glassgait.models.task.reward_machine import MachineState, MachineStep
 from glassgait.systems.reward_machine import RewardMachineSystem
 
 
@@ -46,16 +45,15 @@ class GaitSwitchSystem(RewardMachineSystem):
         """Takes the number of the gait that is to run."""
         return self._requested_gait_port
 
-    def _calc_step(self, context: Context, output: AbstractValue) -> None:
+    def _calc_step(self, context: Context) -> MachineStep:
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
         machine, requested = MachineState(*stored), self._switch.gait_of(stored[0])
         if self._requested_gait_port.HasValue(context):
             requested = np.rint(self._requested_gait_port.Eval(context)[0]).astype(np.int64)
-        step = self._switch.step(
+        return self._switch.step(
             machine,
             requested=requested,
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
             foot_height=self._foot_height_port.Eval(context),
             commanded_dwell=self._commanded_dwell_port.Eval(context)[0],
         )
-        output.set_value(step)

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -11,13 +10,13 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import IMU_NOISE, N_IMU, measure_imu
+from glassgait.systems.cached_value import CachedValue
 
 
 class ImuSensor(LeafSystem):
@@ -72,12 +71,8 @@ class ImuSensor(LeafSystem):
         self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", N_IMU)
         self._imu_bias_port = self.DeclareVectorInputPort("imu_bias", N_IMU)
         # The output and the update come from one measurement.
-        self._readings = self.DeclareCacheEntry(
-            description="readings",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_readings
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        self._readings = CachedValue(
+            self, "readings", self._calc_readings, {self.all_input_ports_ticket(), self.xd_ticket()}
         )
         self._imu_port = self.DeclareVectorOutputPort(
             name="imu",
@@ -105,7 +100,7 @@ class ImuSensor(LeafSystem):
         """Returns the reading."""
         return self._imu_port
 
-    def _calc_readings(self, context: Context, output: AbstractValue) -> None:
+    def _calc_readings(self, context: Context) -> Array:
         """Takes this instant's reading and those that are still to come, the latest first."""
         state = self._state_port.Eval(context)
         has_begun = context.get_discrete_state(self._begun).value()[0] > 0.5
@@ -120,17 +115,14 @@ class ImuSensor(LeafSystem):
             reading = reading + self._imu_bias_port.Eval(context)
         coming = context.get_discrete_state(self._coming).value().reshape(-1, N_IMU)
         rest = coming if has_begun else np.broadcast_to(reading, coming.shape)
-        output.set_value(np.vstack([reading, rest]))
-
-    def _eval_readings(self, context: Context) -> Array:
-        return self._readings.Eval(context)
+        return np.vstack([reading, rest])
 
     def _calc_imu(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_readings(context)[-1])
+        output.SetFromVector(self._readings.Eval(context)[-1])
 
     def _latch(self, context: Context, state: State) -> None:
         velocity = self._state_port.Eval(context)[quadruped.LINEAR_VELOCITY]
         state.get_mutable_discrete_state(self._begun).SetFromVector([1.0])
         state.get_mutable_discrete_state(self._velocity_before).SetFromVector(velocity)
-        coming = self._eval_readings(context)[:-1].ravel()
+        coming = self._readings.Eval(context)[:-1].ravel()
         state.get_mutable_discrete_state(self._coming).SetFromVector(coming)

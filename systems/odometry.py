@@ -1,7 +1,6 @@
 """Estimates base velocity and foot heights by leg odometry."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -9,7 +8,6 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.arrays import Array
@@ -19,6 +17,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.imu import N_IMU
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.models.task.odometry import Odometry, OdometryState
+from glassgait.systems.cached_value import CachedValue
 
 
 class OdometrySystem(LeafSystem):
@@ -57,12 +56,8 @@ class OdometrySystem(LeafSystem):
         self._imu_port = self.DeclareVectorInputPort("imu", N_IMU)
         self._touching_port = self.DeclareVectorInputPort("touching", quadruped.N_LEGS)
         # The output and the update come from one advance.
-        self._advanced = self.DeclareCacheEntry(
-            description="odometry",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_advanced
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        self._advanced = CachedValue(
+            self, "odometry", self._calc_advanced, {self.all_input_ports_ticket(), self.xd_ticket()}
         )
         self._body_state_port = self.DeclareVectorOutputPort(
             name="body_state",
@@ -101,17 +96,16 @@ class OdometrySystem(LeafSystem):
         position, velocity = np.split(self._joints_port.Eval(context), 2)
         return position, velocity
 
-    def _calc_advanced(self, context: Context, output: AbstractValue) -> None:
+    def _calc_advanced(self, context: Context) -> OdometryState:
         position, velocity = self._measured_joints(context)
         if context.get_discrete_state(self._begun).value()[0] < 0.5:
-            output.set_value(self._odometry.begin(self._robot, position))
-            return
+            return self._odometry.begin(self._robot, position)
         before = OdometryState(
             velocity=context.get_discrete_state(self._velocity).value(),
             footholds=context.get_discrete_state(self._footholds).value().reshape(-1, 3),
             touching=context.get_discrete_state(self._touching).value() > 0.5,
         )
-        now = self._odometry.advance(
+        return self._odometry.advance(
             self._robot,
             before,
             joint_position=position,
@@ -119,18 +113,14 @@ class OdometrySystem(LeafSystem):
             imu=self._imu_port.Eval(context),
             touching=self._touching_port.Eval(context) > 0.5,
         )
-        output.set_value(now)
-
-    def _eval_advanced(self, context: Context) -> OdometryState:
-        return self._advanced.Eval(context)
 
     def _calc_body_state(self, context: Context, output: BasicVector) -> None:
         position, _ = self._measured_joints(context)
-        now = self._eval_advanced(context)
+        now = self._advanced.Eval(context)
         output.SetFromVector(self._odometry.body_state(self._robot, now, position))
 
     def _latch(self, context: Context, state: State) -> None:
-        now = self._eval_advanced(context)
+        now = self._advanced.Eval(context)
         heights = self._body_state_port.Eval(context)[-quadruped.N_LEGS :]
         for index, values in (
             (self._begun, [1.0]),

@@ -1,7 +1,6 @@
 """Rewards the last control step."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -9,13 +8,13 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.reward import REWARD_TERMS, Reward, RewardWeights, step_reward
+from glassgait.systems.cached_value import CachedValue
 
 
 class RewardSystem(LeafSystem):
@@ -86,12 +85,11 @@ class RewardSystem(LeafSystem):
             self._foot_height_port,
         )
         # All outputs and the update come from one evaluation; the factor is not part of it.
-        self._evaluation = self.DeclareCacheEntry(
-            description="plain reward and its terms",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_evaluation
-            ),
-            prerequisites_of_calc={
+        self._evaluation = CachedValue(
+            self,
+            "plain reward and its terms",
+            self._calc_evaluation,
+            {
                 self.xd_ticket(),
                 *(self.input_port_ticket(port.get_index()) for port in step_ports),
             },
@@ -160,8 +158,8 @@ class RewardSystem(LeafSystem):
         """Gives the weighted terms."""
         return self._reward_terms_port
 
-    def _calc_evaluation(self, context: Context, output: AbstractValue) -> None:
-        reward = step_reward(
+    def _calc_evaluation(self, context: Context) -> Reward:
+        return step_reward(
             self._robot,
             state=self._state_port.Eval(context),
             previous_joint_velocity=context.get_discrete_state(self._joint_velocity).value(),
@@ -175,24 +173,20 @@ class RewardSystem(LeafSystem):
             weights=self._weights,
             limit_targets=self._limit_targets,
         )
-        output.set_value(reward)
-
-    def _eval_reward(self, context: Context) -> Reward:
-        return self._evaluation.Eval(context)
 
     def _calc_reward(self, context: Context, output: BasicVector) -> None:
         multiplier = self._reward_multiplier_port.Eval(context)
-        output.SetFromVector(self._eval_reward(context).plain * multiplier)
+        output.SetFromVector(self._evaluation.Eval(context).plain * multiplier)
 
     def _calc_plain_reward(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._eval_reward(context).plain)])
+        output.SetFromVector([float(self._evaluation.Eval(context).plain)])
 
     def _calc_reward_terms(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._eval_reward(context).terms)
+        output.SetFromVector(self._evaluation.Eval(context).terms)
 
     def _latch(self, context: Context, state: State) -> None:
         velocity = self._state_port.Eval(context)[quadruped.JOINT_VELOCITY]
-        reward = self._eval_reward(context)
+        reward = self._evaluation.Eval(context)
         state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(reward.air_time)
         state.get_mutable_discrete_state(self._tracked).SetFromVector(reward.tracked)

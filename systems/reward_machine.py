@@ -1,7 +1,6 @@
 """Tracks where in the gait the robot is."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -9,13 +8,13 @@ from pydrake.systems.framework import (
     LeafSystem,
     OutputPort,
     State,
-    ValueProducer,
 )
 
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.reward_machine import MachineState, MachineStep, RewardMachine
+from glassgait.systems.cached_value import CachedValue
 
 
 class RewardMachineSystem(LeafSystem):
@@ -52,12 +51,8 @@ class RewardMachineSystem(LeafSystem):
         self._foot_height_port = self.DeclareVectorInputPort("foot_height", quadruped.N_LEGS)
         self._commanded_dwell_port = self.DeclareVectorInputPort("commanded_dwell", 1)
         # Four outputs and the update are of one step; the machine takes it once.
-        self._step = self.DeclareCacheEntry(
-            description="machine step",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_step
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket(), self.xd_ticket()},
+        self._step = CachedValue(
+            self, "machine step", self._calc_step, {self.all_input_ports_ticket(), self.xd_ticket()}
         )
         of_step = {self._step.ticket()}
         self._rm_state_port = self.DeclareVectorOutputPort(
@@ -116,31 +111,27 @@ class RewardMachineSystem(LeafSystem):
         """Gives the rhythm that this instant's transition served."""
         return self._served_dwell_port
 
-    def _calc_step(self, context: Context, output: AbstractValue) -> None:
+    def _calc_step(self, context: Context) -> MachineStep:
         stored = context.get_discrete_state(self._machine_state).value().astype(np.int64)
-        step = self._machine.step(
+        return self._machine.step(
             MachineState(*stored),
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
             foot_height=self._foot_height_port.Eval(context),
             commanded_dwell=self._commanded_dwell_port.Eval(context)[0],
         )
-        output.set_value(step)
-
-    def _eval_step(self, context: Context) -> MachineStep:
-        return self._step.Eval(context)
 
     def _calc_rm_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._machine.one_hot(self._eval_step(context).machine.state))
+        output.SetFromVector(self._machine.one_hot(self._step.Eval(context).machine.state))
 
     def _calc_rm_iterations(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._eval_step(context).machine.iterations)])
+        output.SetFromVector([float(self._step.Eval(context).machine.iterations)])
 
     def _calc_reward_multiplier(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._eval_step(context).multiplier)])
+        output.SetFromVector([float(self._step.Eval(context).multiplier)])
 
     def _calc_served_dwell(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([float(self._eval_step(context).served_dwell)])
+        output.SetFromVector([float(self._step.Eval(context).served_dwell)])
 
     def _latch(self, context: Context, state: State) -> None:
-        after = np.ravel(self._eval_step(context).machine).astype(float)
+        after = np.ravel(self._step.Eval(context).machine).astype(float)
         state.get_mutable_discrete_state(self._machine_state).SetFromVector(after)

@@ -1,19 +1,19 @@
 """Constant errors of the sensors."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
     Context,
     InputPort,
     LeafSystem,
     OutputPort,
-    ValueProducer,
 )
 
+from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.task.imu import N_IMU
-from glassgait.models.task.randomization import Randomization
+from glassgait.models.task.randomization import Randomization, seed_of
+from glassgait.systems.cached_value import CachedValue
 
 
 class SensorBias(LeafSystem):
@@ -43,12 +43,8 @@ class SensorBias(LeafSystem):
         self._randomization = randomization
         self._seed_port = self.DeclareVectorInputPort("seed", 1)
         # Seeding a generator takes longer than anything else here.
-        self._draw = self.DeclareCacheEntry(
-            description="drawn biases",
-            value_producer=ValueProducer(
-                allocate=lambda: AbstractValue.Make(object()), calc=self._calc_draw
-            ),
-            prerequisites_of_calc={self.all_input_ports_ticket()},
+        self._draw = CachedValue(
+            self, "drawn biases", self._calc_draw, {self.all_input_ports_ticket()}
         )
         self._encoder_bias_port = self.DeclareVectorOutputPort(
             name="encoder_bias",
@@ -75,10 +71,9 @@ class SensorBias(LeafSystem):
         """Returns the errors of the IMU."""
         return self._imu_bias_port
 
-    def _calc_draw(self, context: Context, output: AbstractValue) -> None:
-        # All 64 bits of the number, since NumPy seeds with whole numbers alone.
-        (seed,) = np.array(self._seed_port.Eval(context)).view(np.uint64).tolist()
-        output.set_value(self._randomization.biases(1, np.random.default_rng(seed))[0])
+    def _calc_draw(self, context: Context) -> Array:
+        generator = np.random.default_rng(seed_of(self._seed_port.Eval(context)))
+        return self._randomization.biases(1, generator)[0]
 
     def _calc_encoder_bias(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._draw.Eval(context)[: quadruped.N_JOINTS])

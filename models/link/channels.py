@@ -39,7 +39,7 @@ class Channels:
 
     @property
     def command(self) -> str:
-        """Of `command_t`, from whoever steers."""
+        """Of `command_t`, from the operator."""
         return f"{self.prefix}COMMAND"
 
     @property

@@ -141,3 +141,9 @@ NOMINAL = Randomization(
     push_speed=0.0,
 )
 """What evaluations use by default: near the stance, noise on, no pushes."""
+
+
+def seed_of(number: Array) -> int:
+    """Makes a seed of all 64 bits of a number (1,): NumPy seeds with whole numbers alone."""
+    (seed,) = np.array(number).view(np.uint64).tolist()
+    return seed

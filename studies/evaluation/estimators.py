@@ -136,10 +136,10 @@ class _Watching:
         """Goes on by a control step, and returns the body state (n, 7)."""
         after, n = step.after, len(step.after.plant)
         if self._state is None:
-            position, _ = _joints(step.before.plant, step.before.joint_noise)
+            position, _ = step.before.measured_joints()
             self._state = self._odometry.begin(self._robot, position)
             self._bias = self._errors.biases(n, self._generator)[:, quadruped.N_JOINTS :]
-        position, velocity = _joints(after.plant, after.joint_noise)
+        position, velocity = after.measured_joints()
         reading = measure_imu(
             after.plant, step.before.plant[:, quadruped.LINEAR_VELOCITY], self._gravity
         )
@@ -155,15 +155,6 @@ class _Watching:
             touching=after.sensed,
         )
         return self._odometry.body_state(self._robot, self._state, position)
-
-
-def _joints(plant: Array, noise: Array) -> tuple[Array, Array]:
-    """Returns measured joint positions and velocities (n, 12)."""
-    position, velocity = np.split(noise, 2, axis=1)
-    return (
-        plant[:, quadruped.JOINT_POSITION] + position,
-        plant[:, quadruped.JOINT_VELOCITY] + velocity,
-    )
 
 
 def errors_table(rows: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataFrame:

@@ -28,7 +28,7 @@ N_NAMED = 3
 """How many of them are named at most."""
 
 
-def told_orbit(record: Mapping[str, Any]) -> str:
+def orbit_text(record: Mapping[str, Any]) -> str:
     """Describes where a gait goes."""
     period = record["period"]
     match period:
@@ -42,7 +42,7 @@ def told_orbit(record: Mapping[str, Any]) -> str:
             return f"repeats every {period} strides"
 
 
-def told_mode(parts: Mapping[str, float]) -> str:
+def mode_text(parts: Mapping[str, float]) -> str:
     """Names what takes part most in a mode."""
     most = [(name, share) for name, share in parts.items() if share >= SHARE_NAMED]
     return ", ".join(f"{name} {100 * share:.0f} %" for name, share in most[:N_NAMED]) or "–"
@@ -60,10 +60,10 @@ def stability_table(results: Mapping[str, Sequence[Mapping[str, Any]]]) -> pd.Da
                     "speed (m/s)": record["speed"],
                     "yaw rate (rad/s)": record["yaw_rate"],
                     "dwell": record["dwell"],
-                    "without noise the gait": told_orbit(record),
+                    "without noise the gait": orbit_text(record),
                     "spectral radius": record["radius"] if there else float("nan"),
                     "±, step sizes": radius_error(record),
-                    "slowest mode": told_mode(record["parts"]) if there else "–",
+                    "slowest mode": mode_text(record["parts"]) if there else "–",
                     "growth along the orbit": record.get("growth", float("nan")),
                     "averaged radius": record.get("averaged_radius", float("nan")),
                     "±, jackknife": record.get("averaged_error", float("nan")),
@@ -118,7 +118,7 @@ def summary_table(results: Mapping[str, Sequence[Mapping[str, Any]]]) -> pd.Data
                 "median": float(np.median(radii)) if len(radii) else np.nan,
                 "greatest": radii.max(initial=0.0) if len(radii) else np.nan,
                 "averaged radius, mean": _mean(averaged),
-                "slowest mode": told_mode(shares),
+                "slowest mode": mode_text(shares),
             }
         )
     return pd.DataFrame(rows)

@@ -54,7 +54,7 @@ def mirror_r2(
     generator: np.random.Generator,
     resamples: int,
 ) -> tuple[float, float, float]:
-    """Measures how well a policy's actions are foretold by its actions in the mirror.
+    """Measures how well a policy's actions are predicted by its actions in the mirror.
 
     Args:
         policy: The policy π.

@@ -1,5 +1,6 @@
 """The batch simulator as PPO sees it: observation groups, scaled rewards and resets."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -132,6 +133,21 @@ class TrainingEnvironment:
             },
             batch_size=[len(own)],
         )
+
+    def play(
+        self, act: Callable[[TensorDict], torch.Tensor], n_steps: int
+    ) -> Iterator[tuple[TensorDict, TrainingStep]]:
+        """Lets robots act for some control steps, and yields each with what was observed before.
+
+        Args:
+            act: Maps observation groups (n, ...) to actions (n, 12).
+            n_steps: Control steps.
+        """
+        observations = self.observe()
+        for _ in range(n_steps):
+            step = self.step(act(observations))
+            yield observations, step
+            observations = step.observations
 
     def step(self, actions: torch.Tensor) -> TrainingStep:
         """Holds actions (n, 12) for one control step and resets the robots that ended."""

@@ -96,18 +96,14 @@ class LearningRun(ABC):
         simulator = self.environment.simulator
         if self.progress.update and self.progress.update % self.config.friction_updates == 0:
             simulator.resample_friction()
-        statistics = _Statistics()
-        observations = self.environment.observe()
+        statistics, ppo = _Statistics(), self.learner.ppo
         with torch.inference_mode():
-            for _ in range(self.config.ppo.steps_per_update):
-                actions = self.learner.ppo.act(observations)
-                step = self.environment.step(actions)
-                observations = step.observations
-                self.learner.ppo.process_env_step(
-                    observations, step.rewards, step.dones, {"time_outs": step.time_outs}
+            for _, step in self.environment.play(ppo.act, self.config.ppo.steps_per_update):
+                ppo.process_env_step(
+                    step.observations, step.rewards, step.dones, {"time_outs": step.time_outs}
                 )
                 statistics.add(step.task)
-        losses = self.learner.update(observations, self.progress.update)
+        losses = self.learner.update(step.observations, self.progress.update)
         self.progress.update += 1
         self.progress.seconds += time.monotonic() - started
         row = {

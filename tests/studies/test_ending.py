@@ -53,8 +53,8 @@ def test_the_help_shows_the_docstring_of_the_class(name):
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["-h", "train"]])
 def test_help_lists_every_command(arguments, capsys):
     main(arguments)
-    told = capsys.readouterr().out
-    assert all(f"  {name} " in told for name in COMMANDS)
+    printed = capsys.readouterr().out
+    assert all(f"  {name} " in printed for name in COMMANDS)
 
 
 def test_version_is_that_of_the_package(capsys):
@@ -95,8 +95,8 @@ def test_help_of_a_group_lists_its_commands(group, capsys):
 
 
 def test_an_option_that_selects_a_command_may_stand_anywhere(refused):
-    told = refused(["distill", "--terms", "0", "--sweep", "terms"])
-    assert "terms" in told
+    printed = refused(["distill", "--terms", "0", "--sweep", "terms"])
+    assert "terms" in printed
 
 
 @pytest.mark.parametrize("argument", ["--help", "--version", "bogus"])
@@ -106,8 +106,8 @@ def test_nothing_heavy_is_imported_before_a_command_is_known(argument):
         f"try: main([{argument!r}])\nexcept SystemExit: pass\n"
         f"print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
     )
-    _, told = start(code).communicate(timeout=60)
-    assert told.splitlines()[-1] == "[]"
+    _, printed = start(code).communicate(timeout=60)
+    assert printed.splitlines()[-1] == "[]"
 
 
 NO_ROOM = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -126,13 +126,13 @@ ENDINGS = [
 ]
 
 
-@pytest.mark.parametrize(("error", "code", "told"), ENDINGS)
-def test_an_error_ends_in_one_sentence(error, code, told, capsys):
+@pytest.mark.parametrize(("error", "code", "printed"), ENDINGS)
+def test_an_error_ends_in_one_sentence(error, code, printed, capsys):
     with pytest.raises(SystemExit) as ended, report_errors():
         raise error
     assert ended.value.code == code
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line.startswith(f"glassgait: {told}")
+    assert line.startswith(f"glassgait: {printed}")
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, RuntimeError])
@@ -200,9 +200,9 @@ def test_a_working_folder_that_is_gone_is_reported(tmp_path):
         "import os\nfrom glassgait.studies.cli import main\nos.rmdir(os.getcwd())\nmain(['train'])"
     )
     process = start(code, cwd=gone)
-    _, told = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == BAD_INPUT
-    assert told == "glassgait: the working folder is gone; change to one that is there\n"
+    assert printed == "glassgait: the working folder is gone; change to one that is there\n"
 
 
 # A command that is at work as soon as it has started, and that may be slow to unwind.
@@ -235,8 +235,8 @@ def test_a_signal_ends_a_command_in_one_sentence(number, code, word):
     process = start(AT_WORK % "pass")
     assert process.stdout.read(1) == "."
     process.send_signal(number)
-    _, told = process.communicate(timeout=30)
-    assert (process.returncode, told) == (
+    _, printed = process.communicate(timeout=30)
+    assert (process.returncode, printed) == (
         code,
         f"\nglassgait: {word}; what was finished is kept\n",
     )
@@ -248,8 +248,8 @@ def test_a_command_that_hangs_on_its_way_out_ends_all_the_same(again):
     for _ in range(1 + again):
         assert process.stdout.read(1) == "."
         process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=30)
-    assert (process.returncode, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+    _, printed = process.communicate(timeout=30)
+    assert (process.returncode, printed) == (INTERRUPTED, "\nglassgait: interrupted\n")
 
 
 # An exception in a finalizer goes nowhere, like one in a compiled callback.
@@ -273,8 +273,8 @@ def test_an_interrupt_that_is_lost_ends_the_command_at_once():
     process = start(LOST)
     assert process.stdout.read(1) == "."
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=30)
-    assert (process.returncode, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+    _, printed = process.communicate(timeout=30)
+    assert (process.returncode, printed) == (INTERRUPTED, "\nglassgait: interrupted\n")
 
 
 AT_EXIT = """
@@ -310,13 +310,13 @@ def interrupt_after(seconds, arguments, folder):
     assert process.stdout.read(1) == "."
     time.sleep(seconds)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    return process.returncode, told
+    _, printed = process.communicate(timeout=60)
+    return process.returncode, printed
 
 
 def test_an_interrupt_while_importing_is_reported(tmp_path):
-    code, told = interrupt_after(0.05, ["train"], tmp_path)
-    assert (code, told) == (INTERRUPTED, "\nglassgait: interrupted\n")
+    code, printed = interrupt_after(0.05, ["train"], tmp_path)
+    assert (code, printed) == (INTERRUPTED, "\nglassgait: interrupted\n")
     assert not list(tmp_path.iterdir())
 
 
@@ -325,8 +325,8 @@ def test_an_interrupt_while_importing_is_reported(tmp_path):
 def test_an_interrupt_never_ends_in_a_traceback(moment, tmp_path):
     seconds = random.Random(moment).uniform(0.05, 5.0)
     endless = ["--n-seeds", "9", "--n-steps", "100000", "--scenario", "training"]
-    code, told = interrupt_after(seconds, ["evaluate", "worlds", *endless], tmp_path)
+    code, printed = interrupt_after(seconds, ["evaluate", "worlds", *endless], tmp_path)
     assert code == INTERRUPTED
     # Before it there may stand where the policies are from.
-    (sentence,) = [line for line in told.splitlines() if line and not line.startswith("· ")]
+    (sentence,) = [line for line in printed.splitlines() if line and not line.startswith("· ")]
     assert sentence.startswith("glassgait: interrupted")

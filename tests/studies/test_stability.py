@@ -1,4 +1,4 @@
-"""The stride map: robots that go on as they were told, orbits, words, and the command."""
+"""The stride map: robots that go on as they were asked, orbits, words, and the command."""
 
 import json
 
@@ -15,9 +15,9 @@ from glassgait.studies.cli import main
 from glassgait.studies.evaluation import stride_analysis as analysis
 from glassgait.studies.evaluation import strides as strides_module
 from glassgait.studies.evaluation.stability import (
+    mode_text,
     prediction_table,
     stability_table,
-    told_mode,
 )
 from glassgait.studies.evaluation.stability_figures import believed, radius_error, stability_figure
 from glassgait.studies.evaluation.stride_analysis import find_orbits
@@ -126,14 +126,14 @@ def test_a_radius_is_believed_where_step_sizes_agree():
 
 
 def test_modes_are_told_by_who_takes_part_most():
-    told = told_mode({"pitch": 0.4, "roll": 0.3, "leg FR": 0.2, "yaw": 0.1})
-    assert told == "pitch 40 %, roll 30 %, leg FR 20 %"
-    assert told_mode({"pitch": 0.05}) == "–"
+    text = mode_text({"pitch": 0.4, "roll": 0.3, "leg FR": 0.2, "yaw": 0.1})
+    assert text == "pitch 40 %, roll 30 %, leg FR 20 %"
+    assert mode_text({"pitch": 0.05}) == "–"
 
 
-@pytest.mark.parametrize(("rate", "told"), [(0.6, 0.6), (1.1, 1.1)])
-def test_factors_are_read_off_amplitudes(rate, told):
-    assert analysis._factor(2.0 * rate ** np.arange(11)) == pytest.approx(told)
+@pytest.mark.parametrize(("rate", "text"), [(0.6, 0.6), (1.1, 1.1)])
+def test_factors_are_read_off_amplitudes(rate, text):
+    assert analysis._factor(2.0 * rate ** np.arange(11)) == pytest.approx(text)
 
 
 def test_a_decay_is_read_off_until_it_is_gone():
@@ -205,7 +205,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "text"),
     [
         (["--speeds", "1.5"], "speed is 1.5"),
         (["--dwells", "30"], "dwell is 30"),
@@ -215,7 +215,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
         (["--gait", "trot", "pace", "--policy", "mine.formulas"], "several gaits take no files"),
     ],
 )
-def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
+def test_what_cannot_be_is_refused(arguments, text, refused, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["evaluate", "stability", *arguments, "--output", str(folder)])
+    assert text in refused(["evaluate", "stability", *arguments, "--output", str(folder)])
     assert not folder.exists()

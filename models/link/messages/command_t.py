@@ -8,7 +8,7 @@ from io import BytesIO
 import struct
 
 class command_t(object):
-    """ What the robot is asked to do, sent by whoever steers it, before the sensors of the same step. """
+    """ What the robot is asked to do, sent by its operator, before the sensors of the same step. """
 
     __slots__ = ["session", "sequence", "utime", "speed", "yaw_rate", "dwell"]
 

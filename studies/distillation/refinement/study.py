@@ -243,12 +243,12 @@ class RefinementRun(LearningRun):
         self, environment: TrainingEnvironment, generator: np.random.Generator
     ) -> torch.Tensor:
         """Lets the policy walk, and returns some of what it observed (m, n_observations)."""
-        seen = []
+
+        def act(observations: TensorDict) -> torch.Tensor:
+            return self._network(_seen(observations))
+
         with torch.inference_mode():
-            for _ in range(SEEN_STEPS):
-                observed = environment.observe()
-                seen.append(_seen(observed))
-                environment.step(self._network(seen[-1]))
+            seen = [_seen(observed) for observed, _ in environment.play(act, SEEN_STEPS)]
         every = torch.cat(seen)
         return every[generator.permutation(len(every))[:N_BALANCED]].clone()
 
