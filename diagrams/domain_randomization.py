@@ -171,16 +171,8 @@ class DomainRandomization(Settings):
                 f"the station's time_step, {self.station.time_step}"
             )
 
-    def stations(
-        self, robot: Robot, generator: np.random.Generator, ground_difficulty: float = 1.0
-    ) -> list[StationConfig]:
-        """Draws the physics of every group of robots.
-
-        Args:
-            robot: What robots they are.
-            generator: Source of the draws, which are the same whatever the difficulty.
-            ground_difficulty: Factor on the angles and heights of the grounds, up to 1.
-        """
+    def stations(self, robot: Robot, generator: np.random.Generator) -> list[StationConfig]:
+        """Draws the physics of every group of robots."""
         drawn = self.groups.draw(robot, self.station, self.n_groups, generator)
         fine = [
             replace(station, time_step=step)
@@ -196,13 +188,9 @@ class DomainRandomization(Settings):
             )
             for station in others[: self.mujoco_groups]
         ]
-        return at_difficulty([*mujoco, *others[len(mujoco) :], *fine], ground_difficulty)
+        return [*mujoco, *others[len(mujoco) :], *fine]
 
 
-def at_difficulty(
-    stations: Sequence[StationConfig], ground_difficulty: float
-) -> list[StationConfig]:
-    """Returns stations with the angles and heights of their grounds multiplied by a difficulty."""
-    return [
-        replace(station, terrain=station.terrain.scaled(ground_difficulty)) for station in stations
-    ]
+def at_hardship(stations: Sequence[StationConfig], hardship: float) -> list[StationConfig]:
+    """Returns stations with the angles and heights of their grounds multiplied by a hardship."""
+    return [replace(station, terrain=station.terrain.scaled(hardship)) for station in stations]

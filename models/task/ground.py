@@ -1,5 +1,6 @@
 """The ground under robots: its height, how far feet are from it, and where robots stand."""
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -55,7 +56,11 @@ class Ground:
 
     def of_robots(self, index: NDArray[np.int64]) -> "Ground":
         """Returns the ground of the robots at `index` alone."""
-        return self if self._which.ndim == 0 else Ground(self._terrains, self._which[index])
+        if self._which.ndim == 0:
+            return self
+        own = copy.copy(self)
+        own._which = self._which[index]
+        return own
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:

@@ -39,14 +39,14 @@ class CurriculumConfig(Settings):
     grace. It rises after every update in which the robots kept enough of the commanded rhythm. At a
     low difficulty they may step faster than commanded; the rising dwell slows them down.
 
-    Once it is 1, pushes grow by their hardship, after every update in which the robots kept the
-    rhythm and few of them failed.
+    Once it is 1, pushes and the ground's angles and heights grow by their hardship, after every
+    update in which the robots kept the rhythm and few of them failed.
 
     Attributes:
         initial_difficulty: Difficulty at the start; 1 is the paper's way, no curriculum.
         rise: How much the difficulty grows after an update.
         required_rhythm: Share of the commanded rhythm that lets the difficulty grow.
-        initial_hardship: Share of the pushes' speed at the start; 1 is all of it.
+        initial_hardship: Share of the pushes' speed and of the ground at the start; 1 is all of it.
         hardship_rise: How much that grows after an update.
         most_failures: Greatest share of the control steps that end by a failure which lets it
             grow.
@@ -142,7 +142,7 @@ class TrainingConfig(Settings):
         updates: Number of PPO updates.
         n_robots: Robots that train at once.
         worlds: The randomised scenarios that they train in.
-        friction_updates: Updates between two draws of the frictions.
+        friction_updates: Updates between two draws of the frictions, and two grounds.
         checkpoint_updates: Updates between two checkpoints.
         mirrored: Whether the actor and the estimator treat left and right alike, where the gait's
             machine does.

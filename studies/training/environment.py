@@ -11,6 +11,7 @@ from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
 from glassgait.diagrams.commands import DrawnCommands
+from glassgait.diagrams.domain_randomization import at_hardship
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.task_config import TaskConfig
 from glassgait.diagrams.task_state import TaskState
@@ -77,7 +78,8 @@ class TrainingEnvironment:
         self._estimator = estimator
         self.generator = generator
         worlds, robot = config.worlds, load_robot(config.robot)
-        stations = worlds.stations(robot, generator)
+        self._stations = stations = worlds.stations(robot, generator)
+        self._ground_hardship = config.curriculum.initial_hardship
         self.simulator = BatchSimulator(
             TaskConfig(
                 gait,
@@ -89,7 +91,7 @@ class TrainingEnvironment:
                 robot=robot,
                 observes_imu=observes_imu,
             ),
-            make_physics(robot, *stations),
+            make_physics(robot, *at_hardship(stations, self._ground_hardship)),
             n_robots=config.n_robots,
             generator=generator,
             # A network that learns estimates here, and the reward machine reads true heights.
@@ -109,12 +111,24 @@ class TrainingEnvironment:
 
     @property
     def hardship(self) -> float:
-        """Share of the pushes' speed that they have."""
+        """Share of the pushes' speed, and from the next draw of worlds on of the ground's."""
         return self.simulator.push_share
 
     @hardship.setter
     def hardship(self, share: float) -> None:
         self.simulator.push_share = share
+
+    def draw_worlds(self) -> None:
+        """Draws the groups' frictions anew, and lays ground of today's hardship."""
+        self.simulator.resample_friction()
+        self._lay_ground(self.hardship)
+
+    def _lay_ground(self, hardship: float) -> None:
+        """Scales the ground; where that changes none of it the physics stay as they are."""
+        now, then = (at_hardship(self._stations, h) for h in (self._ground_hardship, hardship))
+        self._ground_hardship = hardship
+        if then != now:
+            self.simulator.change_ground(make_physics(self.simulator.task.robot, *then))
 
     def observe(self) -> TensorDict:
         """Returns the observation groups of all robots."""
@@ -195,12 +209,14 @@ class TrainingEnvironment:
         values = {
             "difficulty": self.simulator.difficulty,
             "hardship": self.hardship,
+            "ground_hardship": self._ground_hardship,
             "generator": self.generator.bit_generator.state,
         }
         return arrays, values
 
     def restore(self, arrays: dict[str, np.ndarray], values: dict[str, Any]) -> None:
         """Continues from what `to_arrays` returned."""
+        self._lay_ground(values["ground_hardship"])
         self.simulator.restore(TaskState.from_arrays(arrays))
         self.simulator.restore_friction(arrays["friction"])
         self.simulator.difficulty = values["difficulty"]

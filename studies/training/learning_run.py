@@ -95,7 +95,7 @@ class LearningRun(ABC):
         started = time.monotonic()
         simulator = self.environment.simulator
         if self.progress.update and self.progress.update % self.config.friction_updates == 0:
-            simulator.resample_friction()
+            self.environment.draw_worlds()
         statistics, ppo = _Statistics(), self.learner.ppo
         with torch.inference_mode():
             for _, step in self.environment.play(ppo.act, self.config.ppo.steps_per_update):

@@ -9,7 +9,7 @@ from glassgait.diagrams.domain_randomization import (
     DomainRandomization,
     GroupRanges,
     TerrainRanges,
-    at_difficulty,
+    at_hardship,
 )
 from glassgait.diagrams.station import StationConfig
 from glassgait.models.errors import InputError
@@ -107,15 +107,11 @@ def test_a_share_of_the_groups_stands_on_other_ground_and_nothing_else_changes()
     assert all(abs(ground.height) <= 0.06 and ground.amplitude <= 0.08 for ground in grounds)
 
 
-def test_difficulty_scales_the_ground_and_draws_the_same():
-    worlds = on_grounds(share=1.0, patches=0.2)
-    whole, half = (
-        worlds.stations(A1, np.random.default_rng(1), difficulty) for difficulty in (1.0, 0.5)
-    )
-    assert half == at_difficulty(whole, 0.5)
+def test_hardship_scales_the_ground_alone():
+    whole = drawn(on_grounds(share=1.0, patches=0.2))
+    half, level = at_hardship(whole, 0.5), at_hardship(whole, 0.0)
     assert half == [replace(own, terrain=own.terrain.scaled(0.5)) for own in whole]
     assert any(own.terrain.kind == "steps" for own in whole)
-    level = worlds.stations(A1, np.random.default_rng(1), 0.0)
     assert all(np.ptp(grid_of(own.terrain).top) < 1e-2 for own in level)
     assert not any(own.terrain.slope for own in level)
 
