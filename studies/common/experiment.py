@@ -31,6 +31,7 @@ from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
 from glassgait.models.files import record_or_made, write_atomically
 from glassgait.models.policies.controller import AlternatingController
+from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait, load_gait
@@ -155,6 +156,9 @@ class Experiment(Settings):
     one: ClassVar[tuple[str, ...]] = ()
     """Settings, `policy` or `scenario`, of which one alone is taken."""
 
+    pooled: ClassVar[bool] = False
+    """Whether a case is of all seeds at once, which `measure` finds in `seeds`."""
+
     axes: ClassVar[Mapping[str, str]] = {}
     """Further labels of cases, each with the setting or property whose values it takes.
 
@@ -219,7 +223,7 @@ class Experiment(Settings):
                     "policy": policy,
                     "scenario": name,
                     **{axis: label for axis, (label, _) in zip(self.axes, point, strict=True)},
-                    "seed": seed,
+                    **({} if self.pooled else {"seed": seed}),
                 },
                 gait,
                 controller,
@@ -231,7 +235,7 @@ class Experiment(Settings):
             for gait in self.gaits
             for policy, controller in self.controllers[gait.name].items()
             for point in product(*axes)
-            for seed in self.seeds
+            for seed in self.seeds[: 1 if self.pooled else None]
         ]
 
     def run(self) -> None:
@@ -329,7 +333,7 @@ class Experiment(Settings):
                 names = tuple(own for own in names if own in (EXPERT, *policies.files)) or names
             found[gait.name] = policies.controllers(names)
             for name, controller in found[gait.name].items():
-                if self.of_students and controller.student is None:
+                if self.of_students and isinstance(controller.policy, NeuralPolicy):
                     raise InputError(
                         f"--policy {name}: {self.title} is of students; name a kind of student"
                     )
