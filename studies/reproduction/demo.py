@@ -83,7 +83,7 @@ QUICK = DistillationConfig(
 RATIO_PERIODS = (1, 4, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/4 and 0."""
 
-REPLAY_SECONDS = 8.0
+REPLAY_STEPS = 400
 REPLAYS_IN_A_ROW = 450
 """An hour of them: a page that is opened early, or scrolled to late, shows a robot that trots."""
 
@@ -190,7 +190,7 @@ class _Road:
             Scenario(command=FixedCommand(speed=REPLAY_SPEED)),
             self.meshcat,
             replay,
-            seconds=REPLAY_SECONDS,
+            n_steps=REPLAY_STEPS,
             repetitions=REPLAYS_IN_A_ROW,
         )
         say(f"open {replay}: a replay, {title}")

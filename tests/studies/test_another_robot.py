@@ -51,8 +51,8 @@ def test_another_robot_goes_from_training_to_a_certificate(tmp_path, monkeypatch
     path = folder / "sparse_formula.formulas"
     assert f"robot: {name}\n" in path.read_text()
     assert load_policy(path, expert.robot).robot is expert.robot
-    main(["view", *own, "--seconds", "0.2", "--output", "seen"])
-    main(["explain", "page", *own, "--seconds", "0.2", "--output", "explained"])
+    main(["view", *own, "--n-steps", "10", "--output", "seen"])
+    main(["explain", "page", *own, "--n-steps", "10", "--output", "explained"])
     main(["evaluate", "worlds", *own, "--n-robots", "2", "--n-steps", "20", "--n-seeds", "1"])
     main(["export", *own, "--n-steps", "200", "--output", "exported"])
     (source,) = (tmp_path / "exported").glob("*.c")

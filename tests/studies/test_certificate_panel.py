@@ -47,7 +47,7 @@ def panel(observed):
 def explained(tmp_path_factory):
     """The page of the trot's page of formulas."""
     output = tmp_path_factory.mktemp("page")
-    short = ["--seconds", "0.8", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
+    short = ["--n-steps", "40", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
     main(["explain", "page", "--policy", "sparse_formula", *short])
     return output / "index.html"
 

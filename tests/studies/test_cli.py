@@ -172,7 +172,7 @@ def test_evaluate_writes_its_tables(tmp_path, capsys):
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
-    main(["view", "--seconds", "0.5", "--output", str(tmp_path)])
+    main(["view", "--n-steps", "25", "--output", str(tmp_path)])
     assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf", ".yaml"}
     assert "stayed up after 0.50 s" in capsys.readouterr().out
 

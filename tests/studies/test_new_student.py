@@ -176,7 +176,7 @@ RUN = ("--source", "runs/distillation/trot")
 
 
 def test_it_is_explained_by_the_file_alone(run, distilled, folder):
-    run("explain", "page", *RUN, "--policy", "stiff", "--seconds", "0.4", "--output", "explained")
+    run("explain", "page", *RUN, "--policy", "stiff", "--n-steps", "20", "--output", "explained")
     assert "DoF Pos FL Hip" in (folder / "explained" / "index.html").read_text()
 
 

@@ -28,8 +28,8 @@ ROAD = {
         *["--source", "runs/training/hop", "--students", "statewise_linear", "statewise_symbolic"],
     ],
     "evaluate worlds": [*SMALL, "--scenario", "training"],
-    "view": ["--policy", "statewise_linear", "--seconds", "0.4"],
-    "explain page": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
+    "view": ["--policy", "statewise_linear", "--n-steps", "20"],
+    "explain page": ["--policy", "statewise_linear", "--n-steps", "20", "--step", "1"],
     "importance": [
         *["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
         *["--policy", "statewise_linear"],

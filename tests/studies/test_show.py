@@ -90,13 +90,13 @@ def test_what_was_trained_and_distilled_here_is_found_where_nothing_ships(hop, c
 
 
 def test_one_robot_walks_by_what_was_trained_here(hop, capsys):
-    main(["view", "--gait", "hop.yaml", "--seconds", "0.2"])
+    main(["view", "--gait", "hop.yaml", "--n-steps", "10"])
     printed = capsys.readouterr()
     assert "stayed up after 0.20 s" in printed.out
     assert "the expert runs/training/hop" in printed.err
     Path("runs/training/hop/hop.safetensors").unlink()
     with pytest.raises(SystemExit):
-        main(["view", "--gait", "hop.yaml", "--seconds", "0.2"])
+        main(["view", "--gait", "hop.yaml", "--n-steps", "10"])
     printed = capsys.readouterr()
     assert "inputs.expert" in printed.out + printed.err
 

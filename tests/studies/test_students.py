@@ -134,7 +134,7 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
 
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
+    page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--n-steps", "100"]
     main(page)
     main([*page, "--scenario", "true_body_state"])
     found = re.findall(
