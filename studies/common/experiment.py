@@ -148,7 +148,7 @@ class Experiment(Settings):
     falls: Falls = "task"
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]
-    n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 1
+    n_seeds: Seeds = 1
     workers: Workers = field(default_factory=WorkersConfig)
     robot: str | None = None
     source: Path | None = None

@@ -2,10 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 from glassgait.diagrams.commands import DrawnCommands, SliderCommand
@@ -51,7 +50,7 @@ class RolloutConfig(Settings):
         n_robots: Number of robots for each seed; the paper's 26.
         n_steps: Control steps of a rollout.
         seed: First seed of initial states, commands and noise.
-        n_seeds: Number of seeds: seed, seed + 1, …; `--seeds` is another name for it.
+        n_seeds: Number of seeds: seed, seed + 1, …
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
             commands.
     """
@@ -61,7 +60,7 @@ class RolloutConfig(Settings):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = REPORTED_SEEDS[0]
-    n_seeds: Annotated[Seeds, tyro.conf.arg(aliases=("--seeds",))] = 5
+    n_seeds: Seeds = 5
     speed_range: Range | None = None
 
     def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":

@@ -62,12 +62,12 @@ class SweepConfig(WorkersConfig):
         backend: Where jobs run: in processes of this machine (`loky`), or on a Ray or a Dask
             cluster, which does a job again whose node is lost.
         n_workers: Jobs that run at once; -1 for as many as there are cores.
-        seeds: Number of seeds of each gait: seed, seed + 1, …
+        n_seeds: Number of seeds of each gait: seed, seed + 1, …
     """
 
     title: ClassVar[str] = "sweep"
 
-    seeds: Seeds = 1
+    n_seeds: Seeds = 1
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def jobs_of(
     Raises:
         InputError: if there is no such gait, `all` stands among others, or two are called the same.
     """
-    seeds = range(first_seed, first_seed + config.seeds)
+    seeds = range(first_seed, first_seed + config.n_seeds)
     pairs = [(name, seed) for name in gaits_named(names) for seed in seeds]
     jobs = []
     for name, seed in pairs:

@@ -48,7 +48,7 @@ class Report(ReportConfig):
     minutes. --quick does less of everything, to see that all runs.
 
     Attributes:
-        gait: Names of gaits; `all` for every gait that ships.
+        gait: Names of gaits; `all` for every gait that ships. A continued run may name others.
         training: How experts learn, the gait set for each; by default those that ship are taken.
         policy: Kinds of students beside the paper's.
         engine: What searches the formulas, in place of the settings' engine. PySR, the paper's,
@@ -57,7 +57,7 @@ class Report(ReportConfig):
             ship. Of another robot your own experts are taken, or trained.
         quick: Do what the settings file names under `quick` instead.
         sweep: How many seeds of distillation, and where their gaits are studied.
-        resume: Continue the run that the folder holds; it may name other gaits.
+        resume: Continue the run that the folder holds.
         output: Folder of the report; runs/report by default, with --quick runs/report_quick, of the
             paper's settings below runs/reproduce. Of several seeds each has a report in its folder
             seed_<seed>.
@@ -193,12 +193,12 @@ class Report(ReportConfig):
         if root is None:
             root = Path("runs/report" if self.training is None else "runs/reproduce/paper")
             root = robot_folder(root.with_name(root.name + "_quick" * self.quick), self._robot.name)
-        if self.sweep.seeds == 1:
+        if self.sweep.n_seeds == 1:
             return {root: report}
         own = report.distillation
         return {
             root / f"seed_{seed}": replace(report, distillation=replace(own, seed=seed))
-            for seed in range(own.seed, own.seed + self.sweep.seeds)
+            for seed in range(own.seed, own.seed + self.sweep.n_seeds)
         }
 
 

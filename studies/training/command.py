@@ -35,7 +35,7 @@ class Train(Settings):
         like: Record of an expert (<gait>.yaml) whose settings are taken instead.
         output: Folder of the run; runs/training/<gait> by default. Of several gaits each has its
             folder <gait> in it, of several seeds seed_<seed> in that.
-        resume: Continue from the folder's checkpoint.
+        resume: Continue the run that the folder holds.
     """
 
     title: ClassVar[str] = "train"

@@ -55,7 +55,7 @@ class Prove(Settings):
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
-        resume: Prove again what the folder holds.
+        resume: Continue the run that the folder holds.
         output: Folder of the results; runs/certification/<gait>/<policy> by default.
     """
 

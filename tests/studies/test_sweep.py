@@ -24,7 +24,7 @@ SMALL += ["--checkpoint-updates", "2"]
 
 
 def _jobs(names=("trot", "walk"), seeds=2, output=None, first_seed=0):
-    config = SweepConfig(seeds=seeds)
+    config = SweepConfig(n_seeds=seeds)
     return jobs_of(names, first_seed, config, root=Path("runs/training"), output=output)
 
 
@@ -147,7 +147,7 @@ def _experts(root="runs/training"):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_sweep_goes_on_by_the_same_command(number):
-    sweep = ["train", "--gait", "trot", "walk", "--seeds", "2", *SMALL]
+    sweep = ["train", "--gait", "trot", "walk", "--n-seeds", "2", *SMALL]
     process = _command(*sweep)
     while "done (" not in (line := process.stdout.readline()):
         pass

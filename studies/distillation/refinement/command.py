@@ -26,7 +26,7 @@ class Refine(OnePolicy):
     Attributes:
         config: Settings of the run.
         output: Folder of the run; runs/refinement/<gait>/<policy> by default.
-        resume: Continue from the folder's checkpoint.
+        resume: Continue the run that the folder holds.
     """
 
     title: ClassVar[str] = "refine"

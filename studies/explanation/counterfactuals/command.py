@@ -149,7 +149,7 @@ class ExplainCounterfactual(OnePolicy):
             the step asks for it.
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
-        resume: Answer anew in a folder that holds the same question.
+        resume: Continue the run that the folder holds.
         output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
             default.
     """
