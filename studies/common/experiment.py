@@ -33,6 +33,7 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.termination import Falls, limits_of
 from glassgait.studies.common.cases import Case, run_cases, slow_first
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.exit_codes import report_errors, take_signals
@@ -112,6 +113,8 @@ class Experiment(Settings):
             paths of policy files.
         scenario: Scenarios: names of those that ship, `all` for every one of them, and paths of
             scenario files.
+        falls: What ends an episode: any of the `task`'s failures, or a `physical` fall alone, the
+            trunk or a thigh on the ground or a lean over 60°.
         n_robots: Number of robots for each seed.
         seed: First seed of all that is drawn.
         n_seeds: Number of seeds: seed, seed + 1, …
@@ -142,6 +145,7 @@ class Experiment(Settings):
     gait: Gaits = ("trot",)
     policy: PolicyNames = (ALL,)
     scenario: ScenarioNames = (TRAINING,)
+    falls: Falls = "task"
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 1
@@ -262,7 +266,10 @@ class Experiment(Settings):
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
         """The scenarios by name."""
-        return load_scenarios(self.scenario)
+        return {
+            name: replace(own, limits=limits_of(self.falls, own.limits))
+            for name, own in load_scenarios(self.scenario).items()
+        }
 
     @cached_property
     def policies(self) -> dict[str, Policies]:
