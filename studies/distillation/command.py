@@ -36,8 +36,8 @@ class Distill(Settings):
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         config: Settings of the run.
-        sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
-            fitted.
+        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
+            are made.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run of train, whose expert is taken; by default the one that ships, or
             what was trained here.
@@ -76,8 +76,9 @@ class Distill(Settings):
             run_sweep(jobs, partial(_distill_job, self.config, self.source, self.robot), self.sweep)
             return
         (job,) = jobs
+        config = replace(self.config, n_workers=self.sweep.n_workers)
         with parallel_backend(self.sweep.backend):
-            table = _distill_job(self.config, self.source, self.robot, job, resume=self.resume)
+            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
         print_table("R² on held-out data", table)
         console.print(f"students written to {job.folder}")
 

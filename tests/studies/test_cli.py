@@ -82,7 +82,7 @@ REFUSED = {
     "distill --speeds nan": "speeds is (nan,); it must be a finite number",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "it must be a list that names nothing twice",
-    "distill --n-jobs 0": "it must be 1 or more, or -1",
+    "distill --n-workers 0": "it must be 1 or more, or -1",
     "distill --gbm.n-trees 0": "n_trees is 0",
     "distill --gbm.depth 40": "depth is 40; it must be 16 or less",
     "distill --gbm.subsample 0": "subsample is 0.0; it must be more than 0",

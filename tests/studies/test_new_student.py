@@ -101,7 +101,7 @@ distillation:
   episodes: 5
   alone_rounds: 0
   episode_steps: 60
-  n_jobs: 1
+  n_workers: 1
   settings:
     gbm: {n_trees: 5, depth: 2}
     histogram_gbm: {n_trees: 5}
@@ -138,7 +138,7 @@ def run(folder):
 
 @pytest.fixture(scope="module")
 def distilled(run, folder):
-    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-jobs", "2"]
+    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-workers", "2"]
     run("distill", "--students", "stiff", "linear", "--stiff.ridge", "2.0", *short)
     return folder / "runs" / "distillation" / "trot"
 

@@ -55,7 +55,7 @@ def test_what_ships_is_taken_unless_a_run_is_named(tmp_path, monkeypatch, expert
 
 def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other_expert):
     config = DistillationConfig(
-        students=("linear",), episodes=2, episodes_per_round=1, episode_steps=50, n_jobs=1
+        students=("linear",), episodes=2, episodes_per_round=1, episode_steps=50, n_workers=1
     )
     distill(config, TROT, other_expert, tmp_path / "run", lambda line: None)
     (tmp_path / "run").rename(tmp_path / "moved")

@@ -57,7 +57,7 @@ TINY = ReportConfig(
             ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=20),
             symbolic=SymbolicSettings(shapes=((90, 90),), start_weights=(1,), alone_episodes=4),
         ),
-        n_jobs=1,
+        n_workers=1,
     ),
     rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
     n_samples=30,

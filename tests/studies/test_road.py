@@ -24,7 +24,7 @@ ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": [
-        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
+        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"],
         *["--source", "runs/training/hop", "--students", "statewise_linear", "statewise_symbolic"],
     ],
     "evaluate worlds": [*SMALL, "--scenario", "training"],
