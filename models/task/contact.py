@@ -42,7 +42,8 @@ def sense_feet(
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:
-        touching = ground.touching(robot, positions)
+        # On level ground height and contact are one measurement.
+        touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
 
 

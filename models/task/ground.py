@@ -118,15 +118,18 @@ class Ground:
             return height
         return height - self.height(positions[..., None, quadruped.POSITION])[..., 0]
 
-    def body_clearance(self, robot: Robot, positions: Array, shank_share: float) -> Array:
-        """Returns the clearance of each box of `kinematics.body_clearance` above the ground under
-        its lowest point (..., 9; m).
-        """
-        clearance = kinematics.body_clearance(robot, positions, shank_share)
+    def clearances(
+        self, robot: Robot, positions: Array, shank_share: float
+    ) -> kinematics.Clearances:
+        """Returns `kinematics.clearances` above the ground under each lowest point."""
+        found = kinematics.clearances(robot, positions, shank_share)
         if self.is_level:
-            return clearance
+            return found
         lowest = kinematics.lowest_body_points(robot, positions, shank_share)
-        return clearance - self.height(lowest)
+        feet = kinematics.world_feet(robot, positions)
+        return found._replace(
+            body=found.body - self.height(lowest), feet=found.feet - self.height(feet)
+        )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
         """Returns which feet press on the ground (..., 4): whose spheres are inside of it.

@@ -93,26 +93,23 @@ def failures(
         One flag for each name in `FAILURES` (..., 7). A state that is not finite shows
         `not_finite` alone.
     """
-    finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
+    finite = np.isfinite(state).all(axis=-1) & np.isfinite(action).all(axis=-1)
     state = np.where(finite[..., None], state, 0.0)
     joint_position = state[..., quadruped.JOINT_POSITION]
     overrun = np.maximum(
         joint_position - robot.upper_limits, robot.lower_limits - joint_position
     ).max(axis=-1)
     change = np.where(finite[..., None], action - previous_action, 0.0)
-    clearance = ground.body_clearance(robot, state, limits.shank_share)
+    clearances = ground.clearances(robot, state, limits.shank_share)
+    body = clearances.body
     if limits.shank_share == 0.0:
-        clearance = clearance[..., : 1 + quadruped.N_LEGS]
-    upright = -kinematics.gravity_direction(state[..., quadruped.QUATERNION])[..., 2]
-    shown = np.stack(
-        [
-            clearance.min(axis=-1) < 0.0,
-            ground.trunk_height(state) < limits.trunk_height,
-            overrun > limits.joint_overrun,
-            np.sum(np.square(change), axis=-1) > limits.action_change,
-            ground.foot_heights(robot, state).max(axis=-1) > limits.foot_height,
-            upright < np.cos(np.radians(limits.lean)),
-        ],
-        axis=-1,
+        body = body[..., : 1 + quadruped.N_LEGS]
+    shown = kinematics.stacked(
+        body.min(axis=-1) < 0.0,
+        ground.trunk_height(state) < limits.trunk_height,
+        overrun > limits.joint_overrun,
+        np.add.reduce(np.square(change), axis=-1) > limits.action_change,
+        clearances.feet.max(axis=-1) > limits.foot_height,
+        clearances.upright < np.cos(np.radians(limits.lean)),
     )
     return np.concatenate([shown & finite[..., None], ~finite[..., None]], axis=-1)

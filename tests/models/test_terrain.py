@@ -111,7 +111,7 @@ def test_robots_start_just_on_the_ground_and_nothing_of_them_inside(name, genera
     feet = ground.clearance(kinematics.world_feet(A1, states), A1.foot_radius)
     np.testing.assert_allclose(feet.min(axis=1), 0.0, atol=1e-8)
     assert (feet >= 0.0).all()
-    assert (ground.body_clearance(A1, states, 0.9) > 0.0).all()
+    assert (ground.clearances(A1, states, 0.9).body > 0.0).all()
     away = ground.periods(states)
     np.testing.assert_allclose(away, 0.0, atol=1e-12)
     assert not states[::2, quadruped.POSITION][:, :2].any()
@@ -136,10 +136,13 @@ def test_on_a_plane_everything_is_as_above_z_0(random_states):
     np.testing.assert_array_equal(
         plane.foot_heights(A1, states), kinematics.foot_heights(A1, states)
     )
-    np.testing.assert_array_equal(
-        plane.body_clearance(A1, states, 0.9), kinematics.body_clearance(A1, states, 0.9)
-    )
+    own, bare = plane.clearances(A1, states, 0.9), kinematics.clearances(A1, states, 0.9)
+    for part, expected in zip(own, bare, strict=True):
+        np.testing.assert_array_equal(part, expected)
     rough = Ground([Terrain(patches=0.5)])
+    np.testing.assert_array_equal(
+        rough.clearances(A1, states, 0.9).feet, rough.foot_heights(A1, states)
+    )
     np.testing.assert_allclose(
         rough.foot_heights(A1, states), plane.foot_heights(A1, states), atol=1e-12
     )
