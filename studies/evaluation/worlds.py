@@ -15,7 +15,7 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case, not_finite_lines, refuse_commands, score
 from glassgait.studies.common.experiment import Experiment, Report, ScenarioNames
-from glassgait.studies.common.play import Seconds
+from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
@@ -174,7 +174,8 @@ class Worlds(Experiment):
             commands; by default the speeds of distillation, and of an expert by itself all speeds.
         command: Of two policies, the command of targets and replay, in place of the first
             scenario's; what is left out is the scenario's.
-        seconds: Of two policies, the length of targets and replay (s); a fall ends it before.
+        replay_steps: Of two policies, the control steps of targets and replay; a fall ends them
+            before.
     """
 
     title: ClassVar[str] = "evaluate worlds"
@@ -184,7 +185,7 @@ class Worlds(Experiment):
     n_steps: Count = EPISODE_STEPS
     speed_range: Range | None = None
     command: OwnCommand = field(default_factory=OwnCommand)
-    seconds: Seconds = 10.0
+    replay_steps: Steps = 500
 
     def cases(self) -> list[Case]:
         """Lists the rollouts, and refuses those that cannot be."""
@@ -226,7 +227,7 @@ class Worlds(Experiment):
             lines=lines,
         )
         pair = self._pair()
-        return found if pair is None else _joined(found, pair.report(self.seconds, self.seed))
+        return found if pair is None else _joined(found, pair.report(self.replay_steps, self.seed))
 
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)

@@ -171,7 +171,7 @@ def distilled(tmp_path_factory):
         alone_episodes=4,
         alone_steps=60,
         settings=StudentsSettings(histogram_gbm=HistogramGbmSettings(n_trees=5)),
-        n_jobs=1,
+        n_workers=1,
     )
     distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
     return folder

@@ -23,7 +23,7 @@ from glassgait.studies.training.study import TrainingRun
 GAIT = load_gait("trot")
 EXPERT = load_expert("trot")
 DISTILLATION = DistillationConfig(
-    students=("linear",), episodes=5, alone_rounds=0, episode_steps=20, n_jobs=1
+    students=("linear",), episodes=5, alone_rounds=0, episode_steps=20, n_workers=1
 )
 TRAINING = TrainingConfig(
     updates=1,

@@ -190,7 +190,7 @@ def test_a_command_is_laid_over_the_scenarios():
 
 def test_a_rollout_records_its_world(icy, tmp_path):
     shown = tmp_path / "shown"
-    command = ["view", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
+    command = ["view", "--scenario", str(icy), "--n-steps", "5", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
     kept = yaml.safe_load((shown / "expert_alone_icy.yaml").read_text())["scenario"]
     assert kept["station"]["friction"] == 0.3
@@ -252,5 +252,5 @@ def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_p
     world.parent.mkdir()
     world.write_text("station: {friction: 0.4}\n")
     shown = tmp_path / "shown"
-    main(["view", "--scenario", str(world), "--seconds", "0.1", "--output", str(shown)])
+    main(["view", "--scenario", str(world), "--n-steps", "5", "--output", str(shown)])
     assert (shown / "expert_alone_icy.html").exists()
