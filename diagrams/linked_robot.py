@@ -150,6 +150,8 @@ def _check(scenario: Scenario) -> None:
     refused = {
         "station.time_step": (scenario.station.time_step == 0, "a step such as 0.01"),
         "contact_flips": (scenario.contact_flips > 0, "0"),
+        "stuck_open": (bool(scenario.stuck_open), "none"),
+        "stuck_closed": (bool(scenario.stuck_closed), "none"),
         "latency": (scenario.latency > 0, "0: messages take their own time"),
         "limit_targets": (
             scenario.limit_targets is False,

@@ -25,6 +25,7 @@ from glassgait.models.task.randomization import (
     ContactFlips,
     EncoderBias,
     Latency,
+    Legs,
     Randomization,
 )
 from glassgait.models.task.reward import RewardWeights
@@ -73,6 +74,8 @@ class Scenario(Settings):
         encoder_bias: Greatest constant error of each measured joint position (rad).
         imu: What is wrong with the IMU's readings, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
+        stuck_open: Legs whose contact sensors never read a contact.
+        stuck_closed: Legs whose contact sensors always do.
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
         pushes: Pushes of the trunk; of discrete plants alone.
@@ -96,6 +99,8 @@ class Scenario(Settings):
     encoder_bias: EncoderBias = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
+    stuck_open: Legs = ()
+    stuck_closed: Legs = ()
     latency: Latency = 0.0
     pushes: Pushes = field(default_factory=Pushes)
     limit_targets: bool | None = None
@@ -115,6 +120,11 @@ class Scenario(Settings):
             self.station.plant_steps()
             self._check_latency()
         self._check_integrator()
+        if both := set(self.stuck_open) & set(self.stuck_closed):
+            raise InputError(
+                f"{self.refused_as()}: stuck_open and stuck_closed both name {sorted(both)[0]}; "
+                "name a leg in one of them"
+            )
 
     def refused_as(self) -> str:
         """Returns what a refusal calls the scenario: its title is its own, not of all."""
@@ -195,6 +205,8 @@ class Scenario(Settings):
             encoder_bias=self.encoder_bias,
             imu=self.imu,
             contact_flips=self.contact_flips,
+            stuck_open=self.stuck_open,
+            stuck_closed=self.stuck_closed,
             latency=(self.latency, self.latency),
         )
 

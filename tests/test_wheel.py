@@ -145,7 +145,7 @@ def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
         "glassgait", "explain", "page", "--gait", gait, "--n-steps", "50", "--step", "20"
     )
     kind = default_student(find_policies(load_gait(gait)))
-    assert f"page written to runs/explanation/{gait}/{kind}/index.html" in told
+    assert f"page written to runs/explain/page/{gait}/{kind}/index.html" in told
 
 
 def test_the_report_is_written_from_the_wheel(installed, tmp_path):

@@ -9,11 +9,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -34,7 +35,10 @@ KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
     "landing": ("steps",),
     "endless": ("steps",),
 }
-"""Kinds of ground that a key belongs to; the others belong to all."""
+"""Kinds of ground that a key belongs to; the others belong to all. A plane has cells by patches."""
+
+NEEDED_BY = {"direction": "slope", "patch_friction": "patches"}
+"""Keys that have no effect while another is zero."""
 
 REACH = 0.75
 """How far around a robot's trunk the ground is laid while it takes a control step (m)."""
@@ -162,8 +166,36 @@ class Terrain(Settings):
     patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4
     seed: Seed = 0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_keys_without_effect(cls, values: Any) -> Any:
+        """Refuses keys of a file that do nothing, those of another kind by their default as well.
+
+        A file that names the kind may list every key, as records do.
+        """
+        if not isinstance(values, dict):
+            return values
+        for key, needed in NEEDED_BY.items():
+            if values.get(key, getattr(cls, key)) != getattr(cls, key) and not values.get(needed):
+                raise InputError(
+                    f"{cls.title}: {key} has no effect without {needed}; give {needed}, or leave "
+                    f"{key} out"
+                )
+        for key, kinds in KINDS_OF_KEY.items():
+            if key in values and "kind" not in values and "plane" not in kinds:
+                raise InputError(
+                    f"{cls.title}: {key} has no effect on a plane; give kind: {' or '.join(kinds)}"
+                )
+        return values
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        for key in ("cell", "cells"):
+            if self.is_plane and getattr(self, key) != getattr(type(self), key):
+                raise InputError(
+                    f"{self.title}: {key} has no effect on a plane without patches; give patches, "
+                    "or another kind"
+                )
         for own in fields(self):
             kinds = KINDS_OF_KEY.get(own.name, (self.kind,))
             if self.kind not in kinds and getattr(self, own.name) != own.default:

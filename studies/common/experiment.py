@@ -121,11 +121,11 @@ class Experiment(Settings):
         workers: Where cases run.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
-            runs/training/<gait>.
+            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
+            runs/train/<gait>.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/<name of the experiment>/<gait> by default, followed by
-            the policies that are named.
+        output: Folder of the results; runs/<title>/<gait> by default, followed by the policies
+            that are named.
     """
 
     title: ClassVar[str] = "experiment"
@@ -251,7 +251,7 @@ class Experiment(Settings):
             found = self.policies[self.gaits[0].name]
         else:
             found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
-        return found.output(self.title.split()[-1]).parent / called
+        return found.output(self.title).parent / called
 
     @property
     def seeds(self) -> range:

@@ -69,13 +69,13 @@ class Assurance(Settings):
         workers: Where rollouts run.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
-            runs/training/<gait>.
+            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
+            runs/train/<gait>.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/assurance/<gait>/<student> by default.
+        output: Folder of the results; runs/evaluate/assurance/<gait>/<student> by default.
     """
 
-    title: ClassVar[str] = "assurance"
+    title: ClassVar[str] = "evaluate assurance"
 
     gait: str = "trot"
     policy: str = "sparse_formula"
@@ -103,11 +103,11 @@ class Assurance(Settings):
                 robots that they were chosen with.
         """
         super().__post_init__()
-        refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
+        refuse_to_select([self.calibration_seed], f"{self.title}: calibration_seed")
         if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
             raise InputError(
-                f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "
-                "the next one; name another"
+                f"{self.title}: calibration_seed is {self.calibration_seed}, and rollouts have it "
+                "or the next one; name another"
             )
 
     def run(self) -> None:
@@ -115,13 +115,13 @@ class Assurance(Settings):
         scenarios = load_scenarios(self.scenario)
         policies = find_policies(load_gait(self.gait), self.source, self.robot)
         pair = self._pair(policies)
-        folder = self.output or policies.output("assurance") / pair.name
+        folder = self.output or policies.output(self.title) / pair.name
         alone = pair.alone[pair.name]
         # What cannot be rolled out is refused here, before anything is made.
         cases = cases_in_worlds(pair.gait, {pair.name: alone}, scenarios, self.rollouts)
         inputs = digests_of(cases) | policies.inputs([(pair.name, alone)])
         run = {
-            "study": "evaluate assurance",
+            "study": self.title,
             "settings": self,
             "resume": self.resume,
             "inputs": inputs,

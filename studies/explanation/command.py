@@ -50,11 +50,11 @@ class ExplainPage(OnePolicy):
         n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of the sensors' noise.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
-            runs/certification/<gait> that is of this very policy, or a shipped one.
-        output: Folder of the page; runs/explanation/<gait>/<policy> by default.
+            runs/verify/prove/<gait> that is of this very policy, or a shipped one.
+        output: Folder of the page; runs/explain/page/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "explain"
+    title: ClassVar[str] = "explain page"
 
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] | None = None
@@ -84,7 +84,7 @@ class ExplainPage(OnePolicy):
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate, student.robot)
         name = Path(policy).stem
-        folder = self.output or found.output("explanation") / name
+        folder = self.output or found.output(self.title) / name
         whose = {**to_plain(self), "policy": policy}
         _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"
@@ -159,7 +159,7 @@ class ExplainTerms(OnePolicy):
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
     """
 
-    title: ClassVar[str] = "show"
+    title: ClassVar[str] = "explain terms"
 
     joint: str | None = None
 

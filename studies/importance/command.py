@@ -73,8 +73,8 @@ class Importance(Settings):
         workers: Where rollouts run.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
-            runs/training/<gait>.
+            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
+            runs/train/<gait>.
         resume: Continue the run that the folder holds.
         output: Folder of the results; runs/importance/<gait> by default.
     """
@@ -104,8 +104,8 @@ class Importance(Settings):
         students = self._chosen(policies)
         source = _samples_of(policies, students)
         inputs = _inputs(policies, students, source)
-        folder = self.output or policies.output("importance")
-        with open_run(folder, study="importance", settings=self, inputs=inputs, resume=self.resume):
+        folder = self.output or policies.output(self.title)
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             samples = {
                 kind: held_out_samples(source, kind, self.n_samples, seed)
                 if source

@@ -75,10 +75,10 @@ class Curricula(OneGait):
         rollouts: How students are rolled out.
         workers: Where students are made and rolled out.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/curricula/<gait> by default.
+        output: Folder of the results; runs/reproduce/curricula/<gait> by default.
     """
 
-    title: ClassVar[str] = "curricula"
+    title: ClassVar[str] = "reproduce curricula"
 
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig
@@ -97,9 +97,9 @@ class Curricula(OneGait):
         """Runs the study."""
         found = self.policies()
         gait = found.gait
-        folder, expert = self.output or found.output("curricula"), found.expert
+        folder, expert = self.output or found.output(self.title), found.expert
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
-        run = {"study": "reproduce curricula", "settings": self, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs), parallel_backend(self.workers.backend):
             fits: list[pd.DataFrame] = []
             students: dict[str, dict[str, Policy]] = {}

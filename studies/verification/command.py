@@ -56,10 +56,10 @@ class Prove(Settings):
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/certification/<gait>/<policy> by default.
+        output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "certify"
+    title: ClassVar[str] = "verify prove"
 
     gait: str = "trot"
     policy: str | None = None
@@ -86,13 +86,13 @@ class Prove(Settings):
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
         claims = self._claims(gait, imu=policy.layout.imu)
-        folder = self.output or found.output("certification") / Path(name).stem
+        folder = self.output or found.output(self.title) / Path(name).stem
         inputs = {
             "gait": gait.digest(),
             "policy": digest(path),
             "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
         }
-        run = {"study": "verify prove", "settings": self, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):
             box = self._box(found, folder)
             started = time.perf_counter()
@@ -210,7 +210,7 @@ class Check(Settings):
         robot: The robot's file, of a certificate of one that does not ship.
     """
 
-    title: ClassVar[str] = "check"
+    title: ClassVar[str] = "verify check"
 
     certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
     policy: Path | None = None

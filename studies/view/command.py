@@ -17,7 +17,6 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
@@ -28,7 +27,7 @@ from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure, session_figure
 from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
-from glassgait.studies.common.run_folder import refuse_run, to_plain
+from glassgait.studies.common.run_folder import default_folder, refuse_run, to_plain
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
@@ -86,10 +85,10 @@ class View(Settings):
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
-        output: Folder of the replay; runs/rollout/<gait> by default.
+        output: Folder of the replay; runs/view/<gait> by default.
     """
 
-    title: ClassVar[str] = "rollout"
+    title: ClassVar[str] = "view"
 
     gait: Gaits = ("trot",)
     policy: str = "expert"
@@ -107,11 +106,11 @@ class View(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.live and self.n_steps is not None:
-            raise InputError("rollout: --live goes on until it is stopped; leave --n-steps out")
+            raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
         if len(self.gait) > 1 and not self.live:
-            raise InputError("rollout: gaits change by buttons; give --live with several gaits")
+            raise InputError("view: gaits change by buttons; give --live with several gaits")
         if len(self.gait) > 1 and self.ratio is not None:
-            raise InputError("rollout: of several gaits each policy acts alone; leave --ratio out")
+            raise InputError("view: of several gaits each policy acts alone; leave --ratio out")
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
@@ -163,7 +162,7 @@ class View(Settings):
         parts = [Path(self.policy).stem, ratio]
         parts += [world] if world != TRAINING else []
         parts += ["changing"] if several else []
-        folder = robot_folder(Path("runs/rollout"), policy.robot.name)
+        folder = default_folder(self.title, policy.robot.name)
         return (self.output or folder / load_gait(self.gait[0]).name) / "_".join(parts)
 
     def _play(

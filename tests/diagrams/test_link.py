@@ -336,6 +336,7 @@ def test_answers_to_another_session_are_not_heard(trot, page):
     [
         ({"latency": 0.01}, "latency"),
         ({"contact_flips": 0.01}, "contact_flips"),
+        ({"stuck_open": ("FL",)}, "stuck_open"),
         ({"true_body_state": True}, "true_body_state"),
         ({"limit_targets": False}, "limit_targets"),
         ({"station": StationConfig(time_step=0.0), "accuracy": 1e-5}, "station.time_step"),

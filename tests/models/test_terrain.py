@@ -181,6 +181,7 @@ def test_scaled_ground_keeps_its_shape(name):
         ({"kind": "blocks", "cells": 1}, "cells"),
         ({"kind": "blocks", "height": 0.1}, "height"),
         ({"amplitude": 0.1}, "amplitude"),
+        ({"cells": 4}, "cells"),
         ({"kind": "steps", "height": 0.0}, "height"),
         ({"kind": "steps", "height": -0.05}, "height"),
         ({"kind": "steps", "run": 0.0}, "run"),

@@ -115,7 +115,7 @@ def test_a_certificate_is_found_by_the_policys_digest_wherever_the_policy_lies(
 
 def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "runs" / "certification" / "trot"
+    folder = tmp_path / "runs" / "verify" / "prove" / "trot"
     for name in ("damaged", "sparse_formula"):
         (folder / name).mkdir(parents=True)
     own = folder / "sparse_formula" / "certificate.json"

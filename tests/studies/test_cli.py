@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from glassgait.models.task.alternation import parse_ratio
-from glassgait.studies.cli import main
+from glassgait.studies.cli import COMMANDS, command_class, main
+from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.common.tables import format_cell, to_markdown
 
 
@@ -197,3 +198,11 @@ def test_cells_and_markdown():
     ]  # fmt: skip
     table = to_markdown(pd.DataFrame({"a": [1], "b": [0.5]}))
     assert table == "| a | b |\n| --- | --- |\n| 1 | 0.500 |\n"
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in COMMANDS if name not in ("gait", "reproduce paper")]
+)
+def test_errors_and_folders_call_a_command_by_its_words(name):
+    assert command_class(name).title == name
+    assert default_folder(name).parts == ("runs", *name.replace("--", "").split())

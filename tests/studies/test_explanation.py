@@ -95,7 +95,7 @@ def test_each_student_has_a_folder_of_its_own(few_students, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     short = ["explain", "page", "--n-steps", "10", "--step", "5"]
     main([*short, "--policy", "linear", "--source", str(few_students)])
-    page = tmp_path / "runs" / "explanation" / "trot" / "linear" / "index.html"
+    page = tmp_path / "runs" / "explain" / "page" / "trot" / "linear" / "index.html"
     before = page.read_bytes()
     main([*short, "--policy", "statewise_linear"])
     assert page.with_name("index.html").read_bytes() == before

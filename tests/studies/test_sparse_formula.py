@@ -91,7 +91,7 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     small += ["--episode-steps", "20", "--sparse-formula.alone-episodes", "2"]
     small += ["--sparse-formula.terms", "60"]
     main(["distill", "--students", "sparse_formula", "--n-workers", "1", *small])
-    path = tmp_path / "runs" / "distillation" / "trot" / "sparse_formula.formulas"
+    path = tmp_path / "runs" / "distill" / "trot" / "sparse_formula.formulas"
     page = load_policy(path)
     page.check(gait="trot", observation_names=load_expert("trot").observation_names)
     assert page.n_terms() <= 60

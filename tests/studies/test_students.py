@@ -156,7 +156,7 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic", *small])
-    table = pd.read_csv(tmp_path / "runs/worlds/trot_symbolic/scorecard.csv")
+    table = pd.read_csv(tmp_path / "runs/evaluate/worlds/trot_symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
     message = refused(["evaluate", "worlds", "--gait", "all", "--policy", "open_loop", *small])

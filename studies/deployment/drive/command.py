@@ -115,7 +115,7 @@ class DriveSimulator(Settings):
         lcm = open_lcm(self.link)
         inputs = {"gait": gait.digest(), "world": scenario.digest()}
         opened = (
-            open_run(self.output, study="drive", settings=self, inputs=inputs, resume=False)
+            open_run(self.output, study=self.title, settings=self, inputs=inputs, resume=False)
             if self.output
             else nullcontext()
         )
@@ -168,11 +168,6 @@ class _Study(OneGait):
     resume: bool = False
     output: Path | None = None
 
-    @property
-    @abstractmethod
-    def place(self) -> str:
-        """Folder of the results below that of the gait."""
-
     @abstractmethod
     def measure(
         self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
@@ -183,14 +178,14 @@ class _Study(OneGait):
         """Measures, and writes the table."""
         found, scenario = self.policies(), load_scenario(self.scenario)
         gait, controller = found.gait, found.controller(self.policy)
-        folder = self.output or found.output("drive") / self.place
+        folder = self.output or found.output(self.title) / Path(self.policy).stem
         inputs = {
             "gait": gait.digest(),
             "world": scenario.digest(),
             "expert": controller.expert.digest(),
             "policy": controller.policy.digest(),
         }
-        run = {"study": "drive", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             table = self.measure(gait, controller, scenario, folder)
             Report({self.table: table}, json_records(table)).write(folder)
@@ -203,7 +198,7 @@ class DrivePacketLoss(_Study):
     """Lose messages on purpose, in one process and simulated time, and count what happens.
 
     A scenario that names no command lets robots go at the speeds of distillation. Results are in
-    runs/drive/<gait>/<policy> by default.
+    runs/drive/packet-loss/<gait>/<policy> by default.
 
     Attributes:
         n_robots: Robots of each trial.
@@ -218,10 +213,6 @@ class DrivePacketLoss(_Study):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = REPORTED_SEEDS[0]
-
-    @property
-    def place(self) -> str:
-        return Path(self.policy).stem
 
     def measure(
         self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
@@ -243,7 +234,7 @@ class DriveDropout(_Study):
     """Silence controllers for good at many moments of the stride, and count the falls.
 
     Robots go at thirds of the fastest speed of distillation, whatever the scenario commands.
-    Results are in runs/drive/<gait>/silence by default.
+    Results are in runs/drive/dropout/<gait>/<policy> by default.
 
     Attributes:
         n_moments: Robots of each speed; each loses its controller at another moment.
@@ -255,7 +246,6 @@ class DriveDropout(_Study):
     title: ClassVar[str] = "drive dropout"
     table: ClassVar[str] = "silence"
     heading: ClassVar[str] = "silent for good"
-    place: ClassVar[str] = "silence"
 
     n_moments: Count = 32
     push: Annotated[NotNegative, Le(20.0)] = 0.0

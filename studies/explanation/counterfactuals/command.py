@@ -149,11 +149,11 @@ class ExplainCounterfactual(OnePolicy):
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
         resume: Continue the run that the folder holds.
-        output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
-            default.
+        output: Folder of the page; by default
+            runs/explain/counterfactual/<gait>/<policy>_<joint>_<step>_<by>.
     """
 
-    title: ClassVar[str] = "counterfactual"
+    title: ClassVar[str] = "explain counterfactual"
 
     joint: str = "FR_calf"
     step: Annotated[int, Ge(0), Lt(180_000)] = 280
@@ -185,15 +185,13 @@ class ExplainCounterfactual(OnePolicy):
         student = controller.policy
         refuse_unsearched(student)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
-        folder = self.output or found.output("counterfactuals") / stem
+        folder = self.output or found.output(self.title) / stem
         inputs = {
             "gait": gait.digest(),
             "expert": controller.expert.digest(),
             "policy": student.digest(),
         }
-        with open_run(
-            folder, study="explain counterfactual", settings=self, inputs=inputs, resume=self.resume
-        ):
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             say("rolling out")
             was = self._walk(gait, controller, None)
             self._check_step(was)
