@@ -4,19 +4,22 @@ Every function takes the plant's state or positions with robots along the leadin
 `quadruped` for the layout.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 LEVEL = 1e-9
 """Greatest rise of an edge, over its length, that counts as level."""
 
 
-def stacked(*components: Array) -> Array:
+def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
     """Returns arrays (...) side by side (..., k): `np.stack` is slower for few robots."""
     first = np.asarray(components[0])
     values = np.empty((*first.shape, len(components)), first.dtype)

@@ -93,7 +93,7 @@ def failures(
         One flag for each name in `FAILURES` (..., 7). A state that is not finite shows
         `not_finite` alone.
     """
-    finite = np.isfinite(state).all(axis=-1) & np.isfinite(action).all(axis=-1)
+    finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
     state = np.where(finite[..., None], state, 0.0)
     joint_position = state[..., quadruped.JOINT_POSITION]
     overrun = np.maximum(

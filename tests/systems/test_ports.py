@@ -123,7 +123,7 @@ PORTS: dict[Any, Ports] = {
     FallMonitor: Ports(
         lambda: FallMonitor(A1),
         {"state": 37, "action": 12, "previous_action": 12},
-        {"failures": 6},
+        {"failures": 7},
     ),
     FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),
     GaitDisplay: Ports(
