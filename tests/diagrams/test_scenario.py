@@ -146,7 +146,7 @@ def test_every_setting_is_in_the_digest():
             digests.add(replace(Scenario(), **{name: getattr(EVERYTHING, name)}).digest())
     digests.add(Scenario(command=FixedCommand()).digest())
     digests.add(SHIPPED["cenic_1e-5"].digest())
-    assert len(digests) == 14
+    assert len(digests) == 16
 
 
 @pytest.mark.parametrize(
