@@ -130,6 +130,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     _add_motors(spec, robot, station)
     _add_foot_sensors(spec, robot)
     model = spec.compile()
+    model.geom_solref[:, 0] = station.contact_time
     _set_friction(model, station.terrain, station.friction)
     return model
 

@@ -18,6 +18,9 @@ from glassgait.models.task.termination import TerminationLimits
 
 DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
 
+IMU_CLAIMS = DEFAULT_CLAIMS.with_name("claims_imu.yaml")
+"""What is claimed besides of policies that observe an IMU."""
+
 OWN = ".own"
 """Ends the name of a quantity of the joint itself, such as dq.own."""
 
@@ -180,6 +183,11 @@ class Claim(Settings):
                 f"{self.refused_as()}: no observation is called {shown(unknown[0])}; the names are "
                 "those of formula files, such as q.FL_hip, or q.own"
             )
+
+
+def claim_files(*, imu: bool) -> tuple[Path, ...]:
+    """Returns the files of the claims that ship, of policies with an IMU or without."""
+    return (DEFAULT_CLAIMS, IMU_CLAIMS) if imu else (DEFAULT_CLAIMS,)
 
 
 def load_claims(path: Path) -> tuple[Claim, ...]:

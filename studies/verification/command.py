@@ -16,7 +16,7 @@ from glassgait.models.certificates.certificate import (
     certificate_text,
     shipped_certificates,
 )
-from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.certificates.claims import Claim, claim_files, load_claims
 from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
@@ -90,7 +90,9 @@ class Prove(Settings):
         inputs = {
             "gait": gait.digest(),
             "policy": digest(path),
-            "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
+            "claims": digest_of_files(
+                [*claim_files(imu=policy.layout.imu), *([self.claims] if self.claims else [])]
+            ),
         }
         run = {"study": self.title, "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):
@@ -103,7 +105,7 @@ class Prove(Settings):
         console.print(f"written to {folder}")
 
     def _claims(self, gait: Gait, *, imu: bool) -> tuple[Claim, ...]:
-        shipped = load_claims(DEFAULT_CLAIMS)
+        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path)]
         own = load_claims(self.claims) if self.claims else ()
         taken = {claim.name for claim in shipped}
         for claim in own:

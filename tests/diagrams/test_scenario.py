@@ -146,7 +146,7 @@ def test_every_setting_is_in_the_digest():
             digests.add(replace(Scenario(), **{name: getattr(EVERYTHING, name)}).digest())
     digests.add(Scenario(command=FixedCommand()).digest())
     digests.add(SHIPPED["cenic_1e-5"].digest())
-    assert len(digests) == 14
+    assert len(digests) == 16
 
 
 @pytest.mark.parametrize(
@@ -178,6 +178,8 @@ def test_every_setting_is_in_the_digest():
         ("station: {payload_position: [0, 0]}", "payload_position"),
         ("station: {engine: bullet}", "engine"),
         ("station: {contact_force: 5}", "contact_force"),
+        ("station: {contact_time: 0.01}", "contact_time"),
+        ("station: {engine: mujoco, contact_time: 0}", "contact_time"),
         ("station: {slope: 5}", "station.slope"),
         ("station: {terrain: {kind: ice}}", "station.terrain.kind"),
         ("station: {terrain: {kind: blocks, cell: 0}}", "station.terrain.cell"),
