@@ -3,7 +3,8 @@
 Ground other than a plane is made of boxes, one a cell of a grid. A few cells repeat for ever, so
 that a tile of them, a period and what feet reach beyond it, serves a robot that is moved back into
 it by whole periods. Boxes reach into their neighbours' cells, where the higher one counts: a foot
-that has sunk in beside the border of two would be pressed by their sides, in turn, and be caught. The world's z axis is normal to the mean ground, and on a slope gravity leans.
+that has sunk in beside the border of two would be pressed by their sides, in turn, and be caught.
+The world's z axis is normal to the mean ground, and on a slope gravity leans.
 """
 
 import math
