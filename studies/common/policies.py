@@ -213,6 +213,11 @@ class Policies:
         return "shipped" if self.place == SHIPPED else f"in {self.place}"
 
 
+def rank(kind: str) -> int:
+    """Returns the place of a kind of student in tables."""
+    return ORDER.index(kind) if kind in ORDER else len(ORDER)
+
+
 def policy_stem(name: str) -> str:
     """Returns what tables and folders call a policy that is named by its kind or file."""
     return Path(name).stem if is_file(name) else name
@@ -361,7 +366,7 @@ def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
     paths = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
     stems = sorted(path.stem for path in paths if path.stem not in (gait, EXPERT))
-    ranked = sorted(stems, key=lambda kind: ORDER.index(kind) if kind in ORDER else len(ORDER))
+    ranked = sorted(stems, key=rank)
     return {kind: policy_path(folder, kind) for kind in ranked}
 
 

@@ -117,5 +117,5 @@ def test_files_of_one_gait_are_refused_for_several(source, names):
         find_policies_of([TROT, load_gait("pace")], source, names)
 
 
-def test_tables_list_students_in_the_registrys_order():
+def test_every_student_has_its_place_in_tables():
     assert tuple(STUDENTS) == ORDER
