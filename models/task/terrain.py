@@ -2,7 +2,9 @@
 
 Ground other than a plane is made of boxes, one a cell of a grid. A few cells repeat for ever, so
 that a tile of them, a period and what feet reach beyond it, serves a robot that is moved back into
-it by whole periods. The world's z axis is normal to the mean ground, and on a slope gravity leans.
+it by whole periods. Boxes reach into their neighbours' cells, where the higher one counts: a foot
+that has sunk in beside the border of two would be pressed by their sides, in turn, and be caught.
+The world's z axis is normal to the mean ground, and on a slope gravity leans.
 """
 
 import math
@@ -46,6 +48,12 @@ REACH = 0.75
 DEPTH = 0.3
 """Thickness of the boxes, and as much more as their tops differ (m)."""
 
+OVERLAP = 0.03
+"""How far a box reaches into its neighbours' cells (m), further than feet sink in."""
+
+MOST_OVERLAP = 0.2
+"""Greatest share of a cell's shorter edge that a box reaches into it."""
+
 STAIR_WIDTH = 2.0
 """Width of a box of the steps (m), which go on sideways for ever."""
 
@@ -83,6 +91,11 @@ class Grid(NamedTuple):
         return self.cell * self.top.shape
 
     @property
+    def overlap(self) -> float:
+        """How far a box reaches into its neighbours' cells (m)."""
+        return min(OVERLAP, MOST_OVERLAP * float(self.cell.min()))
+
+    @property
     def rotation(self) -> Array:
         """Axes of each cell's box, as columns (nx, ny, 3, 3); the third is normal to its top."""
         zero, one = np.zeros_like(self.top), np.ones_like(self.top)
@@ -94,8 +107,8 @@ class Grid(NamedTuple):
 
     @property
     def half_size(self) -> Array:
-        """Half edges of each cell's top (nx, ny, 2; m), which covers the cell."""
-        half = self.cell / 2
+        """Half edges of each box's top (nx, ny, 2; m), which covers the cell and the overlap."""
+        half = self.cell / 2 + self.overlap
         rises = self.tilt * half
         corners = [
             np.stack([x * half[0] + 0 * self.top, y * half[1] + 0 * self.top], -1)

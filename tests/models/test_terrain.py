@@ -9,7 +9,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.randomization import Randomization
-from glassgait.models.task.terrain import REACH, Terrain, grid_of
+from glassgait.models.task.terrain import OVERLAP, REACH, Terrain, grid_of
 
 A1 = load_robot()
 UPRIGHT = {
@@ -27,9 +27,10 @@ ROUGH = UPRIGHT | TILTED
 
 
 def places(terrain, count, generator):
-    """Draws points (count, 3) of what is laid around the middle period."""
+    """Draws points (count, 3) of what is laid around the middle period, neighbours and all."""
     grid = grid_of(terrain)
-    low, high = grid.origin - REACH, grid.origin + grid.period + REACH
+    reach = REACH - 2 * OVERLAP
+    low, high = grid.origin - reach, grid.origin + grid.period + reach
     return np.concatenate([generator.uniform(low, high, (count, 2)), np.zeros((count, 1))], 1)
 
 
