@@ -142,7 +142,7 @@ def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, m
     assert not output.exists()
 
 
-def test_a_page_without_a_certificate_tells_of_none(few_page, embedded):
+def test_a_page_without_a_certificate_shows_none(few_page, embedded):
     assert embedded(few_page, "data")["certificate"] is None
     assert 'id="certificate"' not in few_page.read_text()
 

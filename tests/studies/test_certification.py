@@ -118,7 +118,7 @@ def test_refuses_to_check_against_another_policy(policy):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--policy", "expert.formulas"], "no such file"),
         (["--policy", "mine.formulas", "--claims", "none.yaml"], "no such file"),
@@ -128,7 +128,7 @@ def test_refuses_to_check_against_another_policy(policy):
         (["--policy", "mine.formulas", "--claims", "q7.yaml"], "q7.yaml: claim 'a': the trot has"),
     ],
 )
-def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, told):
+def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, reported):
     for stem, claim in {
         "taken": "{name: Left and right are treated alike, kind: mirror}",
         "q7": "{name: a, kind: mirror, states: [q7]}",
@@ -137,7 +137,7 @@ def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, t
     with pytest.raises(SystemExit) as ended:
         main(["verify", "prove", *arguments, "--output", "out"])
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
     assert not (policy.parent / "out" / "certificate.json").exists()
 
 

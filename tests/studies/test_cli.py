@@ -10,7 +10,7 @@ from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.common.tables import format_cell, to_markdown
 
 
-def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
+def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     unknown = "unknown gait 'gallop'; the gaits are"
     assert unknown in refused(["train", "--gait", "gallop"])
     assert unknown in refused(["gait", "gallop"])

@@ -122,7 +122,7 @@ def test_a_short_rollout_is_shown_at_its_last_step(few_students, tmp_path, embed
     assert (tmp_path / "linear_FL_hip_step_10.png").exists()
 
 
-def test_additive_models_are_told_of_on_their_pages_alone(page, tmp_path):
+def test_additive_models_are_named_on_their_pages_alone(page, tmp_path):
     assert "additive model" not in page.read_text()
     main(["explain", "page", "--policy", "ebm", "--n-steps", "10", "--output", str(tmp_path)])
     assert "additive model is a function" in (tmp_path / "index.html").read_text()

@@ -196,7 +196,7 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
     assert "rank correlation" in capsys.readouterr().out
 
 
-def test_missing_students_are_told(distilled, refused):
+def test_missing_students_are_refused(distilled, refused):
     named = ["--policy", "gbm", "histogram_gbm", "ebm"]
     message = refused(["importance", *named, "--source", str(distilled)])
     assert "--policy 'gbm'" in message
@@ -214,6 +214,6 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     assert set(table["policy"]) == {"statewise_linear"}
 
 
-def test_unknown_joints_are_told(distilled, refused):
+def test_unknown_joints_are_refused(distilled, refused):
     message = refused(["importance", "--joint", "FL_knee", "--source", str(distilled)])
     assert "unknown joint 'FL_knee'; the joints are FL_hip" in message

@@ -103,7 +103,7 @@ def test_the_largest_difference_has_its_time():
     assert table.loc["FR_calf", "rms"] == pytest.approx(np.sqrt((0.16 + 0.04) / 4))
 
 
-def test_targets_that_are_not_finite_are_told_and_left_out(expert, still, capsys, tmp_path):
+def test_targets_that_are_not_finite_are_reported_and_left_out(expert, still, capsys, tmp_path):
     names = expert.observation_names
 
     class Lost(LinearPolicy):

@@ -1,4 +1,4 @@
-"""Pushing robots: who survives what, how that is told, and the command."""
+"""Pushing robots: who survives what, how that is reported, and the command."""
 
 import json
 from dataclasses import replace
@@ -209,7 +209,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--speeds", "2", "1"], "name the least first"),
         (["--command.speed", "3"], "speed is 3"),
@@ -218,7 +218,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
         (["--policy", "nobody"], "--policy 'nobody'"),
     ],
 )
-def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
+def test_what_cannot_be_is_refused(arguments, reported, refused, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["evaluate", "pushes", *arguments, "--output", str(folder)])
+    assert reported in refused(["evaluate", "pushes", *arguments, "--output", str(folder)])
     assert not folder.exists()

@@ -104,7 +104,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (
             ["evaluate", "worlds", "--policy", "expert", "--scenario", "ice"],
@@ -136,13 +136,13 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     ],
 )
 def test_bad_scenarios_are_refused_before_anything_is_written(
-    arguments, told, refused, tmp_path, monkeypatch
+    arguments, reported, refused, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.yaml").write_text("frictoin: 0.3\n")
     (tmp_path / "watched.yaml").write_text("command: {sliders: true}\n")
     (tmp_path / "fast.yaml").write_text("command: {speed: 9.0}\n")
-    assert told in refused([*arguments, "--output", "run"])
+    assert reported in refused([*arguments, "--output", "run"])
     assert not (tmp_path / "run").exists()
 
 

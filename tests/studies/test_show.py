@@ -58,7 +58,7 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
         (["--policy", "mine.formulas"], "mine.formulas"),
     ],
 )
-def test_bad_input_is_told(arguments, message, tmp_path, monkeypatch, refused):
+def test_bad_input_is_refused(arguments, message, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     assert message in refused(["explain", "terms", "--gait", "trot", *arguments])
 

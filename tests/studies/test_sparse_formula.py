@@ -24,7 +24,7 @@ MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
 
 
 def samples_of_a_sparse_law(generator, mirror=None, count=400):
-    """Actions that three observations tell, and a little of a fourth."""
+    """Actions that three observations determine, and a little of a fourth."""
     observations = 0.3 * generator.normal(size=(count, len(NAMES)))
     observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
     actions = np.zeros((count, quadruped.N_JOINTS))

@@ -147,7 +147,7 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, cap
     assert walks[0] > 0.3
     assert walks[1] == pytest.approx(2 * walks[0], abs=0.02)
     assert walks[2] > 0.8
-    # It has learned what its estimator tells, and hardly moves by the truth.
+    # It has learned what its estimator outputs, and hardly moves by the truth.
     assert abs(stands[0]) < 0.1
     assert stands[2] < 0.1
 

@@ -80,7 +80,7 @@ def test_a_job_that_is_refused_stops_no_other(capsys):
 
 def test_results_come_in_the_order_of_the_jobs_and_jobs_are_silent(capsys):
     def run(job):
-        console.print("what a single run tells")
+        console.print("what a single run prints")
         return job.title
 
     jobs = _jobs()
