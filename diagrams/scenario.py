@@ -24,6 +24,7 @@ from glassgait.models.task.randomization import (
     NOMINAL,
     ContactFlips,
     EncoderBias,
+    Heading,
     Latency,
     Legs,
     Randomization,
@@ -69,6 +70,8 @@ class Scenario(Settings):
         station: Physics.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         command: Where commands come from.
+        heading: Greatest angle between the world's x axis, up which slopes and steps lead, and
+            where a robot faces at the start (°), drawn to either side; 180 for any.
         sensor_noise: Factor on the noise of the joints' sensors and of the IMU; 0 for none, 1 for
             the task's.
         encoder_bias: Greatest constant error of each measured joint position (rad).
@@ -95,6 +98,7 @@ class Scenario(Settings):
     station: StationConfig = field(default_factory=StationConfig)
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
+    heading: Heading = 0.0
     sensor_noise: NotNegative = 1.0
     encoder_bias: EncoderBias = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
@@ -199,6 +203,7 @@ class Scenario(Settings):
         return replace(
             NOMINAL,
             friction=ground,
+            heading=self.heading,
             push_speed=self.pushes.speed,
             push_interval=self.pushes.interval,
             observation_noise=self.sensor_noise,

@@ -29,6 +29,9 @@ Legs = Annotated[tuple[Literal["FL", "FR", "RL", "RR"], ...], FEW, DISTINCT]
 EncoderBias = Annotated[NotNegative, Le(1.0)]
 """Greatest constant error of a measured joint position (rad)."""
 
+Heading = Annotated[float, Ge(0.0), Le(180.0)]
+"""Greatest angle to either side (°)."""
+
 Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 """Time from an observation until its action reaches the joints (s), two control periods at most."""
 
@@ -39,6 +42,8 @@ class Randomization(Settings):
 
     Attributes:
         joint_scale: Factors on the default stance, least and greatest, at an episode's start.
+        heading: Greatest angle between the world's x axis and where a robot faces at an episode's
+            start (°), to either side; 180 for any.
         base_velocity: Greatest initial base velocity along and about each axis (m/s, rad/s).
         friction: Least and greatest friction of the ground.
         push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for
@@ -59,6 +64,7 @@ class Randomization(Settings):
     title: ClassVar[str] = "randomization"
 
     joint_scale: Range = (0.5, 1.5)
+    heading: Heading = 0.0
     base_velocity: NotNegative = 0.5
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
     push_speed: NotNegative = 1.0
@@ -82,11 +88,15 @@ class Randomization(Settings):
     ) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.
 
-        Joints are kept inside their limits. Off the level, robots start where `ground` draws it.
+        Joints are kept inside their limits. All face along the world's x axis, but for a heading
+        that is drawn. Off the level, robots start where `ground` draws it.
         """
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
         state = kinematics.standing_state(robot, joints)
+        if self.heading > 0.0:
+            half = 0.5 * np.radians(self.heading) * generator.uniform(-1.0, 1.0, size=count)
+            state[:, 0], state[:, 3] = np.cos(half), np.sin(half)
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]

@@ -59,6 +59,7 @@ SHIPPED = {
 GROUNDS = {
     "slope_15": Terrain(slope=15.0),
     "slope_20": Terrain(slope=20.0),
+    "slope_25": Terrain(slope=25.0),
     "blocks_4cm": Terrain("blocks", amplitude=0.04),
     "blocks_6cm": Terrain("blocks", amplitude=0.06),
     "steps_5cm": Terrain("steps", height=0.05),
@@ -107,6 +108,7 @@ def test_a_file_says_only_what_differs_from_training(written):
 EVERYTHING = Scenario(
     title="everything, at once",
     station=StationConfig(0.005, "lagged", 0.7, 1.5, 0.02),
+    heading=45.0,
     sensor_noise=0.5,
     encoder_bias=0.02,
     imu=ImuErrors(gyroscope_bias=0.1, delay=2),
@@ -217,6 +219,7 @@ def test_every_setting_is_in_the_digest():
         ("imu: {delay: 0.5}", "delay"),
         ("latency: -0.01", "latency"),
         ("contact_flips: 1.5", "contact_flips"),
+        ("heading: 200", "heading"),
         ("stuck_open: [XL]", "stuck_open"),
         ("stuck_closed: [FL, FL]", "stuck_closed"),
         ("stuck_open: [FL]\nstuck_closed: [FR, FL]", "stuck_closed"),
