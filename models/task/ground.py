@@ -78,7 +78,7 @@ class Ground:
         points = points[..., :2]
         number, place, base = self._cells(self._around(points, 0.0))
         along = points[..., None, :] - place
-        tops = base + self._top[number] + np.sum(self._tilt[number] * along, axis=-1)
+        tops = base + self._top[number] + np.add.reduce(self._tilt[number] * along, axis=-1)
         return tops.max(axis=-1)
 
     def _around(self, points: Array, reach: float) -> Array:
@@ -139,8 +139,10 @@ class Ground:
             return found
         lowest = kinematics.lowest_body_points(robot, positions, shank_share)
         feet = kinematics.world_feet(robot, positions)
+        under = self.height(np.concatenate([lowest, feet], axis=-2))
+        n_boxes = lowest.shape[-2]
         return found._replace(
-            body=found.body - self.height(lowest), feet=found.feet - self.height(feet)
+            body=found.body - under[..., :n_boxes], feet=found.feet - under[..., n_boxes:]
         )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
@@ -217,7 +219,8 @@ class Ground:
         counts, first = self._own(self._counts, points), self._own(self._first, points)
         place = np.floor((points - origin) / cell)
         # A robot that is lost is nowhere.
-        index = np.clip(np.nan_to_num(place), -FARTHEST, FARTHEST).astype(np.int64)
+        place = np.where(np.isnan(place), 0.0, place)
+        index = np.minimum(np.maximum(place, -FARTHEST), FARTHEST).astype(np.int64)
         period, own = np.divmod(index, counts)
         number = first + own[..., 0] * counts[..., 1] + own[..., 1]
         middle: Array = np.asarray(origin + (index + 0.5) * cell, dtype=np.float64)

@@ -21,6 +21,7 @@ from glassgait.models.certificates.observation_box import ObservationBox, load_b
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
@@ -85,7 +86,7 @@ class Prove(Settings):
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
-        claims = self._claims(gait, imu=policy.layout.imu)
+        claims = self._claims(gait, policy)
         folder = self.output or found.output(self.title) / Path(name).stem
         inputs = {
             "gait": gait.digest(),
@@ -104,9 +105,10 @@ class Prove(Settings):
             _write(prover, verdicts, path, folder, seconds)
         console.print(f"written to {folder}")
 
-    def _claims(self, gait: Gait, *, imu: bool) -> tuple[Claim, ...]:
-        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path)]
-        own = load_claims(self.claims) if self.claims else ()
+    def _claims(self, gait: Gait, policy: Policy) -> tuple[Claim, ...]:
+        imu, robot = policy.layout.imu, policy.robot
+        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, robot)]
+        own = load_claims(self.claims, robot) if self.claims else ()
         taken = {claim.name for claim in shipped}
         for claim in own:
             if claim.name in taken:
