@@ -19,7 +19,7 @@ from glassgait.models.policies.controller import Estimator
 from glassgait.models.robots import quadruped
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
-from glassgait.models.task.contact import FootSense, sense_feet
+from glassgait.models.task.contact import FootSense, read_contacts, sense_feet
 from glassgait.models.task.imu import N_IMU, measure_imu
 from glassgait.models.task.observation import (
     N_ESTIMATED,
@@ -42,7 +42,7 @@ class BatchStep(NamedTuple):
         terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
-        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 6).
+        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 7).
         terminated: Whether any failure showed (n,).
         truncated: Whether the episode reached its end (n,).
     """
@@ -212,7 +212,8 @@ class BatchSimulator:
         touching = np.where(lost[:, None], s.touching, moved.touching)
         feet = sense_feet(robot, plant, s.touching, touching, self._ground)
         wrong = task.randomization.wrong_contacts(self.n_robots, self.generator)
-        machine = self._step_machine(s, feet, feet.contact ^ wrong, command)
+        contact = read_contacts(feet.contact, wrong, s.stuck)
+        machine = self._step_machine(s, feet, contact, command)
         reward = step_reward(
             robot,
             state=plant,
@@ -240,7 +241,8 @@ class BatchSimulator:
             joint_noise=joint_noise,
             bias=s.bias,
             imu=s.imu,
-            sensed=feet.touching ^ wrong,
+            stuck=s.stuck,
+            sensed=read_contacts(feet.touching, wrong, s.stuck),
             latency=s.latency,
             estimate=s.estimate,
             odometry=s.odometry,
@@ -323,10 +325,11 @@ class BatchSimulator:
         ground = self._ground.of_robots(index)
         feet = sense_feet(self.task.robot, plant, untouched, ground=ground)
         wrong = randomization.wrong_contacts(count, self.generator)
+        stuck = randomization.stuck_contacts(count, self.generator)
         nothing = np.zeros((count, N_ESTIMATED))
         start = self.machine.step(
             self.machine.initial((count,)),
-            foot_contact=feet.contact ^ wrong,
+            foot_contact=read_contacts(feet.contact, wrong, stuck),
             foot_height=self._sensed_height(feet, nothing),
             commanded_dwell=command.dwell,
             difficulty=self.difficulty,
@@ -346,7 +349,8 @@ class BatchSimulator:
             joint_noise=joint_noise,
             bias=bias,
             imu=np.zeros((count, 1 + randomization.imu.delay, N_IMU)),
-            sensed=feet.touching ^ wrong,
+            stuck=stuck,
+            sensed=read_contacts(feet.touching, wrong, stuck),
             latency=randomization.latencies(count, self.generator),
             estimate=nothing,
             odometry=Odometry().begin(self.task.robot, measured),

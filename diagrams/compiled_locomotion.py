@@ -32,10 +32,12 @@ def MakeCompiledLocomotion(  # noqa: N802
         InputError: if the scenario's sensors have noise, or the gait is not made for the command.
     """
     noise = scenario.sensor_noise, scenario.contact_flips, scenario.encoder_bias
-    if any(noise) or scenario.imu.half_widths.any():
+    stuck = scenario.stuck_open or scenario.stuck_closed
+    if any(noise) or stuck or scenario.imu.half_widths.any():
         raise InputError(
-            f"{scenario.refused_as()}: its sensors have noise, which a compiled controller has no "
-            "port for; give sensor_noise 0, contact_flips 0, encoder_bias 0 and an imu without bias"
+            f"{scenario.refused_as()}: its sensors have errors, which a compiled controller has no "
+            "port for; give sensor_noise 0, contact_flips 0, encoder_bias 0, an imu without bias, "
+            "and leave stuck_open and stuck_closed out"
         )
     builder = DiagramBuilder()
     if scenario.limit_targets is None:

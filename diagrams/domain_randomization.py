@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
-from glassgait.diagrams.station import StationConfig
+from glassgait.diagrams.station import MUJOCO_CONTACT_TIME, StationConfig
 from glassgait.models.errors import InputError
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import FEW, IN_ORDER, Count, Natural, NotNegative, Positive, Settings
@@ -143,6 +143,7 @@ class DomainRandomization(Settings):
         mujoco_groups: Groups, the first ones, whose physics MuJoCo computes; it has no other times
             in which contacts let penetration relax.
         mujoco_step: Time step of their plants (s).
+        mujoco_contact_time: Time constant of their contacts (s); see `StationConfig.contact_time`.
         station: Physics that the groups' stations vary.
         randomization: What differs between robots and episodes.
     """
@@ -154,6 +155,7 @@ class DomainRandomization(Settings):
     fine_steps: Annotated[tuple[Positive, ...], FEW] = (0.005, 0.0025)
     mujoco_groups: Natural = 0
     mujoco_step: Positive = 0.005
+    mujoco_contact_time: Annotated[float, Ge(1e-3), Le(1.0)] = MUJOCO_CONTACT_TIME
     station: StationConfig = field(default_factory=StationConfig)
     randomization: Randomization = HARSH
 
@@ -184,6 +186,7 @@ class DomainRandomization(Settings):
                 station,
                 engine="mujoco",
                 time_step=self.mujoco_step,
+                contact_time=self.mujoco_contact_time,
                 relaxation_time=self.station.relaxation_time,
             )
             for station in others[: self.mujoco_groups]

@@ -55,7 +55,7 @@ def MakeLinkedRobot(  # noqa: N802
         - command
 
     Inputs: answer (targets_t), the controller's latest.
-    Outputs: state (37), the plant's. failures (6), less `abrupt_action`: actions are the
+    Outputs: state (37), the plant's. failures (7), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
     command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
     publishers are forced to; see `glassgait.diagrams.link.RobotEnd`, which receives the answers.
@@ -150,6 +150,8 @@ def _check(scenario: Scenario) -> None:
     refused = {
         "station.time_step": (scenario.station.time_step == 0, "a step such as 0.01"),
         "contact_flips": (scenario.contact_flips > 0, "0"),
+        "stuck_open": (bool(scenario.stuck_open), "none"),
+        "stuck_closed": (bool(scenario.stuck_closed), "none"),
         "latency": (scenario.latency > 0, "0: messages take their own time"),
         "limit_targets": (
             scenario.limit_targets is False,

@@ -59,12 +59,17 @@ class MujocoPhysics(EnginePhysics):
     def _advance(
         self, states: Array, held: Held, members: list[NDArray[np.int64]]
     ) -> tuple[Array, NDArray[np.bool_]]:
-        after = np.full_like(states, np.nan)
         touching = np.zeros((len(states), quadruped.N_LEGS), dtype=bool)
+        sound = np.concatenate(members)
+        # All groups' models have the same joints.
+        given = np.full((len(states), self._models[0].nq + self._models[0].nv), np.nan)
+        given[sound] = self._to_mujoco(states[sound])
         for group, mine in enumerate(members):
             if len(mine):
                 targets = self._at_steps(group, held.of(mine))
-                after[mine], touching[mine] = self._roll_out(group, states[mine], targets)
+                given[mine], touching[mine] = self._roll_out(group, given[mine], targets)
+        after = np.full_like(states, np.nan)
+        after[sound] = self._from_mujoco(given[sound])
         return after, touching
 
     def _at_steps(self, group: int, held: Held) -> Array:
@@ -74,17 +79,18 @@ class MujocoPhysics(EnginePhysics):
         return np.where(waiting[..., None], held.late[:, None], held.targets[:, None])
 
     def _roll_out(
-        self, group: int, states: Array, targets: Array
+        self, group: int, given: Array, targets: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
         model = self._models[group]
-        before = np.zeros((len(states), mujoco.mj_stateSize(model, _STATE)))
-        before[:, 1 : 1 + model.nq + model.nv] = self._to_mujoco(model, states)
+        before = np.zeros((len(given), mujoco.mj_stateSize(model, _STATE)))
+        before[:, 1 : 1 + given.shape[1]] = given
         after, sensed = self._rollout.rollout(model, self._data[group], before, targets)
         assert after is not None and sensed is not None
-        moved = after[:, -1, 1 : 1 + model.nq + model.nv]
-        return self._from_mujoco(model, moved), sensed[:, -1] > self.stations[group].contact_force
+        moved = after[:, -1, 1 : 1 + given.shape[1]]
+        return moved, sensed[:, -1] > self.stations[group].contact_force
 
-    def _to_mujoco(self, model: mujoco.MjModel, states: Array) -> Array:
+    def _to_mujoco(self, states: Array) -> Array:
+        model = self._models[0]
         _, angular = kinematics.base_velocity(states)
         given = np.zeros((len(states), model.nq + model.nv))
         q, v = given[:, : model.nq], given[:, model.nq :]
@@ -95,8 +101,9 @@ class MujocoPhysics(EnginePhysics):
         v[:, self._v] = states[:, quadruped.JOINT_VELOCITY]
         return given
 
-    def _from_mujoco(self, model: mujoco.MjModel, given: Array) -> Array:
-        q, v = given[:, : model.nq], given[:, model.nq :]
+    def _from_mujoco(self, given: Array) -> Array:
+        n_positions = self._models[0].nq
+        q, v = given[:, :n_positions], given[:, n_positions:]
         states = np.zeros((len(given), quadruped.N_POSITIONS + quadruped.N_VELOCITIES))
         states[:, quadruped.POSITION], states[:, quadruped.QUATERNION] = q[:, :3], q[:, 3:7]
         states[:, quadruped.JOINT_POSITION] = q[:, self._q]
@@ -130,6 +137,7 @@ def make_model(robot: Robot, station: StationConfig) -> mujoco.MjModel:
     _add_motors(spec, robot, station)
     _add_foot_sensors(spec, robot)
     model = spec.compile()
+    model.geom_solref[:, 0] = station.contact_time
     _set_friction(model, station.terrain, station.friction)
     return model
 

@@ -11,6 +11,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from glassgait.diagrams.plant_state import find_locomotion, recenter, set_plant_state
+from glassgait.diagrams.station import WORLD_STATE
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError, shown
 from glassgait.models.task import CONTROL_PERIOD
@@ -180,12 +181,14 @@ def record(
     kept = None if n_steps is not None else KEPT_STEPS + 1
     recorded: dict[str, deque[Array]] = {name: deque(maxlen=kept) for name in ports}
     times: deque[float] = deque(maxlen=kept)
+    repeats = locomotion.HasSubsystemNamed(WORLD_STATE)
     for step in count() if n_steps is None else range(n_steps + 1):
         # AdvanceTo handles updates that are due where it starts and leaves those where it ends, so
         # even a call with the time it already has would act.
         if step > 0:
             instant = (first + step) * CONTROL_PERIOD
-            recenter(locomotion, own)
+            if repeats:
+                recenter(locomotion, own)
             if simulator.AdvanceTo(instant).return_time() < instant:
                 break
         times.append(context.get_time())

@@ -24,7 +24,9 @@ from glassgait.models.task.randomization import (
     NOMINAL,
     ContactFlips,
     EncoderBias,
+    Heading,
     Latency,
+    Legs,
     Randomization,
 )
 from glassgait.models.task.reward import RewardWeights
@@ -68,11 +70,15 @@ class Scenario(Settings):
         station: Physics.
         accuracy: Accuracy of the error-controlled contact integrator, for a continuous plant.
         command: Where commands come from.
+        heading: Greatest angle between the world's x axis, up which slopes and steps lead, and
+            where a robot faces at the start (°), drawn to either side; 180 for any.
         sensor_noise: Factor on the noise of the joints' sensors and of the IMU; 0 for none, 1 for
             the task's.
         encoder_bias: Greatest constant error of each measured joint position (rad).
         imu: What is wrong with the IMU's readings, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
+        stuck_open: Legs whose contact sensors never read a contact.
+        stuck_closed: Legs whose contact sensors always do.
         latency: Time from an observation until its action reaches the joints (s), in whole steps
             of a discrete plant.
         pushes: Pushes of the trunk; of discrete plants alone.
@@ -92,10 +98,13 @@ class Scenario(Settings):
     station: StationConfig = field(default_factory=StationConfig)
     accuracy: Annotated[float, Ge(1e-10), Le(1.0)] | None = None
     command: CommandConfig = field(default_factory=DrawnCommands)
+    heading: Heading = 0.0
     sensor_noise: NotNegative = 1.0
     encoder_bias: EncoderBias = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
+    stuck_open: Legs = ()
+    stuck_closed: Legs = ()
     latency: Latency = 0.0
     pushes: Pushes = field(default_factory=Pushes)
     limit_targets: bool | None = None
@@ -115,6 +124,11 @@ class Scenario(Settings):
             self.station.plant_steps()
             self._check_latency()
         self._check_integrator()
+        if both := set(self.stuck_open) & set(self.stuck_closed):
+            raise InputError(
+                f"{self.refused_as()}: stuck_open and stuck_closed both name {sorted(both)[0]}; "
+                "name a leg in one of them"
+            )
 
     def refused_as(self) -> str:
         """Returns what a refusal calls the scenario: its title is its own, not of all."""
@@ -189,12 +203,15 @@ class Scenario(Settings):
         return replace(
             NOMINAL,
             friction=ground,
+            heading=self.heading,
             push_speed=self.pushes.speed,
             push_interval=self.pushes.interval,
             observation_noise=self.sensor_noise,
             encoder_bias=self.encoder_bias,
             imu=self.imu,
             contact_flips=self.contact_flips,
+            stuck_open=self.stuck_open,
+            stuck_closed=self.stuck_closed,
             latency=(self.latency, self.latency),
         )
 

@@ -11,8 +11,9 @@ from glassgait.diagrams.scenario import Scenario
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import stuck_sensors
 from glassgait.models.task.imu import N_IMU
-from glassgait.systems.contact_noise import ContactNoise
+from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.imu import ImuSensor
 from glassgait.systems.joint_sensor import JointSensor
@@ -125,11 +126,13 @@ def _misread(
     contact: OutputPort,
 ) -> OutputPort:
     """Returns contacts as sensors read them; all that sense a foot are wrong at the same times."""
-    if errors.contact_noise is None:
+    stuck = stuck_sensors(scenario.stuck_open, scenario.stuck_closed)
+    if errors.contact_noise is None and not stuck.any():
         return contact
-    sensors = builder.AddNamedSystem(name, ContactNoise(scenario.contact_flips))
+    sensors = builder.AddNamedSystem(name, ContactSensor(scenario.contact_flips, stuck))
     builder.Connect(contact, sensors.get_foot_contact_input_port())
-    builder.Connect(errors.contact_noise, sensors.get_uniform_noise_input_port())
+    if errors.contact_noise is not None:
+        builder.Connect(errors.contact_noise, sensors.get_uniform_noise_input_port())
     return sensors.get_sensed_contact_output_port()
 
 

@@ -33,6 +33,7 @@ class TaskState:
         bias: Constant errors of measured joint positions and of the IMU (n, 21; rad, then as in a
             reading).
         imu: Readings of the IMU, the latest first, as many as it is late and one (n, k, 9).
+        stuck: Which contact sensors are stuck (n, 4), as `stuck_sensors` returns it.
         sensed: Which feet seem to press on the ground (n, 4).
         latency: Time from an observation until its action reaches the joints (n,; s).
         estimate: Body state that the estimator gave at the last observation (n, 7; m/s, m); zeros
@@ -51,6 +52,7 @@ class TaskState:
     joint_noise: Array
     bias: Array
     imu: Array
+    stuck: NDArray[np.int8]
     sensed: BoolArray
     latency: Array
     estimate: Array
@@ -74,6 +76,7 @@ class TaskState:
             "joint_noise": self.joint_noise,
             "bias": self.bias,
             "imu": self.imu,
+            "stuck": self.stuck,
             "sensed": self.sensed,
             "latency": self.latency,
             "estimate": self.estimate,
@@ -98,6 +101,7 @@ class TaskState:
             joint_noise=arrays["joint_noise"],
             bias=arrays["bias"],
             imu=arrays["imu"],
+            stuck=arrays["stuck"],
             sensed=arrays["sensed"],
             latency=arrays["latency"],
             estimate=arrays["estimate"],

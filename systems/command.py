@@ -1,5 +1,7 @@
 """Commands drawn at random; a fixed command is Drake's `ConstantVectorSource`."""
 
+from functools import lru_cache, partial
+
 import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
@@ -47,10 +49,9 @@ class RandomCommand(LeafSystem):
         super().__init__()
         if speed_range is not None and not speed_range[0] <= speed_range[1]:
             raise ValueError(f"command: speed_range is {speed_range}; give the least first")
-        self._gait = gait
-        self._speed_range = speed_range
+        # Seeding a generator takes longer than anything else here, and the draw holds for 10 s.
+        self._drawn = lru_cache(maxsize=8)(partial(_draw, gait, speed_range))
         self._seed_port = self.DeclareVectorInputPort("seed", 1)
-        # Seeding a generator takes longer than anything else here.
         self._draw = CachedValue(
             self,
             "drawn command",
@@ -83,13 +84,16 @@ class RandomCommand(LeafSystem):
         return self._commanded_dwell_port
 
     def _calc_draw(self, context: Context) -> Command:
-        seed = seed_of(self._seed_port.Eval(context))
         step = round(context.get_time() / CONTROL_PERIOD)
-        generator = np.random.default_rng([seed, step // COMMAND_STEPS])
-        return sample_commands(self._gait, 1, generator, self._speed_range)
+        return self._drawn(seed_of(self._seed_port.Eval(context)), step // COMMAND_STEPS)
 
     def _calc_command(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._draw.Eval(context).velocity[0])
 
     def _calc_commanded_dwell(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._draw.Eval(context).dwell)
+
+
+def _draw(gait: Gait, speed_range: tuple[float, float] | None, seed: int, interval: int) -> Command:
+    generator = np.random.default_rng([seed, interval])
+    return sample_commands(gait, 1, generator, speed_range)

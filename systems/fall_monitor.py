@@ -23,7 +23,7 @@ class FallMonitor(LeafSystem):
 
     Inputs: state (37), the plant's. action (12), held during the last control step.
     previous_action (12).
-    Outputs: failures (6, {0, 1}), in the order of `FAILURES`.
+    Outputs: failures (7, {0, 1}), in the order of `FAILURES`.
     State: none. Feedthrough: all inputs.
 
     Attributes:

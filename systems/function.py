@@ -52,8 +52,10 @@ def FunctionSystem_(T: type) -> type:  # noqa: N802, N803
             """
             LeafSystem_[T].__init__(self, converter=converter)
             self._declared = (inputs, output, function, optional)
-            for name, size in inputs.items():
-                self.DeclareVectorInputPort(name, size)
+            self._function = function
+            ports = {name: self.DeclareVectorInputPort(name, size) for name, size in inputs.items()}
+            self._needed = [(name, ports[name]) for name in inputs if name not in optional]
+            self._optional = [(name, ports[name]) for name in inputs if name in optional]
             self.DeclareVectorOutputPort(
                 *output, self._calc_output, prerequisites_of_calc={self.all_input_ports_ticket()}
             )
@@ -62,17 +64,11 @@ def FunctionSystem_(T: type) -> type:  # noqa: N802, N803
             Impl._construct(self, *other._declared, converter=converter)
 
         def _calc_output(self, context: Context, output: Any) -> None:
-            inputs, _, function, optional = self._declared
-            ports = [self.GetInputPort(name) for name in inputs]
-            output.SetFromVector(
-                function(
-                    **{
-                        port.get_name(): port.Eval(context)
-                        for port in ports
-                        if port.get_name() not in optional or port.HasValue(context)
-                    }
-                )
-            )
+            values = {name: port.Eval(context) for name, port in self._needed}
+            for name, port in self._optional:
+                if port.HasValue(context):
+                    values[name] = port.Eval(context)
+            output.SetFromVector(self._function(**values))
 
     return Impl
 

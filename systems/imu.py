@@ -114,8 +114,10 @@ class ImuSensor(LeafSystem):
         if self._imu_bias_port.HasValue(context):
             reading = reading + self._imu_bias_port.Eval(context)
         coming = context.get_discrete_state(self._coming).value().reshape(-1, N_IMU)
-        rest = coming if has_begun else np.broadcast_to(reading, coming.shape)
-        return np.vstack([reading, rest])
+        readings = np.empty((1 + len(coming), N_IMU))
+        readings[0] = reading
+        readings[1:] = coming if has_begun else reading
+        return readings
 
     def _calc_imu(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._readings.Eval(context)[-1])

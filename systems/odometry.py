@@ -1,6 +1,5 @@
 """Estimates base velocity and foot heights by leg odometry."""
 
-import numpy as np
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -93,8 +92,8 @@ class OdometrySystem(LeafSystem):
         return self._previous_foot_height_port
 
     def _measured_joints(self, context: Context) -> tuple[Array, Array]:
-        position, velocity = np.split(self._joints_port.Eval(context), 2)
-        return position, velocity
+        joints = self._joints_port.Eval(context)
+        return joints[: quadruped.N_JOINTS], joints[quadruped.N_JOINTS :]
 
     def _calc_advanced(self, context: Context) -> OdometryState:
         position, velocity = self._measured_joints(context)

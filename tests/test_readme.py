@@ -89,9 +89,9 @@ def commands():
 
 def modules():
     """Every `python -m …` of the pages, as a module."""
-    told = (span for text in PAGES.values() for span, _ in spans(text))
+    reported = (span for text in PAGES.values() for span, _ in spans(text))
     return sorted(
-        {name for span in told for name in re.findall(r"python -m (glassgait\.\S+)", span)}
+        {name for span in reported for name in re.findall(r"python -m (glassgait\.\S+)", span)}
     )
 
 
@@ -158,10 +158,10 @@ def test_every_command_is_understood_and_finds_its_policy_on_a_fresh_clone(
 
 @cache
 def help_of(name: tuple[str, ...]) -> str:
-    """What a command tells of itself: trying all of them for each option takes a second."""
-    with redirect_stdout(StringIO()) as told, pytest.raises(SystemExit):
+    """A command's help: trying all of them for each option takes a second."""
+    with redirect_stdout(StringIO()) as reported, pytest.raises(SystemExit):
         main([*name, "--help"])
-    return told.getvalue()
+    return reported.getvalue()
 
 
 @pytest.mark.parametrize("option", options())
@@ -174,7 +174,7 @@ def test_every_option_is_one_of_some_command(parsed, option):
 
     words = option.split()
     everyone = [tuple(command.split()) for command in COMMANDS]
-    told = [name for name in everyone if words[0] in help_of(name)]
+    reported = [name for name in everyone if words[0] in help_of(name)]
     # Of a kind that takes a value, one that it may take.
     values = (
         [["x"], ["gbm"], ["loky"], ["100"], ["0.5"], ["64", "64"], ["0", "0"]]
@@ -183,7 +183,7 @@ def test_every_option_is_one_of_some_command(parsed, option):
     )
     assert any(
         takes(name, *words) or any(takes(name, *words, *value) for value in values)
-        for name in told or everyone
+        for name in reported or everyone
     )
 
 
@@ -214,9 +214,11 @@ def test_sessions_run_one_after_the_other_and_print_what_is_shown(page, monkeypa
     monkeypatch.setattr(interpret, "show", lambda explanation: None)
     sessions = "\n".join(blocks(page, "pycon"))
     runner = doctest.DocTestRunner()
-    told = []
-    runner.run(doctest.DocTestParser().get_doctest(sessions, {}, page, page, 0), out=told.append)
-    assert not runner.failures, "".join(told)
+    reported = []
+    runner.run(
+        doctest.DocTestParser().get_doctest(sessions, {}, page, page, 0), out=reported.append
+    )
+    assert not runner.failures, "".join(reported)
 
 
 @pytest.mark.parametrize("page", pages_with("yaml"))

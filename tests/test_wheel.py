@@ -116,7 +116,7 @@ def test_a_gait_is_checked_from_the_wheel(installed):
 
 
 def test_the_expert_is_rolled_out_from_the_wheel(installed):
-    assert "stayed up after 0.50 s" in installed("glassgait", "view", "--seconds", "0.5")
+    assert "stayed up after 0.50 s" in installed("glassgait", "view", "--n-steps", "25")
 
 
 def test_modules_of_a_user_do_not_pass_for_the_wheels(installed, tmp_path):
@@ -125,8 +125,8 @@ def test_modules_of_a_user_do_not_pass_for_the_wheels(installed, tmp_path):
         (tmp_path / name).write_text("raise ImportError('of ones own')")
     # Unlike the installed command, `-m` searches the folder it is called in first.
     program = ("python", "-m", "glassgait.studies.cli")
-    told = installed(*program, "view", "--seconds", "0.5", where=tmp_path)
-    assert "stayed up after 0.50 s" in told
+    reported = installed(*program, "view", "--n-steps", "25", where=tmp_path)
+    assert "stayed up after 0.50 s" in reported
 
 
 def test_pypis_diagrams_may_be_installed_beside_the_wheel(wheel, tmp_path):
@@ -141,15 +141,15 @@ def test_pypis_diagrams_may_be_installed_beside_the_wheel(wheel, tmp_path):
 
 @pytest.mark.parametrize("gait", ["trot", "bound"])
 def test_a_shipped_student_is_explained_from_the_wheel(installed, gait):
-    told = installed(
-        "glassgait", "explain", "page", "--gait", gait, "--seconds", "1", "--step", "20"
+    reported = installed(
+        "glassgait", "explain", "page", "--gait", gait, "--n-steps", "50", "--step", "20"
     )
     kind = default_student(find_policies(load_gait(gait)))
-    assert f"page written to runs/explanation/{gait}/{kind}/index.html" in told
+    assert f"page written to runs/explain/page/{gait}/{kind}/index.html" in reported
 
 
 def test_the_report_is_written_from_the_wheel(installed, tmp_path):
     tests = shutil.copytree(ROOT / "tests", tmp_path / "tests")
     own = tests / "studies" / "test_report.py"
-    told = installed("python", "-m", "pytest", "--import-mode=importlib", "-m", "slow", own)
-    assert "1 passed" in told
+    reported = installed("python", "-m", "pytest", "--import-mode=importlib", "-m", "slow", own)
+    assert "1 passed" in reported

@@ -61,7 +61,8 @@ class LocomotionEnv(gym.Env[Array, Array]):
             gait: The gait, its name or its file.
             robot: Name of a robot that ships, or path of one's own `robot.yaml`.
             station: Physics; its friction is drawn anew for each episode.
-            randomization: What differs between episodes, but for the latency.
+            randomization: What differs between episodes, but for the latency and the share of
+                stuck sensors.
             senses: "true" to observe the true velocity and heights of the feet, "odometry" for what
                 odometry estimates, "imu" for that, gravity's direction and the angular velocity.
             render_mode: "rgb_array" for pictures (360, 640, 3); needs EGL.
@@ -84,6 +85,8 @@ class LocomotionEnv(gym.Env[Array, Array]):
             encoder_bias=self._randomization.encoder_bias,
             imu=self._randomization.imu,
             contact_flips=self._randomization.contact_flips,
+            stuck_open=self._randomization.stuck_open,
+            stuck_closed=self._randomization.stuck_closed,
         )
         self._station, self._ground = scenario.station, scenario.station.ground
         self._steps = 0

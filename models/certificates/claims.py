@@ -1,7 +1,7 @@
 """Claims about a policy as data: what it shall never do, read from a YAML file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,13 +10,16 @@ from annotated_types import MaxLen, MinLen
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import Robot
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import DISTINCT, FEW, Positive, Settings
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import ObservationLayout
 from glassgait.models.task.termination import TerminationLimits
 
 DEFAULT_CLAIMS = Path(__file__).parent / "claims.yaml"
+
+IMU_CLAIMS = DEFAULT_CLAIMS.with_name("claims_imu.yaml")
+"""What is claimed besides of policies that observe an IMU."""
 
 OWN = ".own"
 """Ends the name of a quantity of the joint itself, such as dq.own."""
@@ -28,8 +31,8 @@ ClaimKind = Literal["limits", "torque", "never", "effect", "independent", "mirro
 _KEYS: dict[ClaimKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "limits": ((), ("least", "most", "stuck")),
     "torque": ((), ("most", "stuck")),
-    "never": (("observations", "never"), ("most", "stuck")),
-    "effect": (("observations", "most"), ("stuck",)),
+    "never": (("observations", "never"), ("most", "limit", "stuck")),
+    "effect": (("observations",), ("most", "limit", "stuck")),
     "independent": (("observations",), ()),
     "mirror": ((), ()),
     "change": (("changes",), ("most",)),
@@ -60,6 +63,8 @@ class Claim(Settings):
         least: Least target (rad).
         most: Greatest target (rad), torque (N·m), slope (rad per unit), effect (rad) or squared
             change of the action.
+        limit: What of the robot's own is `most`, in place of a number: the `torque` of the joints'
+            weakest motor, or the `damping` of the servos, each divided by the servos' stiffness.
         changes: How much each observation, or each of a kind such as `dq`, may change at most, in
             the robot's units.
     """
@@ -76,6 +81,7 @@ class Claim(Settings):
     never: Literal["rises", "falls"] | None = None
     least: float | None = None
     most: float | None = None
+    limit: Literal["torque", "damping"] | None = None
     changes: dict[str, Positive] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -87,12 +93,17 @@ class Claim(Settings):
         for joint in self.joints:
             quadruped.joint_index(joint)
         needed, allowed = _KEYS[self.kind]
-        for key in ("stuck", "observations", "never", "least", "most", "changes"):
+        for key in ("stuck", "observations", "never", "least", "most", "limit", "changes"):
             given = getattr(self, key) not in ((), None, {})
             if key in needed and not given:
                 raise InputError(f"a claim of kind {self.kind!r} needs the key {key!r}; add it")
             if given and key not in (*needed, *allowed):
                 raise InputError(f"a claim of kind {self.kind!r} has no key {key!r}; remove it")
+
+        if self.kind == "effect" and self.most is None and self.limit is None:
+            raise InputError("a claim of kind 'effect' needs the key 'most'; add it, or 'limit'")
+        if self.limit is not None and self.most is not None:
+            raise InputError("most and limit say the same; leave out one of both")
 
         if self.kind != "limits" and self.most is not None and self.most < 0.0:
             raise InputError(f"most is {self.most:g}; give 0 or more")
@@ -105,6 +116,14 @@ class Claim(Settings):
 
     def refused_as(self) -> str:
         return f"claim {shown(self.name)}"
+
+    def of(self, robot: Robot) -> "Claim":
+        """Returns the claim about a robot, whose own limit is a number."""
+        if self.limit is None:
+            return self
+        torque = float(min(robot.effort[joint] for joint in self.joint_indices()))
+        own = torque if self.limit == "torque" else robot.damping
+        return replace(self, most=own / robot.stiffness, limit=None)
 
     def joint_indices(self) -> tuple[int, ...]:
         """Returns the joints, by index."""
@@ -182,8 +201,17 @@ class Claim(Settings):
             )
 
 
-def load_claims(path: Path) -> tuple[Claim, ...]:
-    """Loads the claims that a YAML file lists under `claims`.
+def claim_files(*, imu: bool) -> tuple[Path, ...]:
+    """Returns the files of the claims that ship, of policies with an IMU or without."""
+    return (DEFAULT_CLAIMS, IMU_CLAIMS) if imu else (DEFAULT_CLAIMS,)
+
+
+def load_claims(path: Path, robot: Robot | None = None) -> tuple[Claim, ...]:
+    """Loads the claims that a YAML file lists under `claims`, about a robot.
+
+    Args:
+        path: The file.
+        robot: The robot; the default one by default.
 
     Raises:
         InputError: if the file cannot be read or a claim is not one; the message names the file,
@@ -196,7 +224,10 @@ def load_claims(path: Path) -> tuple[Claim, ...]:
     for index, one in enumerate(listed):
         if isinstance(one, dict) and "name" not in one:
             raise InputError(f"{path}: claim {index + 1}: needs the key 'name'; add it")
-    claims = tuple(Claim.from_plain(one, _where(path, i, one)) for i, one in enumerate(listed))
+    about = robot or load_robot()
+    claims = tuple(
+        Claim.from_plain(one, _where(path, i, one)).of(about) for i, one in enumerate(listed)
+    )
     names = [claim.name for claim in claims]
     for name in names:
         if names.count(name) > 1:

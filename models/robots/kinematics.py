@@ -4,36 +4,49 @@ Every function takes the plant's state or positions with robots along the leadin
 `quadruped` for the layout.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Box, Robot
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 LEVEL = 1e-9
 """Greatest rise of an edge, over its length, that counts as level."""
+
+
+def stacked(*components: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Returns arrays (...) side by side (..., k): `np.stack` is slower for few robots."""
+    first = np.asarray(components[0])
+    values = np.empty((*first.shape, len(components)), first.dtype)
+    for i, component in enumerate(components):
+        values[..., i] = component
+    return values
 
 
 def cross(a: Array, b: Array) -> Array:
     """Returns cross products (..., 3): NumPy's is some times slower for small arrays."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    return stacked(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
 
 
 def rotation_matrix(quaternion: Array) -> Array:
     """Converts quaternions (..., 4; w, x, y, z) of any length to rotation matrices (..., 3, 3)."""
     w, x, y, z = _unit_components(quaternion)
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        axis=-2,
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz = x * y, x * z, y * z
+    wx, wy, wz = w * x, w * y, w * z
+    rows = stacked(
+        *(1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
+        *(2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
+        *(2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)),
     )
+    return rows.reshape(*rows.shape[:-1], 3, 3)
 
 
 def gravity_direction(quaternion: Array) -> Array:
@@ -43,7 +56,7 @@ def gravity_direction(quaternion: Array) -> Array:
         quaternion: Attitudes (..., 4; w, x, y, z), of any length.
     """
     w, x, y, z = _unit_components(quaternion)
-    return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1)
+    return -stacked(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
 
 
 def lean(quaternion: Array) -> Array:
@@ -71,66 +84,98 @@ def leg_points(robot: Robot, joint_position: Array) -> LegPoints:
         robot: What robots they are.
         joint_position: Joint positions (..., 12; rad).
     """
-    q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    hip = np.cos(q_hip), np.sin(q_hip)
-    knee = _along(robot.thigh_length, q_thigh)
-    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
-    zero = np.zeros_like(q_hip)
+    legs = _leg_angles(joint_position)
+    knee = _knee(robot, legs)
+    foot = _foot(robot, legs, knee)
+    zero = np.zeros_like(legs.sin_hip)
     return LegPoints(
-        thigh=_in_trunk(robot, *hip, zero, zero),
-        knee=_in_trunk(robot, *hip, *knee),
-        foot=_in_trunk(robot, *hip, *foot),
+        thigh=_in_trunk(robot, legs, zero, zero),
+        knee=_in_trunk(robot, legs, *knee),
+        foot=_in_trunk(robot, legs, *foot),
     )
 
 
 def foot_positions(robot: Robot, joint_position: Array) -> Array:
     """Locates the foot centres in the trunk's frame (..., 4, 3; m), from (..., 12; rad)."""
-    q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    knee = _along(robot.thigh_length, q_thigh)
-    foot = _along(robot.calf_length, q_thigh + q_calf, knee)
-    return _in_trunk(robot, np.cos(q_hip), np.sin(q_hip), *foot)
+    legs = _leg_angles(joint_position)
+    return _in_trunk(robot, legs, *_foot(robot, legs, _knee(robot, legs)))
 
 
-def _along(
-    length: float, angle: Array, start: tuple[Array | float, Array | float] = (0.0, 0.0)
-) -> tuple[Array, Array]:
-    """Returns where a link ends in the leg's plane: x and z (..., 4; m)."""
-    x, z = start
-    return x - length * np.sin(angle), z - length * np.cos(angle)
+class FootMotion(NamedTuple):
+    """Positions and velocities of the feet in the trunk's frame (..., 4, 3; m, m/s)."""
+
+    position: Array
+    velocity: Array
 
 
-def _in_trunk(robot: Robot, cos_hip: Array, sin_hip: Array, x: Array, z: Array) -> Array:
-    """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
-    offset = robot.side * robot.thigh_offset
-    swung = np.stack([x, cos_hip * offset - sin_hip * z, sin_hip * offset + cos_hip * z], -1)
-    return robot.hip_origin + swung
-
-
-def foot_velocities(robot: Robot, joint_position: Array, joint_velocity: Array) -> Array:
-    """Returns how fast the joints move the foot centres in the trunk's frame (..., 4, 3; m/s).
+def foot_motion(robot: Robot, joint_position: Array, joint_velocity: Array) -> FootMotion:
+    """Returns where the foot centres are in the trunk's frame, and how fast the joints move them.
 
     Args:
         robot: What robots they are.
         joint_position: Joint positions (..., 12; rad).
         joint_velocity: Joint velocities (..., 12; rad/s).
     """
-    q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    v_hip, v_thigh, v_calf = _by_leg(joint_velocity)
-    cos_hip, sin_hip = np.cos(q_hip), np.sin(q_hip)
-    q_shank, v_shank = q_thigh + q_calf, v_thigh + v_calf
+    legs = _leg_angles(joint_position)
+    x, z = _foot(robot, legs, _knee(robot, legs))
+    rates = joint_velocity.reshape(*joint_velocity.shape[:-1], quadruped.N_LEGS, 3)
+    v_hip, v_thigh = rates[..., 0], rates[..., 1]
+    v_shank = v_thigh + rates[..., 2]
     thigh, calf = robot.thigh_length, robot.calf_length
-    z = -thigh * np.cos(q_thigh) - calf * np.cos(q_shank)
-    v_x = -thigh * np.cos(q_thigh) * v_thigh - calf * np.cos(q_shank) * v_shank
-    v_z = thigh * np.sin(q_thigh) * v_thigh + calf * np.sin(q_shank) * v_shank
-    offset = robot.side * robot.thigh_offset
-    return np.stack(
-        [
-            v_x,
-            -(sin_hip * offset + cos_hip * z) * v_hip - sin_hip * v_z,
-            (cos_hip * offset - sin_hip * z) * v_hip + cos_hip * v_z,
-        ],
-        axis=-1,
+    v_x = -thigh * legs.cos_thigh * v_thigh - calf * legs.cos_shank * v_shank
+    v_z = thigh * legs.sin_thigh * v_thigh + calf * legs.sin_shank * v_shank
+    swung = _swung(robot, legs, x, z)
+    velocity = stacked(
+        v_x,
+        -swung[..., 2] * v_hip - legs.sin_hip * v_z,
+        swung[..., 1] * v_hip + legs.cos_hip * v_z,
     )
+    return FootMotion(robot.hip_origin + swung, velocity)
+
+
+class _LegAngles(NamedTuple):
+    """Sines and cosines of each leg's angles (..., 4); the shank's counts from the thigh's zero."""
+
+    sin_hip: Array
+    sin_thigh: Array
+    sin_shank: Array
+    cos_hip: Array
+    cos_thigh: Array
+    cos_shank: Array
+
+
+def _leg_angles(joint_position: Array) -> _LegAngles:
+    angles = joint_position.reshape(*joint_position.shape[:-1], quadruped.N_LEGS, 3).copy()
+    angles[..., 2] += angles[..., 1]
+    sine, cosine = np.sin(angles), np.cos(angles)
+    return _LegAngles(
+        *(sine[..., 0], sine[..., 1], sine[..., 2]),
+        *(cosine[..., 0], cosine[..., 1], cosine[..., 2]),
+    )
+
+
+def _knee(robot: Robot, legs: _LegAngles) -> tuple[Array, Array]:
+    """Returns where the knee is in the leg's plane: x and z (..., 4; m)."""
+    return 0.0 - robot.thigh_length * legs.sin_thigh, 0.0 - robot.thigh_length * legs.cos_thigh
+
+
+def _foot(robot: Robot, legs: _LegAngles, knee: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Returns where the foot's centre is in the leg's plane: x and z (..., 4; m)."""
+    x, z = knee
+    return x - robot.calf_length * legs.sin_shank, z - robot.calf_length * legs.cos_shank
+
+
+def _swung(robot: Robot, legs: _LegAngles, x: Array, z: Array) -> Array:
+    """Returns points of the legs' planes (..., 4; m) from their hips (..., 4, 3; m)."""
+    offset = robot.thigh_offsets
+    return stacked(
+        x, legs.cos_hip * offset - legs.sin_hip * z, legs.sin_hip * offset + legs.cos_hip * z
+    )
+
+
+def _in_trunk(robot: Robot, legs: _LegAngles, x: Array, z: Array) -> Array:
+    """Returns points of the legs' planes (..., 4; m) in the trunk's frame (..., 4, 3; m)."""
+    return robot.hip_origin + _swung(robot, legs, x, z)
 
 
 def foot_heights(robot: Robot, positions: Array) -> Array:
@@ -146,6 +191,10 @@ def foot_heights(robot: Robot, positions: Array) -> Array:
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     feet = foot_positions(robot, positions[..., quadruped.JOINT_POSITION])
     base_height = positions[..., quadruped.POSITION][..., 2]
+    return _heights_of_feet(robot, feet, up, base_height)
+
+
+def _heights_of_feet(robot: Robot, feet: Array, up: Array, base_height: Array) -> Array:
     return np.einsum("...lk,...k->...l", feet, up) + base_height[..., None] - robot.foot_radius
 
 
@@ -168,7 +217,7 @@ def world_feet(robot: Robot, positions: Array) -> Array:
 
 
 def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
-    """Locates where the collision boxes that `body_clearance` measures are lowest.
+    """Locates where the collision boxes that `clearances` measures are lowest.
 
     Of a limb that is the lower end of its middle line: beside a step that its foot stands at, a
     corner of its box would be taken for one inside of the step.
@@ -192,41 +241,59 @@ def lowest_body_points(robot: Robot, positions: Array, shank_share: float = 1.0)
     return world_points(positions, lowest)
 
 
-def body_clearance(robot: Robot, positions: Array, shank_share: float = 1.0) -> Array:
-    """Measures the lowest point above ground of each collision box that must never touch it.
+class Clearances(NamedTuple):
+    """Heights above the ground of what may touch it, and how upright the trunk is.
+
+    Attributes:
+        body: Lowest points of the trunk's, the four thighs' and the four calves' boxes (..., 9; m).
+        feet: Lowest points of the feet (..., 4; m).
+        upright: Cosine of the trunk's lean (...).
+    """
+
+    body: Array
+    feet: Array
+    upright: Array
+
+
+def clearances(robot: Robot, positions: Array, shank_share: float = 1.0) -> Clearances:
+    """Measures the lowest points of the collision boxes, which must never touch, and of the feet.
 
     Args:
         robot: What robots they are.
         positions: The plant's positions q (..., 19), or its state x (..., 37).
         shank_share: Share of the calf's box, from the knee down, that is measured.
-
-    Returns:
-        Heights (..., 9; m) of the trunk, the four thighs and the four calves.
     """
     up = -gravity_direction(positions[..., quadruped.QUATERNION])
     base_height = positions[..., quadruped.POSITION][..., 2]
-    joint_position = positions[..., quadruped.JOINT_POSITION]
-    q_hip, q_thigh, q_calf = _by_leg(joint_position)
-    points = leg_points(robot, joint_position)
+    legs = _leg_angles(positions[..., quadruped.JOINT_POSITION])
+    knee = _knee(robot, legs)
+    zero = np.zeros_like(legs.sin_hip)
+    thigh_point = _in_trunk(robot, legs, zero, zero)
+    knee_point = _in_trunk(robot, legs, *knee)
+    foot_point = _in_trunk(robot, legs, *_foot(robot, legs, knee))
 
-    up_x, up_y, up_z = (up[..., None, axis] for axis in range(3))
-    lateral = np.cos(q_hip) * up_y + np.sin(q_hip) * up_z
-    vertical = -np.sin(q_hip) * up_y + np.cos(q_hip) * up_z
+    up_x, up_y, up_z = up[..., 0:1], up[..., 1:2], up[..., 2:3]
+    lateral = legs.cos_hip * up_y + legs.sin_hip * up_z
+    vertical = -legs.sin_hip * up_y + legs.cos_hip * up_z
 
-    def limb(start: Array, end: Array, angle: Array, box: Box) -> Array:
-        along = np.sin(angle) * up_x + np.cos(angle) * vertical
-        across = np.cos(angle) * up_x - np.sin(angle) * vertical
+    def limb(start: Array, end: Array, sine: Array, cosine: Array, box: Box) -> Array:
+        along = sine * up_x + cosine * vertical
+        across = cosine * up_x - sine * vertical
         reach = np.abs(along) * box[0] + np.abs(lateral) * box[1] + np.abs(across) * box[2]
         centre = np.einsum("...lk,...k->...l", 0.5 * (start + end), up)
         return centre + base_height[..., None] - 0.5 * reach
 
     trunk = base_height - 0.5 * np.abs(up) @ np.array(robot.trunk_box)
-    thigh = limb(points.thigh, points.knee, q_thigh, robot.thigh_box)
-    shank_end = points.knee + shank_share * (points.foot - points.knee)
+    thigh = limb(thigh_point, knee_point, legs.sin_thigh, legs.cos_thigh, robot.thigh_box)
+    shank_end = knee_point + shank_share * (foot_point - knee_point)
     length, width, depth = robot.calf_box
     shank_box = (shank_share * length, width, depth)
-    calf = limb(points.knee, shank_end, q_thigh + q_calf, shank_box)
-    return np.concatenate([trunk[..., None], thigh, calf], axis=-1)
+    calf = limb(knee_point, shank_end, legs.sin_shank, legs.cos_shank, shank_box)
+    return Clearances(
+        body=np.concatenate([trunk[..., None], thigh, calf], axis=-1),
+        feet=_heights_of_feet(robot, foot_point, up, base_height),
+        upright=up[..., 2],
+    )
 
 
 def base_velocity(state: Array) -> tuple[Array, Array]:
@@ -238,7 +305,7 @@ def base_velocity(state: Array) -> tuple[Array, Array]:
     Returns:
         Linear (..., 3; m/s) and angular velocity (..., 3; rad/s) of the trunk in its own frame.
     """
-    to_trunk = np.swapaxes(rotation_matrix(state[..., quadruped.QUATERNION]), -1, -2)
+    to_trunk = rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     linear = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.LINEAR_VELOCITY])
     angular = np.einsum("...ij,...j->...i", to_trunk, state[..., quadruped.ANGULAR_VELOCITY])
     return linear, angular
@@ -263,14 +330,10 @@ def standing_state(robot: Robot, joint_position: Array | None = None) -> Array:
     return state
 
 
-def _by_leg(joint_values: Array) -> tuple[Array, Array, Array]:
-    legs = joint_values.reshape(*joint_values.shape[:-1], quadruped.N_LEGS, 3)
-    return legs[..., 0], legs[..., 1], legs[..., 2]
-
-
-def _unit_components(quaternion: Array) -> Array:
+def _unit_components(quaternion: Array) -> tuple[Array, Array, Array, Array]:
     # A discrete plant adds rates to its quaternion and never shortens it: within a minute of
     # walking it is a tenth too long.
-    norm = np.sqrt(np.sum(np.square(quaternion), axis=-1, keepdims=True))
+    norm = np.sqrt(np.add.reduce(np.square(quaternion), axis=-1, keepdims=True))
     # All zeros stand for a state that is not finite; no attitude.
-    return np.moveaxis(quaternion / np.where(norm > 0.0, norm, 1.0), -1, 0)
+    unit = quaternion / np.where(norm > 0.0, norm, 1.0)
+    return unit[..., 0], unit[..., 1], unit[..., 2], unit[..., 3]

@@ -1,13 +1,18 @@
 """Foot contacts, sensed from the robot's pose above the ground."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
+from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
+
+STUCK_OPEN, SOUND, STUCK_CLOSED = np.array([-1, 0, 1], dtype=np.int8)
+"""States of a foot's contact sensor."""
 
 
 class FootSense(NamedTuple):
@@ -42,18 +47,33 @@ def sense_feet(
     """
     height = ground.foot_heights(robot, positions)
     if touching is None:
-        touching = ground.touching(robot, positions)
+        # On level ground height and contact are one measurement.
+        touching = height < 0.0 if ground.is_level else ground.touching(robot, positions)
     return FootSense(touching=touching, contact=touching | previously_touching, height=height)
 
 
-def flip_contacts(
-    contact: NDArray[np.bool_], uniform: Array, flip_share: float
+def read_contacts(
+    contact: NDArray[np.bool_], wrong: NDArray[np.bool_], stuck: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
-    """Reads contacts by sensors that are wrong now and then.
+    """Reads contacts by sensors that are wrong now and then, or always the same.
 
     Args:
         contact: Whether each foot touches (..., 4).
-        uniform: Numbers drawn from 0 to 1 (..., 4).
-        flip_share: Share of the readings that are wrong.
+        wrong: Whether each sensor reads wrongly at this instant (..., 4).
+        stuck: What each sensor always reads (..., 4): `STUCK_OPEN` no contact, `STUCK_CLOSED`
+            contact; one that is `SOUND` reads what there is.
     """
-    return contact ^ (uniform < flip_share)
+    return np.where(stuck == SOUND, contact ^ wrong, stuck == STUCK_CLOSED)
+
+
+def stuck_sensors(is_open: Sequence[str], closed: Sequence[str]) -> NDArray[np.int8]:
+    """Returns the state of each foot's sensor (4), of which some are stuck.
+
+    Args:
+        is_open: Legs whose sensors never read a contact.
+        closed: Legs whose sensors always do.
+    """
+    stuck = np.full(quadruped.N_LEGS, SOUND, dtype=np.int8)
+    for legs, state in ((is_open, STUCK_OPEN), (closed, STUCK_CLOSED)):
+        stuck[[quadruped.LEGS.index(leg) for leg in legs]] = state
+    return stuck

@@ -22,6 +22,8 @@ STANCES: Final[NDArray[np.bool_]] = (
 ).astype(bool)
 """The feet that touch (16, 4), by stance code; foot i contributes 2**i to the code."""
 
+_PLACES: Final[NDArray[np.intp]] = 1 << np.arange(quadruped.N_LEGS)
+
 LONGEST_FORMULA = 1000
 """Greatest number of characters of a formula; every one over four feet can be written in fewer."""
 
@@ -52,7 +54,7 @@ class Formula:
 
 def stance_code(contact: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Encodes contacts (..., 4) as stance codes (...) in 0..15."""
-    return contact.astype(np.intp) @ (1 << np.arange(quadruped.N_LEGS))
+    return contact.astype(np.intp) @ _PLACES
 
 
 def parse_formula(text: str) -> Formula:

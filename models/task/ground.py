@@ -11,7 +11,7 @@ from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.task.terrain import PLANE, Terrain, grid_of
 
-DESCENTS = 60
+DESCENTS = 120
 """Steps in which a robot is let down onto the ground, each by its distance from it."""
 
 ABOVE = 1e-9
@@ -47,6 +47,7 @@ class Ground:
         self._origin = np.array([grid.origin for grid in grids])
         self._cell = np.array([grid.cell for grid in grids])
         self._rise = np.array([grid.rise for grid in grids])
+        self._overlap = np.array([grid.overlap for grid in grids])
         self._depth = np.array([grid.depth for grid in grids])
         self._period = np.array([grid.period for grid in grids])
         self._top = np.concatenate([grid.top.ravel() for grid in grids])
@@ -70,13 +71,25 @@ class Ground:
     def height(self, points: Array) -> Array:
         """Returns the height (..., k; m) of the ground under points (..., k, 3; m).
 
-        Within a millimetre of the border of a tilted cell a neighbour may be higher.
+        It is that of the highest box there.
         """
         if self.is_level:
             return np.zeros(points.shape[:-1])
-        number, place, base = self._cells(points[..., :2])
-        along = points[..., :2] - place
-        return base + self._top[number] + np.sum(self._tilt[number] * along, axis=-1)
+        points = points[..., :2]
+        number, place, base = self._cells(self._around(points, 0.0))
+        along = points[..., None, :] - place
+        tops = base + self._top[number] + np.add.reduce(self._tilt[number] * along, axis=-1)
+        return tops.max(axis=-1)
+
+    def _around(self, points: Array, reach: float) -> Array:
+        """Returns points (..., k, 4, 2; m) in all cells whose boxes are near points (..., k, 2; m).
+
+        Args:
+            points: The points.
+            reach: How near (m).
+        """
+        reaches = reach + self._own(self._overlap, points)[..., None, None]
+        return points[..., None, :] + reaches * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
     def clearance(self, centres: Array, radius: float) -> Array:
         """Returns the distance (..., k; m) of spheres from the ground, negative inside of it.
@@ -90,8 +103,7 @@ class Ground:
         """
         if self.is_level:
             return centres[..., 2] - radius
-        sides = 1.25 * radius * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
-        near = centres[..., None, :2] + sides
+        near = self._around(centres[..., :2], 1.25 * radius)
         number, place, base = self._cells(near)
         top = np.concatenate([place, (base + self._top[number])[..., None]], axis=-1)
         local = np.einsum("...k,...kc->...c", centres[..., None, :] - top, self._rotation[number])
@@ -118,15 +130,20 @@ class Ground:
             return height
         return height - self.height(positions[..., None, quadruped.POSITION])[..., 0]
 
-    def body_clearance(self, robot: Robot, positions: Array, shank_share: float) -> Array:
-        """Returns the clearance of each box of `kinematics.body_clearance` above the ground under
-        its lowest point (..., 9; m).
-        """
-        clearance = kinematics.body_clearance(robot, positions, shank_share)
+    def clearances(
+        self, robot: Robot, positions: Array, shank_share: float
+    ) -> kinematics.Clearances:
+        """Returns `kinematics.clearances` above the ground under each lowest point."""
+        found = kinematics.clearances(robot, positions, shank_share)
         if self.is_level:
-            return clearance
+            return found
         lowest = kinematics.lowest_body_points(robot, positions, shank_share)
-        return clearance - self.height(lowest)
+        feet = kinematics.world_feet(robot, positions)
+        under = self.height(np.concatenate([lowest, feet], axis=-2))
+        n_boxes = lowest.shape[-2]
+        return found._replace(
+            body=found.body - under[..., :n_boxes], feet=found.feet - under[..., n_boxes:]
+        )
 
     def touching(self, robot: Robot, positions: Array) -> NDArray[np.bool_]:
         """Returns which feet press on the ground (..., 4): whose spheres are inside of it.
@@ -202,7 +219,8 @@ class Ground:
         counts, first = self._own(self._counts, points), self._own(self._first, points)
         place = np.floor((points - origin) / cell)
         # A robot that is lost is nowhere.
-        index = np.clip(np.nan_to_num(place), -FARTHEST, FARTHEST).astype(np.int64)
+        place = np.where(np.isnan(place), 0.0, place)
+        index = np.minimum(np.maximum(place, -FARTHEST), FARTHEST).astype(np.int64)
         period, own = np.divmod(index, counts)
         number = first + own[..., 0] * counts[..., 1] + own[..., 1]
         middle: Array = np.asarray(origin + (index + 0.5) * cell, dtype=np.float64)

@@ -91,11 +91,10 @@ def measure_imu(state: Array, velocity_before: Array, gravity: Array) -> Array:
         The reading (..., 9): angular velocity (rad/s), change of velocity (m/s), gravity's
         direction, in the trunk's frame.
     """
-    to_trunk = np.swapaxes(kinematics.rotation_matrix(state[..., quadruped.QUATERNION]), -1, -2)
+    to_trunk = kinematics.rotation_matrix(state[..., quadruped.QUATERNION]).swapaxes(-1, -2)
     change = state[..., quadruped.LINEAR_VELOCITY] - velocity_before - CONTROL_PERIOD * gravity
-    down = gravity / np.sqrt(np.sum(np.square(gravity), axis=-1, keepdims=True))
-    world = np.stack(
-        [state[..., quadruped.ANGULAR_VELOCITY], change, np.broadcast_to(down, change.shape)],
-        axis=-2,
-    )
+    world = np.empty((*state.shape[:-1], 3, 3))
+    world[..., 0, :] = state[..., quadruped.ANGULAR_VELOCITY]
+    world[..., 1, :] = change
+    world[..., 2, :] = gravity / np.sqrt(np.add.reduce(np.square(gravity), axis=-1, keepdims=True))
     return np.einsum("...ij,...kj->...ki", to_trunk, world).reshape(*state.shape[:-1], N_IMU)

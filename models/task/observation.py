@@ -346,7 +346,7 @@ def proprioception(
     """
     measured = np.concatenate([joint_position, joint_velocity], axis=-1) + joint_noise
     held = np.minimum(rm_iterations, np.add(commanded_dwell, OVERDUE))
-    counts = np.stack([held, commanded_dwell], axis=-1)
+    counts = kinematics.stacked(held, commanded_dwell)
     return np.concatenate(
         [
             command,

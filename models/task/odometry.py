@@ -17,7 +17,7 @@ from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import kinematics
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.kinematics import cross
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
@@ -86,19 +86,21 @@ class Odometry(Settings):
             touching: Which feet seem to press on the ground (..., 4).
         """
         turning, change, gravity = ImuReading.of(imu)
-        feet = kinematics.foot_positions(robot, joint_position)
-        swept = kinematics.foot_velocities(robot, joint_position, joint_velocity)
-        swept = swept + cross(turning[..., None, :], feet)
+        feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
+        # What turning does to all of them at once: a call takes longer than its numbers.
+        vectors = [feet, before.footholds, before.velocity[..., None, :]]
+        turned = cross(turning[..., None, :], np.concatenate(vectors, axis=-2))
+        swept = swept + turned[..., : quadruped.N_LEGS, :]
 
         free = change + CONTROL_PERIOD * GRAVITY * gravity
-        predicted = before.velocity - CONTROL_PERIOD * cross(turning, before.velocity) + free
+        predicted = before.velocity - CONTROL_PERIOD * turned[..., -1, :] + free
         standing = touching & before.touching
         count = np.asarray(standing.sum(axis=-1))[..., None]
         of_feet = -np.where(standing[..., None], swept, 0.0).sum(axis=-2) / np.maximum(count, 1)
         correction = self.gain * (of_feet - predicted)
         velocity = predicted + np.where(count > 0, correction, 0.0)
 
-        drift = velocity[..., None, :] + cross(turning[..., None, :], before.footholds)
+        drift = velocity[..., None, :] + turned[..., quadruped.N_LEGS : -1, :]
         carried = before.footholds - CONTROL_PERIOD * drift
         footholds = np.where(touching[..., None], feet, carried)
         return OdometryState(velocity, footholds, touching)
@@ -119,9 +121,10 @@ class Odometry(Settings):
             (..., 7).
         """
         feet = kinematics.foot_positions(robot, joint_position)
-        front_left, front_right, rear_left, rear_right = np.moveaxis(state.footholds, -2, 0)
-        normal = cross(front_right - rear_left, front_left - rear_right)
-        normal = normal / np.sqrt(np.sum(np.square(normal), axis=-1, keepdims=True))
-        above = feet - state.footholds.mean(axis=-2, keepdims=True)
-        heights = np.sum(above * normal[..., None, :], axis=-1)
+        # Of the front feet those of the rear ones on the other side.
+        diagonals = state.footholds[..., :2, :] - state.footholds[..., :1:-1, :]
+        normal = cross(diagonals[..., 1, :], diagonals[..., 0, :])
+        normal = normal / np.sqrt(np.add.reduce(np.square(normal), axis=-1, keepdims=True))
+        middle = np.add.reduce(state.footholds, axis=-2, keepdims=True) / quadruped.N_LEGS
+        heights = np.add.reduce((feet - middle) * normal[..., None, :], axis=-1)
         return np.concatenate([BASE_VELOCITY_SCALE * state.velocity, heights], axis=-1)

@@ -1,7 +1,7 @@
 """What differs between robots and episodes: initial states, pushes, friction and noise."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from glassgait.models.arrays import Array
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.models.settings import IN_ORDER, NotNegative, Range, Settings
+from glassgait.models.settings import DISTINCT, FEW, IN_ORDER, NotNegative, Range, Settings
 from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.task.contact import STUCK_CLOSED, STUCK_OPEN, stuck_sensors
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.imu import IMU_NOISE, N_IMU, ImuErrors
 from glassgait.models.task.observation import JOINT_NOISE
@@ -22,8 +23,14 @@ Friction = Annotated[NotNegative, Le(1000.0)]
 ContactFlips = Annotated[NotNegative, Le(1.0)]
 """Share of a contact sensor's readings that are wrong."""
 
+Legs = Annotated[tuple[Literal["FL", "FR", "RL", "RR"], ...], FEW, DISTINCT]
+"""Names of legs, in any order."""
+
 EncoderBias = Annotated[NotNegative, Le(1.0)]
 """Greatest constant error of a measured joint position (rad)."""
+
+Heading = Annotated[float, Ge(0.0), Le(180.0)]
+"""Greatest angle to either side (°)."""
 
 Latency = Annotated[NotNegative, Le(2 * CONTROL_PERIOD)]
 """Time from an observation until its action reaches the joints (s), two control periods at most."""
@@ -35,6 +42,8 @@ class Randomization(Settings):
 
     Attributes:
         joint_scale: Factors on the default stance, least and greatest, at an episode's start.
+        heading: Greatest angle between the world's x axis and where a robot faces at an episode's
+            start (°), to either side; 180 for any.
         base_velocity: Greatest initial base velocity along and about each axis (m/s, rad/s).
         friction: Least and greatest friction of the ground.
         push_speed: Greatest horizontal velocity that a push adds, along each axis (m/s); 0 for
@@ -44,6 +53,9 @@ class Randomization(Settings):
         encoder_bias: Greatest constant error of each measured joint position in an episode (rad).
         imu: What is wrong with the IMU's readings in an episode, besides their noise.
         contact_flips: Share of the contact sensors' readings that are wrong.
+        stuck_open: Legs whose contact sensors never read a contact.
+        stuck_closed: Legs whose contact sensors always do.
+        stuck_share: Share of the episodes in which one more sensor is stuck, open or closed.
         straight: Share of the commands that ask for no turn.
         latency: Least and greatest time from an observation until its action reaches the joints
             (s), drawn for each episode.
@@ -52,6 +64,7 @@ class Randomization(Settings):
     title: ClassVar[str] = "randomization"
 
     joint_scale: Range = (0.5, 1.5)
+    heading: Heading = 0.0
     base_velocity: NotNegative = 0.5
     friction: Annotated[tuple[Friction, Friction], IN_ORDER] = (0.5, 1.25)
     push_speed: NotNegative = 1.0
@@ -60,6 +73,9 @@ class Randomization(Settings):
     encoder_bias: EncoderBias = 0.0
     imu: ImuErrors = field(default_factory=ImuErrors)
     contact_flips: ContactFlips = 0.0
+    stuck_open: Legs = ()
+    stuck_closed: Legs = ()
+    stuck_share: Annotated[NotNegative, Le(1.0)] = 0.0
     straight: Annotated[NotNegative, Le(1.0)] = 0.0
     latency: Annotated[tuple[Latency, Latency], IN_ORDER] = (0.0, 0.0)
 
@@ -72,11 +88,15 @@ class Randomization(Settings):
     ) -> Array:
         """Draws states x (count, 37) of robots that stand on their lowest foot.
 
-        Joints are kept inside their limits. Off the level, robots start where `ground` draws it.
+        Joints are kept inside their limits. All face along the world's x axis, but for a heading
+        that is drawn. Off the level, robots start where `ground` draws it.
         """
         scale = generator.uniform(*self.joint_scale, size=(count, quadruped.N_JOINTS))
         joints = np.clip(robot.default_stance * scale, robot.lower_limits, robot.upper_limits)
         state = kinematics.standing_state(robot, joints)
+        if self.heading > 0.0:
+            half = 0.5 * np.radians(self.heading) * generator.uniform(-1.0, 1.0, size=count)
+            state[:, 0], state[:, 3] = np.cos(half), np.sin(half)
         velocity = generator.uniform(-1.0, 1.0, size=(count, 6)) * self.base_velocity
         state[:, quadruped.ANGULAR_VELOCITY] = velocity[:, :3]
         state[:, quadruped.LINEAR_VELOCITY] = velocity[:, 3:]
@@ -120,6 +140,19 @@ class Randomization(Settings):
         if self.contact_flips == 0.0:
             return np.zeros(feet, dtype=bool)
         return generator.random(feet) < self.contact_flips
+
+    def stuck_contacts(self, count: int, generator: np.random.Generator) -> NDArray[np.int8]:
+        """Draws which contact sensors are stuck in episodes (count, 4).
+
+        Without a share of them nothing is drawn.
+        """
+        stuck = np.tile(stuck_sensors(self.stuck_open, self.stuck_closed), (count, 1))
+        if self.stuck_share == 0.0:
+            return stuck
+        which = np.flatnonzero(generator.random(count) < self.stuck_share)
+        foot = generator.integers(quadruped.N_LEGS, size=len(which))
+        stuck[which, foot] = generator.choice([STUCK_OPEN, STUCK_CLOSED], size=len(which))
+        return stuck
 
     def pushes(self, count: int, generator: np.random.Generator) -> Array:
         """Draws what this control step's pushes add to base velocities (count, 3; m/s).

@@ -58,6 +58,7 @@ class RewardMachine:
 
     def __init__(self, gait: Gait) -> None:
         self.gait = gait
+        self._one_hot = np.eye(gait.n_states)
         self._initial = gait.states.index(gait.initial)
         self._is_fault = np.array([state in gait.faults for state in gait.states])
         left = {transition.source for transition in gait.transitions}
@@ -116,7 +117,7 @@ class RewardMachine:
         edge = self._edge[machine.state, stance_code(foot_contact)]
         spent = machine.iterations + 1
         clearance = difficulty * self.gait.clearance
-        lifted = np.all((foot_height >= clearance) | ~self._swing[edge], axis=-1)
+        lifted = ((foot_height >= clearance) | ~self._swing[edge]).all(axis=-1)
         dwell = self._dwell[edge] * commanded_dwell
         in_time = (spent >= difficulty * dwell) & (difficulty * machine.age >= self._grace[edge])
         fired = self._fires[edge] & lifted & in_time
@@ -138,4 +139,4 @@ class RewardMachine:
 
     def one_hot(self, state: IntArray) -> Array:
         """Encodes states (...) as observed, (..., n_states)."""
-        return np.eye(self.n_states)[state]
+        return self._one_hot[state]

@@ -1,14 +1,14 @@
 """When an episode ends early: the falls and failures of a robot, by name."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
 from glassgait.models.arrays import Array
-from glassgait.models.robots import quadruped
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import Robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.ground import LEVEL_GROUND, Ground
@@ -19,6 +19,7 @@ FAILURES = (
     "joint_limit",
     "abrupt_action",
     "high_foot",
+    "lean",
     "not_finite",
 )
 """Names of the failures, in the order of `failures`."""
@@ -36,7 +37,8 @@ class TerminationLimits(Settings):
             a little.
         shank_share: Share of the calf, from the knee down, whose contact is a failure. The rest is
             the foot's: in a hard landing a foot is pressed deeper into the ground than its radius
-            clears the calf's end.
+            clears the calf's end. Of a share of 0 a calf may touch from the knee down.
+        lean: Greatest angle of the trunk to the mean ground (°); 180 is none.
     """
 
     title: ClassVar[str] = "limits"
@@ -45,7 +47,27 @@ class TerminationLimits(Settings):
     action_change: Annotated[float, Gt(0)] = 60.0
     foot_height: Annotated[float, Gt(0)] = 0.25
     joint_overrun: Annotated[float, Ge(0)] = 0.05
-    shank_share: Annotated[float, Interval(gt=0, le=1)] = 0.9
+    shank_share: Annotated[float, Interval(ge=0, le=1)] = 0.9
+    lean: Annotated[float, Interval(gt=0, le=180)] = 180.0
+
+
+Falls = Literal["task", "physical"]
+"""Whether an episode ends by any of the task's failures, or by a physical fall alone."""
+
+PHYSICAL_FALL = TerminationLimits(
+    trunk_height=0.0,
+    action_change=1e6,
+    foot_height=1e3,
+    joint_overrun=1e3,
+    shank_share=0.0,
+    lean=60.0,
+)
+"""A robot has fallen that lies on its trunk or a thigh, or leans over 60°; else it walks on."""
+
+
+def limits_of(falls: Falls, limits: TerminationLimits) -> TerminationLimits:
+    """Returns a task's limits, or those of a physical fall."""
+    return PHYSICAL_FALL if falls == "physical" else limits
 
 
 def failures(
@@ -68,7 +90,7 @@ def failures(
         ground: What they stand on; heights are above the ground under each point.
 
     Returns:
-        One flag for each name in `FAILURES` (..., 6). A state that is not finite shows
+        One flag for each name in `FAILURES` (..., 7). A state that is not finite shows
         `not_finite` alone.
     """
     finite = np.all(np.isfinite(state), axis=-1) & np.all(np.isfinite(action), axis=-1)
@@ -78,14 +100,16 @@ def failures(
         joint_position - robot.upper_limits, robot.lower_limits - joint_position
     ).max(axis=-1)
     change = np.where(finite[..., None], action - previous_action, 0.0)
-    shown = np.stack(
-        [
-            ground.body_clearance(robot, state, limits.shank_share).min(axis=-1) < 0.0,
-            ground.trunk_height(state) < limits.trunk_height,
-            overrun > limits.joint_overrun,
-            np.sum(np.square(change), axis=-1) > limits.action_change,
-            ground.foot_heights(robot, state).max(axis=-1) > limits.foot_height,
-        ],
-        axis=-1,
+    clearances = ground.clearances(robot, state, limits.shank_share)
+    body = clearances.body
+    if limits.shank_share == 0.0:
+        body = body[..., : 1 + quadruped.N_LEGS]
+    shown = kinematics.stacked(
+        body.min(axis=-1) < 0.0,
+        ground.trunk_height(state) < limits.trunk_height,
+        overrun > limits.joint_overrun,
+        np.add.reduce(np.square(change), axis=-1) > limits.action_change,
+        clearances.feet.max(axis=-1) > limits.foot_height,
+        clearances.upright < np.cos(np.radians(limits.lean)),
     )
     return np.concatenate([shown & finite[..., None], ~finite[..., None]], axis=-1)

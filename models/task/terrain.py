@@ -2,18 +2,21 @@
 
 Ground other than a plane is made of boxes, one a cell of a grid. A few cells repeat for ever, so
 that a tile of them, a period and what feet reach beyond it, serves a robot that is moved back into
-it by whole periods. The world's z axis is normal to the mean ground, and on a slope gravity leans.
+it by whole periods. Boxes reach into their neighbours' cells, where the higher one counts: a foot
+that has sunk in beside the border of two would be pressed by their sides, in turn, and be caught.
+The world's z axis is normal to the mean ground, and on a slope gravity leans.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
@@ -34,13 +37,22 @@ KINDS_OF_KEY: dict[str, tuple[Kind, ...]] = {
     "landing": ("steps",),
     "endless": ("steps",),
 }
-"""Kinds of ground that a key belongs to; the others belong to all."""
+"""Kinds of ground that a key belongs to; the others belong to all. A plane has cells by patches."""
+
+NEEDED_BY = {"direction": "slope", "patch_friction": "patches"}
+"""Keys that have no effect while another is zero."""
 
 REACH = 0.75
 """How far around a robot's trunk the ground is laid while it takes a control step (m)."""
 
 DEPTH = 0.3
 """Thickness of the boxes, and as much more as their tops differ (m)."""
+
+OVERLAP = 0.03
+"""How far a box reaches into its neighbours' cells (m), further than feet sink in."""
+
+MOST_OVERLAP = 0.2
+"""Greatest share of a cell's shorter edge that a box reaches into it."""
 
 STAIR_WIDTH = 2.0
 """Width of a box of the steps (m), which go on sideways for ever."""
@@ -79,6 +91,11 @@ class Grid(NamedTuple):
         return self.cell * self.top.shape
 
     @property
+    def overlap(self) -> float:
+        """How far a box reaches into its neighbours' cells (m)."""
+        return min(OVERLAP, MOST_OVERLAP * float(self.cell.min()))
+
+    @property
     def rotation(self) -> Array:
         """Axes of each cell's box, as columns (nx, ny, 3, 3); the third is normal to its top."""
         zero, one = np.zeros_like(self.top), np.ones_like(self.top)
@@ -90,8 +107,8 @@ class Grid(NamedTuple):
 
     @property
     def half_size(self) -> Array:
-        """Half edges of each cell's top (nx, ny, 2; m), which covers the cell."""
-        half = self.cell / 2
+        """Half edges of each box's top (nx, ny, 2; m), which covers the cell and the overlap."""
+        half = self.cell / 2 + self.overlap
         rises = self.tilt * half
         corners = [
             np.stack([x * half[0] + 0 * self.top, y * half[1] + 0 * self.top], -1)
@@ -162,8 +179,36 @@ class Terrain(Settings):
     patch_friction: Annotated[NotNegative, Le(100.0)] = 0.4
     seed: Seed = 0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_keys_without_effect(cls, values: Any) -> Any:
+        """Refuses keys of a file that do nothing, those of another kind by their default as well.
+
+        A file that names the kind may list every key, as records do.
+        """
+        if not isinstance(values, dict):
+            return values
+        for key, needed in NEEDED_BY.items():
+            if values.get(key, getattr(cls, key)) != getattr(cls, key) and not values.get(needed):
+                raise InputError(
+                    f"{cls.title}: {key} has no effect without {needed}; give {needed}, or leave "
+                    f"{key} out"
+                )
+        for key, kinds in KINDS_OF_KEY.items():
+            if key in values and "kind" not in values and "plane" not in kinds:
+                raise InputError(
+                    f"{cls.title}: {key} has no effect on a plane; give kind: {' or '.join(kinds)}"
+                )
+        return values
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        for key in ("cell", "cells"):
+            if self.is_plane and getattr(self, key) != getattr(type(self), key):
+                raise InputError(
+                    f"{self.title}: {key} has no effect on a plane without patches; give patches, "
+                    "or another kind"
+                )
         for own in fields(self):
             kinds = KINDS_OF_KEY.get(own.name, (self.kind,))
             if self.kind not in kinds and getattr(self, own.name) != own.default:

@@ -36,6 +36,7 @@ from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, Setting
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.models.task.symmetry import mirrored_states
+from glassgait.models.task.termination import Falls, limits_of
 from glassgait.studies.common.cases import Case, refuse_commands, run_cases, slow_first
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.exit_codes import report_errors, take_signals
@@ -126,17 +127,19 @@ class Experiment(Settings):
             paths of policy files.
         scenario: Scenarios: names of those that ship, `all` for every one of them, and paths of
             scenario files.
+        falls: What ends an episode: any of the `task`'s failures, or a `physical` fall alone, the
+            trunk or a thigh on the ground or a lean over 60°.
         n_robots: Number of robots for each seed.
         seed: First seed of all that is drawn.
         n_seeds: Number of seeds: seed, seed + 1, …
         workers: Where cases run.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distillation/<gait> and
-            runs/training/<gait>.
+            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
+            runs/train/<gait>.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/<name of the experiment>/<gait> by default, followed by
-            the policies that are named.
+        output: Folder of the results; runs/<title>/<gait> by default, followed by the policies
+            that are named.
     """
 
     title: ClassVar[str] = "experiment"
@@ -174,6 +177,7 @@ class Experiment(Settings):
     gait: Gaits = ("trot",)
     policy: PolicyNames = (ALL,)
     scenario: ScenarioNames = (TRAINING,)
+    falls: Falls = "task"
     n_robots: Count = 26
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 1
@@ -291,7 +295,7 @@ class Experiment(Settings):
             found = self.policies[self.gaits[0].name]
         else:
             found = find_policies(load_gait(names[0]), self.source, self.robot, quiet=True)
-        return found.output(self.title.split()[-1]).parent / called
+        return found.output(self.title).parent / called
 
     @property
     def seeds(self) -> range:
@@ -306,7 +310,10 @@ class Experiment(Settings):
     @cached_property
     def scenarios(self) -> dict[str, Scenario]:
         """The scenarios by name."""
-        return load_scenarios(self.scenario)
+        return {
+            name: replace(own, limits=limits_of(self.falls, own.limits))
+            for name, own in load_scenarios(self.scenario).items()
+        }
 
     @cached_property
     def policies(self) -> dict[str, Policies]:

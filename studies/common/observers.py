@@ -26,7 +26,7 @@ class RolloutLog:
         reward: Reward with the machine's factor (T, n).
         plain_reward: Reward without it (T, n).
         served_dwell: Control steps of rhythm served by transitions (T, n).
-        failures: Flags in the order of `FAILURES` (T, n, 6).
+        failures: Flags in the order of `FAILURES` (T, n, 7).
     """
 
     velocity: Array

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Le
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
@@ -16,11 +16,11 @@ from glassgait.diagrams.replay import save_replay
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.task import CONTROL_PERIOD
+from glassgait.models.settings import Count
 from glassgait.models.task.gait import Gait
 
-Seconds = Annotated[float, Ge(CONTROL_PERIOD), Le(3600.0)]
-"""Length of a rollout (s): a step at least, and an hour at most, which the memory holds."""
+Steps = Annotated[Count, Le(180_000)]
+"""Control steps of one robot: an hour at most, which the memory holds."""
 
 
 def play(
@@ -30,7 +30,7 @@ def play(
     meshcat: Meshcat,
     replay: Path,
     *,
-    seconds: float,
+    n_steps: int,
     seed: int = 0,
     repetitions: int = 1,
 ) -> Rollout:
@@ -42,7 +42,7 @@ def play(
         scenario: The world.
         meshcat: Where the replay is drawn.
         replay: HTML file of the replay.
-        seconds: Length of the rollout (s); a fall ends it before.
+        n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of noise, pushes and drawn commands.
         repetitions: How often the replay plays before it stands still.
 
@@ -50,18 +50,18 @@ def play(
         InputError: if a policy or the command does not fit the gait.
     """
     diagram = MakeLocomotion(gait, scenario, policy=policy, meshcat=meshcat)
-    rollout = roll_one_out(diagram, scenario, seconds=seconds, seed=seed)
+    rollout = roll_one_out(diagram, scenario, n_steps=n_steps, seed=seed)
     save_replay(diagram, meshcat, rollout, replay, repetitions=repetitions)
     return rollout
 
 
-def roll_one_out(diagram: Diagram, scenario: Scenario, *, seconds: float, seed: int) -> Rollout:
+def roll_one_out(diagram: Diagram, scenario: Scenario, *, n_steps: int, seed: int) -> Rollout:
     """Rolls one robot out as fast as it goes, pushed as the scenario says.
 
     Args:
         diagram: What `MakeLocomotion` built.
         scenario: The world that it was built for.
-        seconds: Length of the rollout (s); a fall ends it before.
+        n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of noise, pushes and drawn commands.
     """
     simulator = make_simulator(diagram, seed=seed, accuracy=scenario.accuracy)
@@ -71,7 +71,7 @@ def roll_one_out(diagram: Diagram, scenario: Scenario, *, seconds: float, seed: 
         pushed()
         return False
 
-    return record(simulator, round(seconds / CONTROL_PERIOD), stopped=stopped)
+    return record(simulator, n_steps, stopped=stopped)
 
 
 def pusher(simulator: Simulator, scenario: Scenario, seed: int) -> Callable[[], None]:

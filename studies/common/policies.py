@@ -1,9 +1,8 @@
 """Finding the policies of a gait: one rule for every command.
 
 What ships is taken, unless `--source` names the folder of a run of train, distill or refine. Of a
-gait that does not ship, the runs' default folders are taken: runs/training/<gait> and
-runs/distillation/<gait>; of another robot than the default one runs/training/<robot>/<gait> and so
-on.
+gait that does not ship, the runs' default folders are taken: runs/train/<gait> and
+runs/distill/<gait>; of another robot than the default one runs/train/<robot>/<gait> and so on.
 """
 
 from collections.abc import Iterable, Sequence
@@ -30,6 +29,7 @@ from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, load_robot, robo
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import Gait, gait_names, load_gait
 from glassgait.studies.common.console import note
+from glassgait.studies.common.run_folder import default_folder
 
 EXPERT = "expert"
 """Name of the expert."""
@@ -39,9 +39,6 @@ ALL = "all"
 
 SHIPPED = "shipped"
 """What records call the place of policies that ship."""
-
-TRAINING_FOLDER = Path("runs/training")
-DISTILLATION_FOLDER = Path("runs/distillation")
 
 ORDER = (
     "open_loop",
@@ -82,8 +79,8 @@ class Policies:
         return None if self.place == SHIPPED else Path(self.place)
 
     def output(self, study: str) -> Path:
-        """Returns where a study of these policies is kept, unless another folder is named."""
-        return robot_folder(Path("runs") / study, self.expert.robot.name) / self.gait.name
+        """Returns where a command's run of these policies is kept by default."""
+        return default_folder(study, self.expert.robot.name) / self.gait.name
 
     @cached_property
     def students(self) -> dict[str, Policy]:
@@ -216,6 +213,11 @@ class Policies:
         return "shipped" if self.place == SHIPPED else f"in {self.place}"
 
 
+def rank(kind: str) -> int:
+    """Returns the place of a kind of student in tables."""
+    return ORDER.index(kind) if kind in ORDER else len(ORDER)
+
+
 def policy_stem(name: str) -> str:
     """Returns what tables and folders call a policy that is named by its kind or file."""
     return Path(name).stem if is_file(name) else name
@@ -257,9 +259,9 @@ def find_policies(
         files = _students_in(robot_folder(STUDENT_DIRECTORY, own.name) / name, name)
         found = Policies(gait, SHIPPED, load_expert(gait, robot=own), SHIPPED, files)
     else:
-        folder = robot_folder(DISTILLATION_FOLDER, own.name) / name
+        folder = default_folder("distill", own.name) / name
         if not _students_in(folder, name):
-            folder = robot_folder(TRAINING_FOLDER, own.name) / name
+            folder = default_folder("train", own.name) / name
         found = _in_run(gait, folder, own)
     if quiet:
         return found
@@ -281,7 +283,7 @@ def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None
     Args:
         gait: The gait.
         source: Folder of a run of train; by default what ships is taken and, of a gait that does
-            not ship, what runs/training/<gait> holds, students of an earlier expert or not.
+            not ship, what runs/train/<gait> holds, students of an earlier expert or not.
         robot: Name of the robot, or path of its robot.yaml.
 
     Raises:
@@ -289,7 +291,7 @@ def find_expert(gait: Gait, source: Path | None = None, robot: str | None = None
     """
     own = load_robot(robot or DEFAULT_ROBOT)
     if source is None and gait.name not in shipped_experts(own.name):
-        source = robot_folder(TRAINING_FOLDER, own.name) / gait.name
+        source = default_folder("train", own.name) / gait.name
     return find_policies(gait, source, robot).expert
 
 
@@ -364,7 +366,7 @@ def _students_in(folder: Path, gait: str) -> dict[str, Path]:
     """Lists the files of students that a folder holds, by kind and in the order of tables."""
     paths = [path for path in folder.glob("*") if path.suffix in POLICY_SUFFIXES]
     stems = sorted(path.stem for path in paths if path.stem not in (gait, EXPERT))
-    ranked = sorted(stems, key=lambda kind: ORDER.index(kind) if kind in ORDER else len(ORDER))
+    ranked = sorted(stems, key=rank)
     return {kind: policy_path(folder, kind) for kind in ranked}
 
 
@@ -378,7 +380,7 @@ def _find_recorded(
     """
     recorded = recorded_expert(folder)
     name = robot.name if robot else DEFAULT_ROBOT
-    trained = robot_folder(TRAINING_FOLDER, name) / gait.name
+    trained = default_folder("train", name) / gait.name
     for path in (policy_path(folder, EXPERT), None, trained):
         if path is None:
             ships = gait.name in shipped_experts(name)

@@ -18,7 +18,6 @@ from glassgait.models.settings import Count, Range, Seed, Settings
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.alternation import expert_acts
 from glassgait.models.task.gait import Gait
-from glassgait.models.task.randomization import NOMINAL
 from glassgait.studies.common.episode import Event, Observer, episode
 from glassgait.studies.common.observers import Log, RolloutLog, forward_and_yaw, joint_power
 from glassgait.studies.common.sweep import Seeds
@@ -179,7 +178,7 @@ def _roll_out_diagrams(
     diagram = MakeLocomotion(gait, scenario, policy=controller)
     n = config.robots_in(scenario)
     generator, ground = np.random.default_rng(config.seed), scenario.station.ground
-    states = NOMINAL.initial_states(controller.robot, n, generator, ground)
+    states = scenario.randomization().initial_states(controller.robot, n, generator, ground)
     logs = []
     for index, state in enumerate(states):
         simulator = make_simulator(

@@ -15,6 +15,7 @@ from filelock import FileLock, Timeout
 
 from glassgait.models.errors import InputError, brief, shown
 from glassgait.models.files import digest, read_yaml, remove_litter, write_atomically
+from glassgait.models.robots.robot import DEFAULT_ROBOT, robot_folder
 
 CONFIG_NAME = "config.yaml"
 LOCK_NAME = ".lock"
@@ -37,6 +38,11 @@ N_NAMED = 3
 
 PLACES = ("output", "resume", "sweep", "workers")
 """Settings that say where and how a run is made and kept, not what it is."""
+
+
+def default_folder(study: str, robot: str = DEFAULT_ROBOT) -> Path:
+    """Returns where the runs of a command are kept: in `runs`, by the command's words."""
+    return robot_folder(Path("runs", *study.replace("--", "").split()), robot)
 
 
 @contextmanager

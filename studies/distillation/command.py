@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar
 import pandas as pd
 import tyro
 
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import find_expert
+from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.common.sweep import (
     Gaits,
     Job,
@@ -25,7 +25,6 @@ from glassgait.studies.common.sweep import (
 )
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
-from glassgait.studies.distillation.students.library import DISTILLATION_FOLDER
 from glassgait.studies.distillation.study import distill, write_r2_table
 
 
@@ -36,12 +35,12 @@ class Distill(Settings):
     Attributes:
         gait: Names of gaits, or paths of gait files; `all` for every gait that ships.
         config: Settings of the run.
-        sweep: How many seeds, and where their jobs run; of one gait and seed, where its joints are
-            fitted.
+        sweep: How many seeds, and where their jobs run; of one gait and seed, where its students
+            are made.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run of train, whose expert is taken; by default the one that ships, or
             what was trained here.
-        output: Folder of the run; runs/distillation/<gait> by default. Of several gaits each has
+        output: Folder of the run; runs/distill/<gait> by default. Of several gaits each has
             its folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
     """
@@ -68,16 +67,17 @@ class Distill(Settings):
             self.gait,
             self.config.seed,
             self.sweep,
-            root=robot_folder(DISTILLATION_FOLDER, experts[0].robot.name),
+            root=default_folder(self.title, experts[0].robot.name),
             output=self.output,
         )
         if len(jobs) > 1:
-            refuse_taken(jobs, study="distill", resume=self.resume)
+            refuse_taken(jobs, study=self.title, resume=self.resume)
             run_sweep(jobs, partial(_distill_job, self.config, self.source, self.robot), self.sweep)
             return
         (job,) = jobs
+        config = replace(self.config, n_workers=self.sweep.n_workers)
         with parallel_backend(self.sweep.backend):
-            table = _distill_job(self.config, self.source, self.robot, job, resume=self.resume)
+            table = _distill_job(config, self.source, self.robot, job, resume=self.resume)
         print_table("R² on held-out data", table)
         console.print(f"students written to {job.folder}")
 

@@ -55,7 +55,8 @@ class DistillationConfig(Settings):
         scenario: Name of a scenario that ships, or path of a scenario file: the one in which
             they are collected instead, but for its commands.
         settings: Settings of the students' fits.
-        n_jobs: Students that are made at once; of one, joints that are fitted at once.
+        n_workers: Students that are made at once; of one, joints that are fitted at once. Commands
+            name it themselves.
     """
 
     title: ClassVar[str] = "distillation"
@@ -80,7 +81,7 @@ class DistillationConfig(Settings):
     settings: Annotated[StudentsSettings, tyro.conf.arg(name="")] = field(
         default_factory=StudentsSettings
     )
-    n_jobs: Jobs = 2
+    n_workers: Annotated[Jobs, tyro.conf.Suppress] = 2
 
     def __post_init__(self) -> None:
         super().__post_init__()

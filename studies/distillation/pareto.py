@@ -16,7 +16,6 @@ from glassgait.models.policies.library import load_policy
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import FormulaPolicy
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import DISTINCT, FEW, Count, Natural, Settings
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import alternation_cases, for_selection, run_rollouts
@@ -24,7 +23,7 @@ from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import COLUMN_WIDTH, save_figure, styled, subplots
 from glassgait.studies.common.policies import find_expert
 from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig
-from glassgait.studies.common.run_folder import digest_of_files, open_run
+from glassgait.studies.common.run_folder import default_folder, digest_of_files, open_run
 from glassgait.studies.common.scores import summarize_against
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.refinement.study import RefinementConfig, RefinementRun
@@ -34,7 +33,7 @@ from glassgait.studies.distillation.students.dataset import (
     r2_scores,
     round_paths,
 )
-from glassgait.studies.distillation.students.library import distillation_folder, samples_folder
+from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.sparse_formula import (
     SPARSE_FORMULA,
     condense,
@@ -145,7 +144,7 @@ class Pareto(Settings):
     Attributes:
         gait: Name of a gait, or path of a gait file.
         samples: Folder of the rounds that a student collected, whose samples the formulas are
-            fitted to; runs/distillation/<gait>/page by default.
+            fitted to; runs/distill/<gait>/sparse_formula by default.
         terms: Numbers of terms of all formulas together, of mirror images those of one.
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
             default, since 100 take some 5 minutes of a core.
@@ -155,10 +154,10 @@ class Pareto(Settings):
         source: Folder of a run of train, whose expert is taken; by default the one that ships, or
             what was trained here.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/pareto/<gait> by default.
+        output: Folder of the results; runs/distill/sweep/terms/<gait> by default.
     """
 
-    title: ClassVar[str] = "pareto"
+    title: ClassVar[str] = "distill --sweep terms"
 
     gait: str = "trot"
     samples: Path | None = None
@@ -177,18 +176,16 @@ class Pareto(Settings):
         gait = load_gait(self.gait)
         expert = find_expert(gait, self.source, self.robot)
         samples = self.samples or samples_folder(
-            distillation_folder(gait.name, expert.robot.name), SPARSE_FORMULA.name
+            default_folder("distill", expert.robot.name) / gait.name, SPARSE_FORMULA.name
         )
         data = load_rounds(samples)
-        folder = self.output or robot_folder(Path("runs/pareto"), expert.robot.name) / gait.name
+        folder = self.output or default_folder(self.title, expert.robot.name) / gait.name
         inputs = {
             "gait": gait.digest(),
             "expert": expert.digest(),
             "samples": digest_of_files(round_paths(samples)),
         }
-        with open_run(
-            folder, study="distill --sweep terms", settings=self, inputs=inputs, resume=self.resume
-        ):
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             choosing, front = self._measure(gait, expert, data, folder)
             smallest = smallest_that_walk(choosing, front)
             write_table(choosing, folder / "selection")
@@ -235,8 +232,8 @@ class Pareto(Settings):
                 rows.append({"policy": label, "family": name, "terms": terms, "r2": r2})
         if not students:
             raise InputError(
-                f"pareto: terms is {self.terms}; the {gait.name} has more formulas than that, with "
-                "a term each at least, so ask for more"
+                f"{self.title}: terms is {self.terms}; the {gait.name} has more formulas than "
+                "that, with a term each at least, so ask for more"
             )
         rollouts = self.rollouts.at_distilled_speeds(gait)
         jobs = alternation_cases(gait, expert, students, rollouts, periods=(1, 0))

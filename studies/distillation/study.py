@@ -111,7 +111,7 @@ def distill(
         settings=config,
         inputs=inputs,
         resume=resume,
-        free=("students", "n_jobs"),  # Students are independent of one another.
+        free=("students", "n_workers"),  # Students are independent of one another.
     ) as run:
         work = _Distillation(config, gait, expert, worlds, folder, run, report)
         rows: dict[str, dict] = {}
@@ -151,7 +151,7 @@ class _Distillation:
             return
         registries = dict(STUDENTS), dict(POLICY_CLASSES)
         calls = (delayed(_make)(self, kinds, *registries) for kinds in jobs)
-        for rows in run_parallel(calls, self.config.n_jobs, in_order=False, ahead=1):
+        for rows in run_parallel(calls, self.config.n_workers, in_order=False, ahead=1):
             yield from rows.items()
 
     def _jobs(self) -> list[list[str]]:
@@ -272,7 +272,9 @@ class _Distillation:
         }
         title, config = STUDENTS[kind].title, self.config
         self.report(f"{title}: letting {len(candidates)} candidates walk alone, to choose one")
-        ranked = rank_alone(students, self.gait, self.expert, config.episode_steps, config.n_jobs)
+        ranked = rank_alone(
+            students, self.gait, self.expert, config.episode_steps, config.n_workers
+        )
         write_table(ranked, self.folder / f"{kind}_candidates")
         complexities = {title: candidate.complexity for title, candidate in candidates.items()}
         chosen = simplest_of_the_best(ranked, complexities)
@@ -282,7 +284,7 @@ class _Distillation:
         return data.training_set(self.gait, self.expert)
 
     def _fit(self, kind: str, settings: StudentSettings, samples: TrainingSet) -> Policy:
-        seed, n_jobs = self.config.seed, self.config.n_jobs
+        seed, n_jobs = self.config.seed, self.config.n_workers
         return STUDENTS[kind].fit(samples, settings, seed=seed, n_jobs=n_jobs)
 
 

@@ -13,6 +13,7 @@ from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import AlternatingController, Controller, alone
 from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Share
+from glassgait.models.task.termination import limits_of
 from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import (
@@ -85,11 +86,11 @@ class Assurance(RolloutExperiment):
                 robots that they were chosen with.
         """
         super().__post_init__()
-        refuse_to_select([self.calibration_seed], "assurance: calibration_seed")
+        refuse_to_select([self.calibration_seed], f"{self.title}: calibration_seed")
         if {self.calibration_seed, self.calibration_seed + 1} & {*self.seeds}:
             raise InputError(
-                f"assurance: calibration_seed is {self.calibration_seed}, and rollouts have it or "
-                "the next one; name another"
+                f"{self.title}: calibration_seed is {self.calibration_seed}, and rollouts have it "
+                "or the next one; name another"
             )
 
     @property
@@ -124,6 +125,10 @@ class Assurance(RolloutExperiment):
             f"{gait.name}: robots walk in the training scenario and under pushes, for the region "
             "and the limits"
         )
+        training, pushes = (
+            replace(own, limits=limits_of(self.falls, own.limits))
+            for own in (Scenario(), load_scenario(PUSHED))
+        )
         nominal = RolloutConfig(
             self.nominal_robots, self.n_steps, self.calibration_seed, 1, self.speed_range
         )
@@ -133,7 +138,7 @@ class Assurance(RolloutExperiment):
             return calibrate(
                 gait,
                 {EXPERT: alone(student.expert), STUDENT: student},
-                (Scenario(), load_scenario(PUSHED)),
+                (training, pushes),
                 (nominal, pushed),
                 calls=self.calls,
                 quantile=self.quantile,

@@ -91,15 +91,15 @@ class Pair:
         a, b = (controller.policy for controller in self.controllers.values())
         return a, b
 
-    def report(self, seconds: float, seed: int) -> Report:
+    def report(self, n_steps: int, seed: int) -> Report:
         """Rolls one robot of each out, and reports in what the policies differ.
 
         Args:
-            seconds: Length of the rollouts (s); a fall ends one before.
+            n_steps: Control steps of the rollouts; a fall ends one before.
             seed: Seed of both.
         """
         say("rolling one robot of each out, for targets and replay")
-        rollouts = [self._roll_out(own, seconds, seed) for own in self.controllers.values()]
+        rollouts = [self._roll_out(own, n_steps, seed) for own in self.controllers.values()]
         difference = target_difference(rollouts[0], *self.policies)
         joints, lines = joint_table(difference), changed_lines(self)
         title = f"{self.gait.name}: {self.titles[0]} acts; {self.titles[1]}"
@@ -128,9 +128,9 @@ class Pair:
             files=files,
         )
 
-    def _roll_out(self, controller: AlternatingController, seconds: float, seed: int) -> Rollout:
+    def _roll_out(self, controller: AlternatingController, n_steps: int, seed: int) -> Rollout:
         diagram = MakeLocomotion(self.gait, self.world, policy=controller)
-        return roll_one_out(diagram, self.world, seconds=seconds, seed=seed)
+        return roll_one_out(diagram, self.world, n_steps=n_steps, seed=seed)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.arrays import Array
 from glassgait.models.errors import InputError
 from glassgait.models.settings import DISTINCT, FEW, Count
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import styled
@@ -34,9 +33,9 @@ from glassgait.studies.evaluation.push_basin import Basin, PushGrid, failure_cou
 
 PushSpeed = Annotated[float, Gt(0.0), Le(20.0)]
 
-Seconds = Annotated[float, Ge(1.0), Le(9.0)]
-"""Time from the push to the end (s): a second at least, in which a robot must walk; with 10 s comes
-a new command."""
+Steps = Annotated[int, Ge(50), Le(450)]
+"""Control steps from the push to the end: a second at least, in which a robot must walk; after ten
+comes a new command."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Pushes(Experiment):
         n_directions: Directions of pushes, equally far apart.
         speeds: What a push adds to the trunk's velocity (m/s).
         n_phases: Instants of the gait's cycle in which robots are pushed.
-        seconds: Time from the push until a robot must still walk (s).
+        n_steps: Control steps from the push until a robot must still walk.
     """
 
     title: ClassVar[str] = "evaluate pushes"
@@ -72,7 +71,7 @@ class Pushes(Experiment):
         3.0,
     )
     n_phases: Annotated[Count, Le(1000)] = 8
-    seconds: Seconds = 5.0
+    n_steps: Steps = 250
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,7 +85,7 @@ class Pushes(Experiment):
             case.alone,
             replace(case.scenario, command=self.command),
             self._grid(),
-            n_steps=round(self.seconds / CONTROL_PERIOD),
+            n_steps=self.n_steps,
             seed=case.seed,
         )
         survived = pushed.survived.sum(axis=2).tolist()

@@ -15,7 +15,7 @@ from glassgait.models.settings import Range
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
-from glassgait.studies.common.play import Seconds
+from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
@@ -172,7 +172,8 @@ class Worlds(RolloutExperiment):
             commands; by default the speeds of distillation, and of an expert by itself all speeds.
         command: Of two policies, the command of targets and replay, in place of the first
             scenario's; what is left out is the scenario's.
-        seconds: Of two policies, the length of targets and replay (s); a fall ends it before.
+        replay_steps: Of two policies, the control steps of targets and replay; a fall ends them
+            before.
     """
 
     title: ClassVar[str] = "evaluate worlds"
@@ -182,7 +183,7 @@ class Worlds(RolloutExperiment):
     scenario: ScenarioNames = ("all",)
     speed_range: Range | None = None
     command: OwnCommand = field(default_factory=OwnCommand)
-    seconds: Seconds = 10.0
+    replay_steps: Steps = 500
 
     @cached_property
     def experts(self) -> frozenset[str]:
@@ -240,7 +241,7 @@ class Worlds(RolloutExperiment):
             lines=lines,
         )
         pair = self.pair
-        return found if pair is None else found.joined(pair.report(self.seconds, self.seed))
+        return found if pair is None else found.joined(pair.report(self.replay_steps, self.seed))
 
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)

@@ -169,13 +169,13 @@ def _fewer(robots: int, most: int) -> str:
     return "" if robots == most else f" ({robots} robot{'s' if robots > 1 else ''})"
 
 
-def _caption(table: pd.DataFrame, at_home: bool, missing: bool) -> str:
+def _caption(table: pd.DataFrame, in_distribution: bool, missing: bool) -> str:
     most, least = table["robots"].max(), table["robots"].min()
     parts = [f"{most} robot{'s' if most > 1 else ''} of each policy in each scenario"]
     if least < most:
         parts[0] += ", fewer where the row says so"
     parts.append("the numbers are those that fall, ·\N{NO-BREAK SPACE}is none")
-    if at_home:
+    if in_distribution:
         parts.append("framed: the training scenario")
     if missing:
         parts.append("hatched: not rolled out")

@@ -18,10 +18,9 @@ from glassgait.models.files import digest, read_yaml, write_atomically
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Seed
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.play import Seconds, play
+from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.run_folder import refuse_run, to_plain
 from glassgait.studies.distillation.students.library import OnePolicy, find_certificate
 from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
@@ -48,26 +47,26 @@ class ExplainPage(OnePolicy):
         step: Control step that is shown first, and whose contributions are drawn; by default 100,
             or the last one of a shorter rollout.
         command: Commanded speed, yaw rate and rhythm.
-        seconds: Length of the rollout (s), 3600 at most; a fall ends it before.
+        n_steps: Control steps of the rollout; a fall ends it before.
         seed: Seed of the sensors' noise.
         certificate: Certificate of the policy, whose claims the page shows; by default the one in
-            runs/certification/<gait> that is of this very policy, or a shipped one.
-        output: Folder of the page; runs/explanation/<gait>/<policy> by default.
+            runs/verify/prove/<gait> that is of this very policy, or a shipped one.
+        output: Folder of the page; runs/explain/page/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "explain"
+    title: ClassVar[str] = "explain page"
 
     joint: str = "FL_hip"
     step: Annotated[int, Ge(0)] | None = None
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
-    seconds: Seconds = 6.0
+    n_steps: Steps = 300
     seed: Seed = 0
     certificate: Path | None = None
     output: Path | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_step(round(self.seconds / CONTROL_PERIOD), "ends")
+        self._check_step(self.n_steps, "ends")
 
     def run(self) -> None:
         """Rolls out, explains, and writes the page."""
@@ -85,7 +84,7 @@ class ExplainPage(OnePolicy):
         student.explain(np.zeros(len(student.observation_names)), joint)
         certificate = find_certificate(path, gait, self.certificate, student.robot)
         name = Path(policy).stem
-        folder = self.output or found.output("explanation") / name
+        folder = self.output or found.output(self.title) / name
         whose = {**to_plain(self), "policy": policy}
         _refuse_another(folder, whose)
         replay = folder / f"{name}_replay.html"
@@ -96,7 +95,7 @@ class ExplainPage(OnePolicy):
             Scenario(command=self.command),
             open_meshcat(),
             replay,
-            seconds=self.seconds,
+            n_steps=self.n_steps,
             seed=self.seed,
         )
         last = len(rollout.time) - 1
@@ -133,7 +132,7 @@ class ExplainPage(OnePolicy):
         if self.step is not None and self.step > last:
             raise InputError(
                 f"--step {self.step}: the rollout {end} at step {last}; name one from 0 to {last}, "
-                "or raise --seconds"
+                "or raise --n-steps"
             )
 
 
@@ -162,7 +161,7 @@ class ExplainTerms(OnePolicy):
         joint: Joint whose lines alone are printed, such as FL_calf; all by default.
     """
 
-    title: ClassVar[str] = "show"
+    title: ClassVar[str] = "explain terms"
 
     joint: str | None = None
 

@@ -16,9 +16,10 @@ from glassgait.models.certificates.certificate import (
 from glassgait.models.certificates.prover import OUTCOMES
 from glassgait.models.errors import InputError
 from glassgait.models.files import read_yaml
-from glassgait.models.robots.robot import Robot, robot_folder
+from glassgait.models.robots.robot import Robot
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import say
+from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.distillation.students.library import certificates_of
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.explanation.command import CONFIG, DIGEST
@@ -87,7 +88,7 @@ def _claims_of(certificate: Certificate, robot: Robot, folder: Path) -> Table:
 
 def explanation_page(certificate: Certificate, robot: Robot) -> Path | None:
     """Finds the page that explains the very policy of a certificate."""
-    pages = robot_folder(Path("runs/explanation"), robot.name) / certificate.gait
+    pages = default_folder("explain page", robot.name) / certificate.gait
     for config in sorted(pages.glob(f"*/{CONFIG}")):
         page = config.with_name("index.html")
         try:

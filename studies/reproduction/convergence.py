@@ -198,10 +198,10 @@ class Convergence(OneGait):
     Attributes:
         rollouts: How robots are rolled out.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/convergence/<gait> by default.
+        output: Folder of the results; runs/reproduce/convergence/<gait> by default.
     """
 
-    title: ClassVar[str] = "convergence"
+    title: ClassVar[str] = "reproduce convergence"
 
     rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
         default_factory=RolloutConfig
@@ -213,7 +213,7 @@ class Convergence(OneGait):
         """Runs the study."""
         found = self.policies()
         gait = found.gait
-        folder, policy = self.output or found.output("convergence"), alone(found.expert)
+        folder, policy = self.output or found.output(self.title), alone(found.expert)
         cases = [
             case
             for variant in reversed(VARIANTS)
@@ -227,7 +227,7 @@ class Convergence(OneGait):
         ]
         with open_run(
             folder,
-            study="reproduce convergence",
+            study=self.title,
             settings=self,
             inputs=digests_of(cases),
             resume=self.resume,

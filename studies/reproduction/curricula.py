@@ -17,12 +17,14 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case, rollout_cases, run_rollouts
 from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experiment import Report
+from glassgait.studies.common.experiment import Report, Workers
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
+from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.scores import summarize_against
+from glassgait.studies.common.sweep import WorkersConfig
 from glassgait.studies.distillation.config import Curriculum, DistillationConfig
 from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import STUDENTS, student_title
@@ -71,16 +73,18 @@ class Curricula(OneGait):
         distillation: Settings of the distillation with alternation and rounds alone; its curriculum
             does not count.
         rollouts: How students are rolled out.
+        workers: Where students are made and rolled out.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/curricula/<gait> by default.
+        output: Folder of the results; runs/reproduce/curricula/<gait> by default.
     """
 
-    title: ClassVar[str] = "curricula"
+    title: ClassVar[str] = "reproduce curricula"
 
     distillation: Annotated[DistillationConfig, tyro.conf.arg(name="")] = field(
         default_factory=DistillationConfig
     )
     rollouts: RolloutConfig = field(default_factory=RolloutConfig)
+    workers: Workers = field(default_factory=WorkersConfig)
     resume: bool = False
     output: Path | None = None
 
@@ -93,21 +97,22 @@ class Curricula(OneGait):
         """Runs the study."""
         found = self.policies()
         gait = found.gait
-        folder, expert = self.output or found.output("curricula"), found.expert
+        folder, expert = self.output or found.output(self.title), found.expert
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
-        with open_run(
-            folder, study="reproduce curricula", settings=self, inputs=inputs, resume=self.resume
-        ):
+        run = {"study": self.title, "settings": self, "resume": self.resume}
+        with open_run(folder, **run, inputs=inputs), parallel_backend(self.workers.backend):
             fits: list[pd.DataFrame] = []
             students: dict[str, dict[str, Policy]] = {}
-            for name, config in equal_budgets(replace(self.distillation, gait=self.gait)).items():
+            n_workers = self.workers.n_workers
+            planned = replace(self.distillation, gait=self.gait, n_workers=n_workers)
+            for name, config in equal_budgets(planned).items():
                 say(CURRICULA[name])
                 own = folder / name
                 r2 = distill(config, gait, expert, own, say, resume=self.resume)
                 fits.append(r2.assign(curriculum=name)[["curriculum", "student", "r2"]])
                 students[name] = load_students(own, expert)
             cases = standalone_cases(gait, expert, students, self.rollouts)
-            scores = run_rollouts(cases, folder / "rollouts")
+            scores = run_rollouts(cases, folder / "rollouts", processes=self.workers.processes)
             table = curricula_table(pd.concat(fits, ignore_index=True), scores)
             report = Report(
                 tables={"robots": scores, "curricula": table},

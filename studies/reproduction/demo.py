@@ -19,7 +19,6 @@ from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.policies.symbolic import StatewiseSymbolicPolicy
 from glassgait.models.robots import quadruped
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Count, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import ratio_title
@@ -31,7 +30,7 @@ from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.play import play
 from glassgait.studies.common.policies import EXPERT, SHIPPED, find_policies
 from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.tables import print_table
 from glassgait.studies.distillation.config import DistillationConfig
 from glassgait.studies.distillation.students.boosting import (
@@ -83,7 +82,7 @@ QUICK = DistillationConfig(
 RATIO_PERIODS = (1, 4, 0)
 """Control steps from one action of the expert to the next: ratios 1, 1/4 and 0."""
 
-REPLAY_SECONDS = 8.0
+REPLAY_STEPS = 400
 REPLAYS_IN_A_ROW = 450
 """An hour of them: a page that is opened early, or scrolled to late, shows a robot that trots."""
 
@@ -122,14 +121,14 @@ class Demo(Settings):
         gait = load_gait(QUICK.gait)
         found = find_policies(gait, robot=self.robot)
         expert = found.expert
-        folder = self.output or robot_folder(Path("runs/demo"), expert.robot.name)
+        folder = self.output or default_folder(self.title, expert.robot.name)
         replays: dict[str, tuple[str, Policy]] = {"expert": (policy_title(EXPERT), expert)}
         inputs = {"gait": gait.digest(), "expert": expert.digest()}
         if found.place == SHIPPED and SHOWN in found.files:
             shipped = found.policy(SHOWN)
             replays = {"shipped": (f"{policy_title(SHOWN)}, as shipped", shipped), **replays}
             inputs["shipped student"] = shipped.digest()
-        run = {"study": "demo", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             rollouts = RolloutConfig(n_robots=self.n_robots, n_seeds=1)
             parts = Parts(gait, expert, rollouts, n_replays=len(replays) + 1)
@@ -190,7 +189,7 @@ class _Road:
             Scenario(command=FixedCommand(speed=REPLAY_SPEED)),
             self.meshcat,
             replay,
-            seconds=REPLAY_SECONDS,
+            n_steps=REPLAY_STEPS,
             repetitions=REPLAYS_IN_A_ROW,
         )
         say(f"open {replay}: a replay, {title}")

@@ -14,12 +14,12 @@ import tyro
 from glassgait.models.errors import InputError
 from glassgait.models.policies.library import load_expert
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.robots.robot import Robot, load_robot, robot_folder
+from glassgait.models.robots.robot import Robot, load_robot
 from glassgait.models.settings import DISTINCT, FEW
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import find_policies
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, gaits_named, run_sweep
 from glassgait.studies.common.tables import print_table, write_table
 from glassgait.studies.distillation.students.settings import StudentKind
@@ -58,12 +58,12 @@ class Report(ReportConfig):
         quick: Do what the settings file names under `quick` instead.
         sweep: How many seeds of distillation, and where their gaits are studied.
         resume: Continue the run that the folder holds.
-        output: Folder of the report; runs/report by default, with --quick runs/report_quick, of the
-            paper's settings below runs/reproduce. Of several seeds each has a report in its folder
-            seed_<seed>.
+        output: Folder of the report; runs/reproduce/report by default, of the paper's settings
+            runs/reproduce/paper, with --quick followed by _quick. Of several seeds each has a
+            report in its folder seed_<seed>.
     """
 
-    title: ClassVar[str] = "report"
+    title: ClassVar[str] = "reproduce report"
 
     gait: Gaits = PAPER_GAITS
     training: Annotated[TrainingConfig | None, tyro.conf.Fixed] = None
@@ -164,8 +164,8 @@ class Report(ReportConfig):
         report = replace(self, **changed, policy=(), engine=None)
         if report._searches_by() == "pysr" and not pysr_starts():
             raise InputError(
-                "report: formulas are PySR's, which needs Julia, and Julia could not be started "
-                "here; install it, or take Operon in place of PySR with --engine operon"
+                f"{self.title}: formulas are PySR's, which needs Julia, and Julia could not be "
+                "started here; install it, or take Operon in place of PySR with --engine operon"
             )
         return report
 
@@ -191,8 +191,7 @@ class Report(ReportConfig):
         """Returns the settings of each seed's report by its folder."""
         report, root = self.settled(), self.output
         if root is None:
-            root = Path("runs/report" if self.training is None else "runs/reproduce/paper")
-            root = robot_folder(root.with_name(root.name + "_quick" * self.quick), self._robot.name)
+            root = default_folder(self.study + "_quick" * self.quick, self._robot.name)
         if self.sweep.n_seeds == 1:
             return {root: report}
         own = report.distillation

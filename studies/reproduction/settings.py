@@ -8,7 +8,7 @@ import pandas as pd
 from glassgait.models.errors import InputError, shown
 from glassgait.models.files import read_yaml
 from glassgait.models.settings import Settings
-from glassgait.studies.common.run_folder import to_plain
+from glassgait.studies.common.run_folder import default_folder, to_plain
 
 SETTINGS_FOLDER = Path(__file__).parent
 
@@ -59,7 +59,8 @@ def load_settings(kind: type[S], path: Path, *, quick: bool = False) -> S:
     less = values.pop(QUICK, None)
     values.pop(STUDY, None)
     if path.parent != SETTINGS_FOLDER:
-        values = {"output": f"runs/reproduce/{path.stem}{'_quick' * quick}"} | values
+        folder = default_folder(f"reproduce {path.stem}{'_quick' * quick}")
+        values = {"output": str(folder)} | values
     if quick and not isinstance(less, dict):
         raise InputError(
             f"{path}: has no settings under the key {QUICK!r}; add them, or leave --quick out"

@@ -8,12 +8,11 @@ from typing import Annotated, ClassVar
 import tyro
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots.robot import load_robot, robot_folder
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.settings import Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, progress_bar
-from glassgait.studies.common.policies import TRAINING_FOLDER
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, Job, SweepConfig, jobs_of, refuse_taken, run_sweep
 from glassgait.studies.training.checkpoint import CHECKPOINT_NAME
 from glassgait.studies.training.config import TrainingConfig
@@ -33,7 +32,7 @@ class Train(Settings):
         config: Settings of the run.
         sweep: How many seeds, and where they train.
         like: Record of an expert (<gait>.yaml) whose settings are taken instead.
-        output: Folder of the run; runs/training/<gait> by default. Of several gaits each has its
+        output: Folder of the run; runs/train/<gait> by default. Of several gaits each has its
             folder <gait> in it, of several seeds seed_<seed> in that.
         resume: Continue the run that the folder holds.
     """
@@ -53,10 +52,10 @@ class Train(Settings):
         """Runs the study."""
         config = self._config()
         names = self.gait if self.like is None else (config.gait,)
-        root = robot_folder(TRAINING_FOLDER, load_robot(config.robot).name)
+        root = default_folder(self.title, load_robot(config.robot).name)
         jobs = jobs_of(names, config.seed, self.sweep, root=root, output=self.output)
         if len(jobs) > 1 or self.sweep.backend != "loky":
-            refuse_taken(jobs, study="train", resume=self.resume)
+            refuse_taken(jobs, study=self.title, resume=self.resume)
             run_sweep(jobs, partial(train_job, config), self.sweep)
             return
         (job,) = jobs

@@ -16,11 +16,12 @@ from glassgait.models.certificates.certificate import (
     certificate_text,
     shipped_certificates,
 )
-from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.certificates.claims import Claim, claim_files, load_claims
 from glassgait.models.certificates.observation_box import ObservationBox, load_box, operating_box
 from glassgait.models.certificates.prover import OUTCOMES, Prover, Verdict
 from glassgait.models.errors import InputError
 from glassgait.models.files import digest, write_atomically
+from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import FEW, Settings
 from glassgait.models.task.gait import Gait, load_gait
@@ -56,10 +57,10 @@ class Prove(Settings):
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/certification/<gait>/<policy> by default.
+        output: Folder of the results; runs/verify/prove/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "certify"
+    title: ClassVar[str] = "verify prove"
 
     gait: str = "trot"
     policy: str | None = None
@@ -85,14 +86,16 @@ class Prove(Settings):
         gait = found.gait
         name = self.policy or default_student(found)
         path, policy = found.file(name), found.policy(name)
-        claims = self._claims(gait, imu=policy.layout.imu)
-        folder = self.output or found.output("certification") / Path(name).stem
+        claims = self._claims(gait, policy)
+        folder = self.output or found.output(self.title) / Path(name).stem
         inputs = {
             "gait": gait.digest(),
             "policy": digest(path),
-            "claims": digest_of_files([DEFAULT_CLAIMS, *([self.claims] if self.claims else [])]),
+            "claims": digest_of_files(
+                [*claim_files(imu=policy.layout.imu), *([self.claims] if self.claims else [])]
+            ),
         }
-        run = {"study": "verify prove", "settings": self, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "resume": self.resume}
         with open_run(folder, **run, inputs=inputs):
             box = self._box(found, folder)
             started = time.perf_counter()
@@ -102,9 +105,10 @@ class Prove(Settings):
             _write(prover, verdicts, path, folder, seconds)
         console.print(f"written to {folder}")
 
-    def _claims(self, gait: Gait, *, imu: bool) -> tuple[Claim, ...]:
-        shipped = load_claims(DEFAULT_CLAIMS)
-        own = load_claims(self.claims) if self.claims else ()
+    def _claims(self, gait: Gait, policy: Policy) -> tuple[Claim, ...]:
+        imu, robot = policy.layout.imu, policy.robot
+        shipped = [claim for path in claim_files(imu=imu) for claim in load_claims(path, robot)]
+        own = load_claims(self.claims, robot) if self.claims else ()
         taken = {claim.name for claim in shipped}
         for claim in own:
             if claim.name in taken:
@@ -210,7 +214,7 @@ class Check(Settings):
         robot: The robot's file, of a certificate of one that does not ship.
     """
 
-    title: ClassVar[str] = "check"
+    title: ClassVar[str] = "verify check"
 
     certificates: Annotated[tuple[Path, ...], FEW, tyro.conf.Positional] = ()
     policy: Path | None = None

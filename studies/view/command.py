@@ -17,7 +17,6 @@ from glassgait.models.files import write_atomically
 from glassgait.models.policies.controller import AlternatingController, alone
 from glassgait.models.policies.switched import SwitchedPolicy
 from glassgait.models.robots import kinematics
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Seed, Settings
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.alternation import parse_ratio, ratio_title
@@ -26,15 +25,15 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure, session_figure
-from glassgait.studies.common.play import Seconds, play
+from glassgait.studies.common.play import Steps, play
 from glassgait.studies.common.policies import EXPERT, Policies, find_policies_of
-from glassgait.studies.common.run_folder import refuse_run, to_plain
+from glassgait.studies.common.run_folder import default_folder, refuse_run, to_plain
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.view.live import play_live
 from glassgait.studies.view.stills import gait_strip
 
-SECONDS = 10.0
-"""Length of a rollout that nobody watches (s), unless a person names another."""
+N_STEPS = 500
+"""Control steps of a rollout that nobody watches, unless a person names others."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +79,16 @@ class View(Settings):
         scenario: Name of a scenario that ships, or path of a scenario file.
         command: The command, in place of the scenario's, where there are no sliders; what is left
             out is the scenario's. A scenario that names no command asks for 0.5 m/s.
-        seconds: Length of the rollout (s), 10 by default and 3600 at most; a fall ends it before.
-            Not with --live.
+        n_steps: Control steps of the rollout, 500 by default; a fall ends it before. Not with
+            --live.
         seed: Seed of the sensors' noise, of pushes and of drawn commands.
         robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
         source: Folder of a run of train, distill or refine to take policies from, in place of those
             that ship.
-        output: Folder of the replay; runs/rollout/<gait> by default.
+        output: Folder of the replay; runs/view/<gait> by default.
     """
 
-    title: ClassVar[str] = "rollout"
+    title: ClassVar[str] = "view"
 
     gait: Gaits = ("trot",)
     policy: str = "expert"
@@ -98,7 +97,7 @@ class View(Settings):
     live: bool = False
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
-    seconds: Seconds | None = None
+    n_steps: Steps | None = None
     seed: Seed = 0
     robot: str | None = None
     source: Path | None = None
@@ -106,12 +105,12 @@ class View(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.live and self.seconds is not None:
-            raise InputError("rollout: --live goes on until it is stopped; leave --seconds out")
+        if self.live and self.n_steps is not None:
+            raise InputError("view: --live goes on until it is stopped; leave --n-steps out")
         if len(self.gait) > 1 and not self.live:
-            raise InputError("rollout: gaits change by buttons; give --live with several gaits")
+            raise InputError("view: gaits change by buttons; give --live with several gaits")
         if len(self.gait) > 1 and self.ratio is not None:
-            raise InputError("rollout: of several gaits each policy acts alone; leave --ratio out")
+            raise InputError("view: of several gaits each policy acts alone; leave --ratio out")
 
     def run(self) -> None:
         """Plays, and writes replay, gait diagram and, beside them, these settings."""
@@ -163,7 +162,7 @@ class View(Settings):
         parts = [Path(self.policy).stem, ratio]
         parts += [world] if world != TRAINING else []
         parts += ["changing"] if several else []
-        folder = robot_folder(Path("runs/rollout"), policy.robot.name)
+        folder = default_folder(self.title, policy.robot.name)
         return (self.output or folder / load_gait(self.gait[0]).name) / "_".join(parts)
 
     def _play(
@@ -179,8 +178,8 @@ class View(Settings):
             rollout = play_live(gait, policy, scenario, meshcat, replay, seed=self.seed)
             return rollout, f"stopped after {rollout.time[-1]:.2f} s"
         assert isinstance(gait, Gait)
-        seconds = SECONDS if self.seconds is None else self.seconds
-        rollout = play(gait, policy, scenario, meshcat, replay, seconds=seconds, seed=self.seed)
+        n_steps = N_STEPS if self.n_steps is None else self.n_steps
+        rollout = play(gait, policy, scenario, meshcat, replay, n_steps=n_steps, seed=self.seed)
         end = "fell" if rollout.failed else "stayed up"
         reward = rollout["reward"][1:].sum()
         return rollout, f"{end} after {rollout.time[-1]:.2f} s, return {reward:.0f}"

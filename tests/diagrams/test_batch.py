@@ -260,3 +260,25 @@ def test_contacts_are_misread_at_the_share_that_was_asked_for(generator):
     wrong = replace(NOMINAL, contact_flips=0.01).wrong_contacts(4000, generator)
     assert np.mean(wrong) == pytest.approx(0.01, abs=0.004)
     assert not NOMINAL.wrong_contacts(4000, generator).any()
+
+
+def test_a_sensor_is_stuck_in_the_share_of_episodes_that_was_asked_for(generator):
+    assert not NOMINAL.stuck_contacts(9, generator).any()
+    stuck = replace(NOMINAL, stuck_share=0.1).stuck_contacts(4000, generator)
+    assert np.mean(stuck.any(axis=1)) == pytest.approx(0.1, abs=0.02)
+    assert np.abs(stuck).sum(axis=1).max() == 1
+    assert {(foot, own) for foot in range(4) for own in stuck[:, foot] if own} == {
+        (foot, own) for foot in range(4) for own in (-1, 1)
+    }
+    named = replace(NOMINAL, stuck_open=("FR",)).stuck_contacts(2, generator)
+    assert named.tolist() == 2 * [[0, -1, 0, 0]]
+
+
+def test_a_stuck_sensor_stays_so(trot):
+    stuck = make_simulator(trot, randomization=replace(NOMINAL, stuck_open=("FL",)))
+    touched = False
+    for _ in range(20):
+        stuck.step(np.zeros((6, 12)))
+        touched |= stuck.state.touching[:, 0].any()
+        assert not stuck.state.sensed[:, 0].any()
+    assert touched and stuck.state.sensed[:, 1:].any()

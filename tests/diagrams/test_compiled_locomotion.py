@@ -63,10 +63,12 @@ def test_odometry_moves_the_robot_as_in_python(trot, tmp_path):
         MakeCompiledLocomotion(trot, biased, compiled)
 
 
-@pytest.mark.parametrize("noise", [{"sensor_noise": 1.0}, {"contact_flips": 0.01}])
+@pytest.mark.parametrize(
+    "noise", [{"sensor_noise": 1.0}, {"contact_flips": 0.01}, {"stuck_closed": ("RR",)}]
+)
 def test_noise_that_it_has_no_port_for_is_refused(noise, compiled_page):
     scenario = Scenario(**({"sensor_noise": 0.0} | noise))
-    with pytest.raises(InputError, match="sensors have noise"):
+    with pytest.raises(InputError, match="stuck_open"):
         MakeCompiledLocomotion(load_gait("trot"), scenario, compiled_page)
 
 

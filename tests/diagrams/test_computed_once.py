@@ -16,6 +16,7 @@ FUNCTIONS = [
     (RewardMachine, "step"),
     (command, "sample_commands"),
 ]
+DRAWS = "sample_commands"
 
 
 @pytest.fixture
@@ -45,11 +46,13 @@ def simulator(trot, make_policy):
 def test_once_a_control_step_even_where_every_port_is_recorded(calls, simulator):
     # The start is an instant as well, and the step that the last instant begins is not taken.
     record(simulator, N_STEPS, stop_on_failure=False)
+    assert calls.pop(DRAWS) == 1  # A command holds for longer.
     assert set(calls.values()) == {N_STEPS + 1}
 
 
 def test_once_a_control_step_where_nothing_is_recorded(calls, simulator):
     simulator.AdvanceTo(0.02 * N_STEPS)
+    assert calls.pop(DRAWS) == 1
     assert set(calls.values()) == {N_STEPS}
 
 

@@ -65,6 +65,16 @@ def test_robots_stand_on_the_ground(name, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_no_foot_is_caught_between_two_boxes(engine):
+    physics = make_physics(A1, station(Terrain(patches=0.5, patch_friction=1.0), engine))
+    states, targets = started(physics.ground(60), count=60)
+    states[:, quadruped.POSITION][:, 2] -= 0.026
+    for _ in range(50):
+        states = physics.step(states, targets).states
+    assert physics.ground(60).foot_heights(A1, states).min() > -0.006
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_patches_alone_are_slippery(engine):
     everywhere, nowhere = (Terrain(patches=share, patch_friction=0.05) for share in (1.0, 0.01))
     slid = []

@@ -28,7 +28,7 @@ ID = "glassgait/Locomotion-v0"
 
 
 class StandIn:
-    """A camera that needs no EGL: its pictures tell how far the robot is."""
+    """A camera that needs no EGL: its pictures show how far the robot is."""
 
     def __init__(self, robot):
         self.robot = robot
@@ -48,7 +48,7 @@ def env():
     return LocomotionEnv()
 
 
-def told_by_checker(env):
+def reported_by_checker(env):
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         check_env(env)
@@ -65,7 +65,7 @@ JUSTIFIED = (
 
 
 def test_gymnasiums_checker_finds_nothing_but_the_spaces_bounds(camera):
-    reported = told_by_checker(gymnasium.make(ID).unwrapped)
+    reported = reported_by_checker(gymnasium.make(ID).unwrapped)
     assert len(reported) == len(JUSTIFIED)
     assert [line for line in reported if not any(part in line for part in JUSTIFIED)] == []
 

@@ -262,7 +262,7 @@ def stamped(kind, session, sequence, position=0.0):
 
 USELESS = {
     "late": lambda kind, step: stamped(kind, 4, max(step - 3, 0)),
-    # Before any was answered, nothing tells that this one is a remnant.
+    # Before any was answered, nothing shows that this one is a remnant.
     "of another session": lambda kind, step: stamped(kind, 3 if step else 0, step + 100),
     "of nobody": lambda kind, step: stamped(kind, 0, step),
     "of a time that never comes": lambda kind, step: stamped(kind, 4, 2**62),
@@ -336,6 +336,7 @@ def test_answers_to_another_session_are_not_heard(trot, page):
     [
         ({"latency": 0.01}, "latency"),
         ({"contact_flips": 0.01}, "contact_flips"),
+        ({"stuck_open": ("FL",)}, "stuck_open"),
         ({"true_body_state": True}, "true_body_state"),
         ({"limit_targets": False}, "limit_targets"),
         ({"station": StationConfig(time_step=0.0), "accuracy": 1e-5}, "station.time_step"),

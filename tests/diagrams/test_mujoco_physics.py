@@ -1,5 +1,7 @@
 """The second simulator: the same robot, behind the same face."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -137,6 +139,25 @@ def test_an_expert_trots_there(trot):
 def test_what_is_drakes_alone_is_refused(settings, message):
     with pytest.raises(InputError, match=message):
         StationConfig(**{"time_step": 0.002, "engine": "mujoco"} | settings)
+
+
+def test_feet_sink_less_into_ground_of_a_shorter_time():
+    """And odometry, for which a foot that touches stands, sees less of them rise."""
+    deepest, rising = [], []
+    for time in (0.02, 0.01, 0.005):
+        physics = make_physics(A1, replace(STATION, contact_time=time))
+        state = kinematics.standing_state(A1)[None]
+        state[:, quadruped.LINEAR_VELOCITY.stop - 1] = -1.0
+        heights = []
+        for _ in range(5):
+            state = physics.step(state, A1.default_stance[None]).states
+            heights.append(kinematics.foot_heights(A1, state)[0].mean())
+        deepest.append(-min(heights))
+        rising.append(np.diff(heights).max())
+    assert deepest[0] > 2 * deepest[1] > 4 * deepest[2] > 0.0
+    assert rising[0] > rising[1] > rising[2]
+    solref = make_model(A1, STATION).geom_solref
+    np.testing.assert_array_equal(solref, np.tile([0.02, 1.0], (len(solref), 1)))
 
 
 def test_a_diagram_is_drakes(trot):

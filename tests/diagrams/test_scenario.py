@@ -59,6 +59,7 @@ SHIPPED = {
 GROUNDS = {
     "slope_15": Terrain(slope=15.0),
     "slope_20": Terrain(slope=20.0),
+    "slope_25": Terrain(slope=25.0),
     "blocks_4cm": Terrain("blocks", amplitude=0.04),
     "blocks_6cm": Terrain("blocks", amplitude=0.06),
     "steps_5cm": Terrain("steps", height=0.05),
@@ -107,9 +108,12 @@ def test_a_file_says_only_what_differs_from_training(written):
 EVERYTHING = Scenario(
     title="everything, at once",
     station=StationConfig(0.005, "lagged", 0.7, 1.5, 0.02),
+    heading=45.0,
     sensor_noise=0.5,
     encoder_bias=0.02,
     imu=ImuErrors(gyroscope_bias=0.1, delay=2),
+    stuck_open=("FL",),
+    stuck_closed=("RL", "RR"),
     latency=0.03,
     pushes=Pushes(0.3, 7.5),
     true_body_state=True,
@@ -144,7 +148,7 @@ def test_every_setting_is_in_the_digest():
             digests.add(replace(Scenario(), **{name: getattr(EVERYTHING, name)}).digest())
     digests.add(Scenario(command=FixedCommand()).digest())
     digests.add(SHIPPED["cenic_1e-5"].digest())
-    assert len(digests) == 14
+    assert len(digests) == 16
 
 
 @pytest.mark.parametrize(
@@ -176,12 +180,20 @@ def test_every_setting_is_in_the_digest():
         ("station: {payload_position: [0, 0]}", "payload_position"),
         ("station: {engine: bullet}", "engine"),
         ("station: {contact_force: 5}", "contact_force"),
+        ("station: {contact_time: 0.01}", "contact_time"),
+        ("station: {engine: mujoco, contact_time: 0}", "contact_time"),
         ("station: {slope: 5}", "station.slope"),
         ("station: {terrain: {kind: ice}}", "station.terrain.kind"),
         ("station: {terrain: {kind: blocks, cell: 0}}", "station.terrain.cell"),
         ("station: {terrain: {kind: blocks, amplitude: .nan}}", "station.terrain.amplitude"),
         ("station: {terrain: {kind: steps, height: 0.5}}", "height"),
         ("station: {terrain: {height: 0.07}}", "height"),
+        ("station: {terrain: {amplitude: 0.04}}", "amplitude has no effect on a plane; give kind"),
+        ("station: {terrain: {slope: 3, wavelength: 1.0}}", "wavelength"),
+        ("station: {terrain: {cells: 4}}", "cells has no effect on a plane without patches"),
+        ("station: {terrain: {kind: plane, cell: 0.5}}", "cell"),
+        ("station: {terrain: {direction: 90}}", "direction has no effect without slope"),
+        ("station: {terrain: {kind: blocks, patch_friction: 0.1}}", "patch_friction"),
         ("station: {terrain: {kind: steps, hight: 0.05}}", "station.terrain.hight"),
         ("{station: {terrain: {kind: steps}, time_step: 0}, accuracy: 1.0e-3}", "terrain.kind"),
         ("station: {engine: mujoco, contact_solver: lagged}", "contact_solver"),
@@ -207,6 +219,10 @@ def test_every_setting_is_in_the_digest():
         ("imu: {delay: 0.5}", "delay"),
         ("latency: -0.01", "latency"),
         ("contact_flips: 1.5", "contact_flips"),
+        ("heading: 200", "heading"),
+        ("stuck_open: [XL]", "stuck_open"),
+        ("stuck_closed: [FL, FL]", "stuck_closed"),
+        ("stuck_open: [FL]\nstuck_closed: [FR, FL]", "stuck_closed"),
         ("command: {speed: fast}", "'speed'"),
         ("command: {sped: 1}", "'sped'; write 'speed'"),
         ("command: {speed_range: [1, 0]}", "speed_range"),
@@ -227,6 +243,19 @@ def test_a_bad_file_is_refused_by_its_name_and_key(written, text, key):
     message = str(refused.value)
     assert message.startswith((f"{path}: ", "scenario 'icy'"))
     assert message.isprintable()
+
+
+@pytest.mark.parametrize(
+    "terrain",
+    [
+        "{patches: 0.3, cells: 4, patch_friction: 0.2}",
+        "{slope: 3, direction: 90}",
+        "{kind: plane, amplitude: 0.04, height: 0.05}",
+    ],
+)
+def test_keys_that_have_an_effect_or_list_all_of_a_named_kind_are_taken(written, terrain):
+    ground = load_scenario(written(f"station: {{terrain: {terrain}}}\n")).station.terrain
+    assert {key: getattr(ground, key) for key in yaml.safe_load(terrain)} == yaml.safe_load(terrain)
 
 
 def test_unknown_names_are_refused_with_the_known_ones(tmp_path):

@@ -40,6 +40,7 @@ WORLDS = {
     "blocks": replace(QUIET, station=StationConfig(terrain=Terrain(kind="blocks", amplitude=0.03))),
     "noise": replace(QUIET, sensor_noise=1.0),
     "late readings": replace(QUIET, imu=ImuErrors(delay=3)),
+    "stuck sensors": replace(QUIET, stuck_open=("RL",), stuck_closed=("FR",)),
     "30 ms late": replace(QUIET, latency=0.03),
     "40 ms late": replace(QUIET, latency=0.04),
     "32.5 ms late": replace(QUIET, latency=0.0325, station=StationConfig(time_step=0.0025)),

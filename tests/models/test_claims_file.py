@@ -2,9 +2,22 @@
 
 import pytest
 
-from glassgait.models.certificates.claims import DEFAULT_CLAIMS, Claim, load_claims
+from glassgait.models.certificates.claims import (
+    DEFAULT_CLAIMS,
+    IMU_CLAIMS,
+    Claim,
+    claim_files,
+    load_claims,
+)
 from glassgait.models.errors import InputError
+from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.gait import gait_names, load_gait
+from glassgait.models.task.imu import IMU_NOISE, ImuReading
+from glassgait.models.task.observation import (
+    JOINT_POSITION_NOISE,
+    JOINT_VELOCITY_NOISE,
+    ObservationLayout,
+)
 
 
 def test_shipped_claims_are_of_every_kind_and_every_gait():
@@ -15,6 +28,40 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
     for gait in gait_names():
         for claim in claims:
             claim.refuse_unknown(load_gait(gait))
+
+
+def test_a_limit_of_motors_is_each_robots_own():
+    about = {name: load_claims(DEFAULT_CLAIMS, load_robot(name)) for name in ("a1", "go2")}
+    for name, claims in about.items():
+        robot = load_robot(name)
+        effects = [claim.most for claim in claims if claim.kind == "effect"]
+        assert effects == [robot.effort.min() / robot.stiffness] * 6
+        damping = [claim.most for claim in claims if claim.kind == "never"]
+        assert damping == [None, robot.damping / robot.stiffness]
+    # Certificates that ship say these very numbers.
+    assert {claim.most for claim in about["a1"] if claim.most is not None} == {1.675, 0.025}
+    assert about["a1"] != about["go2"]
+
+
+def test_claims_of_noise_go_from_one_end_of_the_sensors_noise_to_the_other():
+    (joints,) = (claim for claim in load_claims(DEFAULT_CLAIMS) if claim.kind == "change")
+    (all_sensors,) = load_claims(IMU_CLAIMS)
+    entries = ObservationLayout(2, imu=True).entries
+    noise = {"q": JOINT_POSITION_NOISE, "dq": JOINT_VELOCITY_NOISE}
+    imu = ImuReading.of(IMU_NOISE)
+    for claim, widths in (
+        (joints, noise),
+        (all_sensors, noise | {"g": imu.gravity[0], "w": imu.angular_velocity[0]}),
+    ):
+        for symbol in (entry.symbol for entry in entries):
+            width = widths.get(symbol.partition(".")[0], 0.0)
+            assert claim.change_of(symbol) == pytest.approx(2 * width, abs=1e-12)
+    assert claim_files(imu=False) == (DEFAULT_CLAIMS,)
+    assert claim_files(imu=True) == (DEFAULT_CLAIMS, IMU_CLAIMS)
+    for gait in gait_names():
+        all_sensors.refuse_unknown(load_gait(gait), imu=True)
+    with pytest.raises(InputError, match="g"):
+        all_sensors.refuse_unknown(load_gait("trot"))
 
 
 @pytest.mark.parametrize(
@@ -30,6 +77,13 @@ def test_shipped_claims_are_of_every_kind_and_every_gait():
         ("claims: [{name: a, kind: torque, mots: 1.0}]", "write 'most'"),
         ("claims: [{name: a, kind: torque, joints: [FL_knee]}]", "unknown joint 'FL_knee'"),
         ("claims: [{name: a, kind: change, changes: {q: -1.0}}]", "changes"),
+        ("claims: [{name: a, kind: effect, observations: [t]}]", "needs the key 'most'"),
+        ("claims: [{name: a, kind: effect, observations: [t], limit: most}]", "limit"),
+        (
+            "claims: [{name: a, kind: effect, observations: [t], limit: torque, most: 1}]",
+            "most and limit",
+        ),
+        ("claims: [{name: a, kind: torque, limit: torque}]", "has no key 'limit'"),
         ("claims: [{name: a, kind: mirror}, {name: a, kind: mirror}]", "two claims are called"),
         ("claims: [{name: a, kind: limits, most: .inf}]", "a finite number"),
         ("claims: [{name: a, kind: limits, least: 1, most: -1}]", "least is 1 and most is -1"),

@@ -65,7 +65,11 @@ def test_points_heights_and_velocities_agree_with_drake_at_random_poses(drake_pl
         for limb, (x, y, z) in limb_box.items():
             for leg in quadruped.LEGS:
                 lowest.append(locate(f"{leg}_{limb}", box_points((x, y, z), -0.1), world)[2].min())
-        np.testing.assert_allclose(kinematics.body_clearance(A1, state), lowest, atol=TOLERANCE)
+        found = kinematics.clearances(A1, state)
+        np.testing.assert_allclose(found.body, lowest, atol=TOLERANCE)
+        np.testing.assert_array_equal(found.feet, kinematics.foot_heights(A1, state))
+        upright = -kinematics.gravity_direction(state[quadruped.QUATERNION])[2]
+        np.testing.assert_array_equal(found.upright, upright)
 
         velocity = trunk.CalcSpatialVelocity(context, world, trunk)
         linear, angular = kinematics.base_velocity(state)
@@ -77,7 +81,7 @@ def test_batches_agree_with_single_robots(random_states):
     states = random_states(6)
     for function in (
         kinematics.foot_heights,
-        kinematics.body_clearance,
+        lambda robot, own: kinematics.clearances(robot, own).body,
         kinematics.world_feet,
         kinematics.lowest_body_points,
     ):
@@ -92,7 +96,7 @@ def test_foot_velocities_are_the_differences_of_positions(random_states, generat
     ahead, behind = (
         kinematics.foot_positions(A1, pose + sign * step * rates) for sign in (1.0, -1.0)
     )
-    found = kinematics.foot_velocities(A1, pose, rates)
+    found = kinematics.foot_motion(A1, pose, rates).velocity
     np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-9)
 
 

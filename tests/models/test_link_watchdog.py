@@ -231,7 +231,7 @@ def test_targets_never_jump_but_to_what_a_controller_answers(ages):
 def test_poses_are_within_the_joints_ranges_and_keep_the_trunk_off_the_ground(pose):
     assert np.all((pose > A1.lower_limits) & (pose < A1.upper_limits))
     state = kinematics.standing_state(A1, pose)
-    assert kinematics.body_clearance(A1, state)[0] > 0.03
+    assert kinematics.clearances(A1, state).body[0] > 0.03
     # Every foot stands outside its hip, and level with it to 1 mm.
     points = kinematics.leg_points(A1, pose)
     outward = (points.foot - points.thigh)[:, 1] * [1, -1, 1, -1]

@@ -85,7 +85,9 @@ def test_standing_feet_give_the_velocity_of_a_trunk_that_moves_over_them(pose, t
     rates = np.zeros(12)
     for leg in range(4):
         own = slice(3 * leg, 3 * leg + 3)
-        columns = [kinematics.foot_velocities(A1, pose, np.eye(12)[i])[leg] for i in range(12)[own]]
+        columns = [
+            kinematics.foot_motion(A1, pose, np.eye(12)[i]).velocity[leg] for i in range(12)[own]
+        ]
         rates[own] = np.linalg.solve(np.transpose(columns), swept[leg])
     imu = np.concatenate([turning, AT_REST[3:]])
     step = measured(joint_position=pose, joint_velocity=rates, imu=imu)
@@ -149,7 +151,7 @@ def stance_on(slope_x, slope_y):
         off = target - kinematics.foot_positions(A1, pose)
         for leg in range(4):
             own = range(3 * leg, 3 * leg + 3)
-            columns = [kinematics.foot_velocities(A1, pose, np.eye(12)[i])[leg] for i in own]
+            columns = [kinematics.foot_motion(A1, pose, np.eye(12)[i]).velocity[leg] for i in own]
             pose[list(own)] += np.linalg.solve(np.transpose(columns), off[leg])
     assert np.abs(target - kinematics.foot_positions(A1, pose)).max() < 1e-9
     return pose
@@ -160,7 +162,7 @@ def test_a_foot_that_has_just_come_down_does_not_correct():
     once = run(Odometry(gain=1.0), [kicked], A1.default_stance)
     np.testing.assert_allclose(once.velocity, 0.0, atol=1e-12)
     twice = run(Odometry(gain=1.0), [kicked] * 2, A1.default_stance)
-    own = kinematics.foot_velocities(A1, A1.default_stance, np.ones(12))[0]
+    own = kinematics.foot_motion(A1, A1.default_stance, np.ones(12)).velocity[0]
     np.testing.assert_allclose(twice.velocity, -own, atol=1e-12)
 
 

@@ -6,7 +6,9 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
+from glassgait.models.task.ground import LEVEL_GROUND, Ground
 from glassgait.models.task.randomization import NOMINAL, Randomization
+from glassgait.models.task.terrain import Terrain
 
 A1 = load_robot()
 
@@ -18,6 +20,20 @@ def test_initial_states_stand_on_a_foot_with_joints_inside_their_limits(generato
     assert np.all(joints <= A1.upper_limits)
     np.testing.assert_allclose(kinematics.foot_heights(A1, states).min(axis=1), 0, atol=1e-12)
     assert 0.4 < np.abs(states[:, quadruped.LINEAR_VELOCITY]).max() <= 0.5
+
+
+@pytest.mark.parametrize("ground", [LEVEL_GROUND, Ground([Terrain("blocks")])])
+def test_robots_face_where_they_are_drawn_to(generator, ground):
+    facing = []
+    for heading in (0.0, 90.0, 180.0):
+        states = Randomization(heading=heading).initial_states(A1, 500, generator, ground)
+        ahead = kinematics.rotation_matrix(states[:, quadruped.QUATERNION])[:, :2, 0]
+        facing.append(np.degrees(np.arctan2(ahead[:, 1], ahead[:, 0])))
+        feet = ground.clearance(kinematics.world_feet(A1, states), A1.foot_radius)
+        np.testing.assert_allclose(feet.min(axis=1), 0, atol=1e-3)
+    assert np.all(facing[0] == 0.0)
+    assert 85.0 < facing[1].max() <= 90.0 and -90.0 <= facing[1].min() < -85.0
+    assert np.histogram(facing[2], 8, (-180.0, 180.0))[0].min() > 30
 
 
 def test_noise_stays_within_its_half_widths(generator):

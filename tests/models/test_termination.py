@@ -6,7 +6,7 @@ import pytest
 from glassgait.models.errors import InputError
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import load_robot
-from glassgait.models.task.termination import FAILURES, TerminationLimits, failures
+from glassgait.models.task.termination import FAILURES, PHYSICAL_FALL, TerminationLimits, failures
 
 A1 = load_robot()
 
@@ -15,8 +15,8 @@ LIMITS = TerminationLimits()
 STILL = np.zeros(12)
 
 
-def shown(state, action=STILL, previous=STILL):
-    flags = failures(A1, state, action=action, previous_action=previous, limits=LIMITS)
+def shown(state, action=STILL, previous=STILL, limits=LIMITS):
+    flags = failures(A1, state, action=action, previous_action=previous, limits=limits)
     return {name for name, flag in zip(FAILURES, flags, strict=True) if flag}
 
 
@@ -50,6 +50,30 @@ def test_abrupt_action(standing):
     assert shown(standing, action=np.full(12, 2.2)) == set()
 
 
+def leaning(state, degrees):
+    half = np.radians(degrees) / 2
+    state[:4] = [np.cos(half), np.sin(half), 0, 0]
+    state[6] = 1.0
+    return state
+
+
+def test_a_physical_fall_is_a_trunk_or_thigh_on_the_ground_or_a_great_lean(standing):
+    assert shown(leaning(standing.copy(), 59), limits=PHYSICAL_FALL) == set()
+    assert shown(leaning(standing.copy(), 61), limits=PHYSICAL_FALL) == {"lean"}
+    lying = standing.copy()
+    lying[6] = 0.05
+    assert shown(lying, limits=PHYSICAL_FALL) == {"body_contact"}
+    standing[6] -= 0.06
+    assert "body_contact" in shown(standing)
+    assert shown(standing, limits=PHYSICAL_FALL) == set()
+
+
+def test_what_the_task_alone_ends_is_no_physical_fall(standing):
+    standing[6] += 0.26
+    standing[quadruped.JOINT_POSITION][0] = 0.9
+    assert shown(standing, action=np.full(12, 2.3), limits=PHYSICAL_FALL) == set()
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_not_finite_shows_that_alone(standing, bad):
     standing[20] = bad
@@ -59,7 +83,8 @@ def test_what_is_not_finite_shows_that_alone(standing, bad):
 
 
 @pytest.mark.parametrize(
-    "setting", [{"trunk_height": np.nan}, {"action_change": 0.0}, {"shank_share": 1.1}]
+    "setting",
+    [{"trunk_height": np.nan}, {"action_change": 0.0}, {"shank_share": 1.1}, {"lean": 0.0}],
 )
 def test_limits_that_no_robot_can_keep_are_refused(setting):
     (name,) = setting

@@ -9,7 +9,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.ground import Ground
 from glassgait.models.task.imu import GRAVITY
 from glassgait.models.task.randomization import Randomization
-from glassgait.models.task.terrain import REACH, Terrain, grid_of
+from glassgait.models.task.terrain import OVERLAP, REACH, Terrain, grid_of
 
 A1 = load_robot()
 UPRIGHT = {
@@ -27,9 +27,10 @@ ROUGH = UPRIGHT | TILTED
 
 
 def places(terrain, count, generator):
-    """Draws points (count, 3) of what is laid around the middle period."""
+    """Draws points (count, 3) of what is laid around the middle period, neighbours and all."""
     grid = grid_of(terrain)
-    low, high = grid.origin - REACH, grid.origin + grid.period + REACH
+    reach = REACH - 2 * OVERLAP
+    low, high = grid.origin - reach, grid.origin + grid.period + reach
     return np.concatenate([generator.uniform(low, high, (count, 2)), np.zeros((count, 1))], 1)
 
 
@@ -111,7 +112,7 @@ def test_robots_start_just_on_the_ground_and_nothing_of_them_inside(name, genera
     feet = ground.clearance(kinematics.world_feet(A1, states), A1.foot_radius)
     np.testing.assert_allclose(feet.min(axis=1), 0.0, atol=1e-8)
     assert (feet >= 0.0).all()
-    assert (ground.body_clearance(A1, states, 0.9) > 0.0).all()
+    assert (ground.clearances(A1, states, 0.9).body > 0.0).all()
     away = ground.periods(states)
     np.testing.assert_allclose(away, 0.0, atol=1e-12)
     assert not states[::2, quadruped.POSITION][:, :2].any()
@@ -136,10 +137,13 @@ def test_on_a_plane_everything_is_as_above_z_0(random_states):
     np.testing.assert_array_equal(
         plane.foot_heights(A1, states), kinematics.foot_heights(A1, states)
     )
-    np.testing.assert_array_equal(
-        plane.body_clearance(A1, states, 0.9), kinematics.body_clearance(A1, states, 0.9)
-    )
+    own, bare = plane.clearances(A1, states, 0.9), kinematics.clearances(A1, states, 0.9)
+    for part, expected in zip(own, bare, strict=True):
+        np.testing.assert_array_equal(part, expected)
     rough = Ground([Terrain(patches=0.5)])
+    np.testing.assert_array_equal(
+        rough.clearances(A1, states, 0.9).feet, rough.foot_heights(A1, states)
+    )
     np.testing.assert_allclose(
         rough.foot_heights(A1, states), plane.foot_heights(A1, states), atol=1e-12
     )
@@ -178,6 +182,7 @@ def test_scaled_ground_keeps_its_shape(name):
         ({"kind": "blocks", "cells": 1}, "cells"),
         ({"kind": "blocks", "height": 0.1}, "height"),
         ({"amplitude": 0.1}, "amplitude"),
+        ({"cells": 4}, "cells"),
         ({"kind": "steps", "height": 0.0}, "height"),
         ({"kind": "steps", "height": -0.05}, "height"),
         ({"kind": "steps", "run": 0.0}, "run"),

@@ -187,7 +187,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--calls", "0"], "calls is (0.0,); it must be more than 0"),
         (["--calls", "1.5"], "calls is (1.5,); it must be 1 or less"),
@@ -201,7 +201,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--policy", "gbm", "ebm"], "--policy"),
     ],
 )
-def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, told, tmp_path):
+def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, reported, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["evaluate", "assurance", *arguments, "--output", str(folder)])
+    assert reported in refused(["evaluate", "assurance", *arguments, "--output", str(folder)])
     assert not folder.exists()

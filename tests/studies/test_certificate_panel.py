@@ -47,7 +47,7 @@ def panel(observed):
 def explained(tmp_path_factory):
     """The page of the trot's page of formulas."""
     output = tmp_path_factory.mktemp("page")
-    short = ["--seconds", "0.8", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
+    short = ["--n-steps", "40", "--step", "40", "--joint", "RL_hip", "--output", str(output)]
     main(["explain", "page", "--policy", "sparse_formula", *short])
     return output / "index.html"
 
@@ -115,7 +115,7 @@ def test_a_certificate_is_found_by_the_policys_digest_wherever_the_policy_lies(
 
 def test_a_certificate_made_here_comes_before_one_that_ships(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "runs" / "certification" / "trot"
+    folder = tmp_path / "runs" / "verify" / "prove" / "trot"
     for name in ("damaged", "sparse_formula"):
         (folder / name).mkdir(parents=True)
     own = folder / "sparse_formula" / "certificate.json"
@@ -142,7 +142,7 @@ def test_refuses_a_certificate_of_something_else(tmp_path, refused, arguments, m
     assert not output.exists()
 
 
-def test_a_page_without_a_certificate_tells_of_none(few_page, embedded):
+def test_a_page_without_a_certificate_shows_none(few_page, embedded):
     assert embedded(few_page, "data")["certificate"] is None
     assert 'id="certificate"' not in few_page.read_text()
 

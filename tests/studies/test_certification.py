@@ -118,7 +118,7 @@ def test_refuses_to_check_against_another_policy(policy):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--policy", "expert.formulas"], "no such file"),
         (["--policy", "mine.formulas", "--claims", "none.yaml"], "no such file"),
@@ -128,7 +128,7 @@ def test_refuses_to_check_against_another_policy(policy):
         (["--policy", "mine.formulas", "--claims", "q7.yaml"], "q7.yaml: claim 'a': the trot has"),
     ],
 )
-def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, told):
+def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, reported):
     for stem, claim in {
         "taken": "{name: Left and right are treated alike, kind: mirror}",
         "q7": "{name: a, kind: mirror, states: [q7]}",
@@ -137,7 +137,7 @@ def test_refuses_in_one_sentence_and_leaves_nothing(policy, capsys, arguments, t
     with pytest.raises(SystemExit) as ended:
         main(["verify", "prove", *arguments, "--output", "out"])
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err
+    assert reported in capsys.readouterr().err
     assert not (policy.parent / "out" / "certificate.json").exists()
 
 
@@ -203,11 +203,11 @@ every state
 """
 
 
-def imu_policy(folder):
+def imu_policy(folder, of_gravity=0.1):
     """Writes formulas of gravity and of the angular velocity, and a box of what they observe."""
     left = [joint for joint in quadruped.JOINTS if joint[1] == "L"]
     stance = {joint: A1.default_stance[quadruped.joint_index(joint)] for joint in left}
-    formulas = [f"{own} = {angle} + 0.1*g.y - 0.01*w.x" for own, angle in stance.items()]
+    formulas = [f"{own} = {angle} + {of_gravity}*g.y - 0.01*w.x" for own, angle in stance.items()]
     text = IMU_FILE.format(
         odometry="\n".join(odometry_lines(Odometry(gain=0.3))), formulas="\n".join(formulas)
     )
@@ -248,6 +248,19 @@ claims:
 """
 
 
+def test_noise_of_the_imu_breaks_a_claim_that_noise_of_joints_does_not(policy):
+    imu_policy(policy.parent, of_gravity=8)
+    main(["verify", "prove", "--policy", "imu.formulas", "--box", "imu.yaml", "--output", "out"])
+    content = json.loads((policy.parent / "out" / "certificate.json").read_text())
+    outcomes = {claim["name"]: claim["outcome"] for claim in content["claims"]}
+    assert outcomes["Noise of joint sensors alone is never an abrupt action"] == "proved"
+    assert outcomes[ABRUPT_BY_IMU] == "refuted"
+    main(["verify", "check", "out", "--policy", "imu.formulas"])
+
+
+ABRUPT_BY_IMU = "Noise of joint sensors and of the IMU together is never an abrupt action"
+
+
 def test_claims_of_an_imu_are_proved_refuted_and_checked(policy, capsys):
     text = imu_policy(policy.parent)
     (policy.parent / "imu_claims.yaml").write_text(IMU_CLAIMS)
@@ -259,6 +272,10 @@ def test_claims_of_an_imu_are_proved_refuted_and_checked(policy, capsys):
     assert own == ["proved", "refuted", "refuted", "proved"]
     assert by_name["Left and right are treated alike"]["outcome"] == "proved"
     assert content["boxes"]["physical"]["w.x"] == [-20.0, 20.0]
+    noise = by_name[ABRUPT_BY_IMU]
+    assert noise["outcome"] == "proved"
+    # Of 12 joints, each by 0.1 of gravity's 0.1 and 0.01 of the turn's 0.4 rad/s.
+    assert noise["worst"] == pytest.approx(12 * ((0.1 * 0.1 + 0.01 * 0.4) / A1.action_scale) ** 2)
     assert content["boxes"]["physical"]["g.x"] == [-1.05, 1.05]
     main(["verify", "check", "out", "--policy", "imu.formulas"])
     assert "hold" in capsys.readouterr().out

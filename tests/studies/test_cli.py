@@ -5,11 +5,12 @@ import pandas as pd
 import pytest
 
 from glassgait.models.task.alternation import parse_ratio
-from glassgait.studies.cli import main
+from glassgait.studies.cli import COMMANDS, command_class, main
+from glassgait.studies.common.run_folder import default_folder
 from glassgait.studies.common.tables import format_cell, to_markdown
 
 
-def test_bad_input_is_told_in_one_sentence(refused, tmp_path):
+def test_bad_input_is_refused_in_one_sentence(refused, tmp_path):
     unknown = "unknown gait 'gallop'; the gaits are"
     assert unknown in refused(["train", "--gait", "gallop"])
     assert unknown in refused(["gait", "gallop"])
@@ -82,7 +83,7 @@ REFUSED = {
     "distill --speeds nan": "speeds is (nan,); it must be a finite number",
     "distill --speeds -3": "name speeds of the trot from -1.0 to 1.0 m/s",
     "distill --students linear linear": "it must be a list that names nothing twice",
-    "distill --n-jobs 0": "it must be 1 or more, or -1",
+    "distill --n-workers 0": "it must be 1 or more, or -1",
     "distill --gbm.n-trees 0": "n_trees is 0",
     "distill --gbm.depth 40": "depth is 40; it must be 16 or less",
     "distill --gbm.subsample 0": "subsample is 0.0; it must be more than 0",
@@ -172,7 +173,7 @@ def test_evaluate_writes_its_tables(tmp_path, capsys):
 
 
 def test_rollout_writes_replay_and_gait_diagram(tmp_path, capsys):
-    main(["view", "--seconds", "0.5", "--output", str(tmp_path)])
+    main(["view", "--n-steps", "25", "--output", str(tmp_path)])
     assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".png", ".pdf", ".yaml"}
     assert "stayed up after 0.50 s" in capsys.readouterr().out
 
@@ -197,3 +198,11 @@ def test_cells_and_markdown():
     ]  # fmt: skip
     table = to_markdown(pd.DataFrame({"a": [1], "b": [0.5]}))
     assert table == "| a | b |\n| --- | --- |\n| 1 | 0.500 |\n"
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in COMMANDS if name not in ("gait", "reproduce paper")]
+)
+def test_errors_and_folders_call_a_command_by_its_words(name):
+    assert command_class(name).title == name
+    assert default_folder(name).parts == ("runs", *name.replace("--", "").split())

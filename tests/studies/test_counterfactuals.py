@@ -22,7 +22,7 @@ def page(few_students, tmp_path_factory):
     output = tmp_path_factory.mktemp("page") / "run"
     where = ["--source", str(few_students), "--output", str(output)]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "0.004", "--survey", "4"]
-    main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
+    main(["explain", "counterfactual", *asked, "--n-steps", "40", *where])
     return output / "index.html"
 
 
@@ -71,7 +71,7 @@ def test_what_comes_before_the_moment_is_the_same(few_students, tmp_path, monkey
     )
     where = ["--source", str(few_students), "--output", str(tmp_path / "run")]
     asked = ["--policy", "linear", "--step", str(STEP), "--by", "-0.01", "--lasting", "3"]
-    main(["explain", "counterfactual", *asked, "--seconds", "0.8", *where])
+    main(["explain", "counterfactual", *asked, "--n-steps", "40", *where])
     was, would_be = (own.rollout for own in kept)
     moment = min(STEP, BEFORE)
     for port in ("observations", "state"):
@@ -97,7 +97,7 @@ def test_what_comes_before_the_moment_is_the_same(few_students, tmp_path, monkey
     ],
 )
 def test_bad_input_is_refused(few_students, tmp_path, refused, arguments, message):
-    short = ["--step", "3", "--seconds", "0.1"]
+    short = ["--step", "3", "--n-steps", "5"]
     policy = [] if "--policy" in arguments else ["--policy", "linear"]
     where = ["--source", str(few_students), "--output", str(tmp_path / "sparse_formula")]
     assert message in refused(["explain", "counterfactual", *policy, *short, *arguments, *where])

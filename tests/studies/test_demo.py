@@ -28,7 +28,7 @@ TINY = DistillationConfig(
     settings=StudentsSettings(
         statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
     ),
-    n_jobs=1,
+    n_workers=1,
 )
 
 VOID = {"meta", "img", "br", "link"}

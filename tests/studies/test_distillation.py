@@ -50,7 +50,7 @@ TINY = DistillationConfig(
         symbolic=SymbolicSettings(shapes=((30, 30), (30, 60)), **SMALL_FORMULAS),
         statewise_symbolic=StatewiseSymbolicSettings(shapes=((30, 30),), **SMALL_FORMULAS),
     ),
-    n_jobs=1,
+    n_workers=1,
 )
 
 
@@ -73,7 +73,9 @@ def test_every_student_is_made_scored_and_saved(finished, expert):
 def test_students_that_are_made_side_by_side_are_the_same(finished, expert, tmp_path):
     folder, whole = finished
     reported = []
-    r2 = distill(replace(TINY, n_jobs=2), GAIT, expert, tmp_path, print, finished=reported.append)
+    r2 = distill(
+        replace(TINY, n_workers=2), GAIT, expert, tmp_path, print, finished=reported.append
+    )
     assert r2["student"].tolist() == reported[-1]["student"].tolist()
     assert all(len(table) <= len(later) for table, later in pairwise(reported))
     write_r2_table(r2, "trot", tmp_path)

@@ -37,7 +37,7 @@ def test_no_robot_overturns_whenever_its_controller_vanishes(name, monkeypatch):
     # They were caught in the middle of their strides: some on two feet, and moving.
     feet = kinematics.foot_heights(A1, left.states)
     assert np.any(np.sum(feet < 0.0, axis=1) <= 2)
-    lowered = lower(A1, left, StationConfig(), Watchdog(), seconds=1.4)
+    lowered = lower(A1, left, StationConfig(), Watchdog(), n_steps=70)
     assert lowered.greatest.max() < 45.0
     assert lowered.final.max() < 10.0
 
@@ -52,7 +52,7 @@ def test_a_robot_on_its_back_is_counted():
     left = standing(3)
     left.states[0, quadruped.QUATERNION] = 0.0, 1.0, 0.0, 0.0
     left.states[0, quadruped.POSITION] = 0.0, 0.0, 0.3
-    table = silence_table(left, lower(A1, left, StationConfig(), Watchdog(), seconds=0.1))
+    table = silence_table(left, lower(A1, left, StationConfig(), Watchdog(), n_steps=5))
     assert table["robots"].tolist() == [2, 0]
     assert table["overturned"].tolist() == [1, 0]
     assert table["greatest lean (°)"][0] == pytest.approx(180.0, abs=1.0)
@@ -70,14 +70,14 @@ def test_pushes_are_horizontal_and_of_the_speed_that_was_asked_for():
 def test_a_standing_robot_is_lowered_to_the_crouch():
     left = standing(1)
     settings = replace(Watchdog(), lowering=0.1)
-    lowered = lower(A1, left, StationConfig(), settings, seconds=0.6)
+    lowered = lower(A1, left, StationConfig(), settings, n_steps=30)
     assert lowered.greatest[0] < 10.0
     assert 0.1 < lowered.descent[0] < 2.0
 
 
 def test_the_command_counts_and_writes_its_table(tmp_path, monkeypatch):
     monkeypatch.setattr(silence, "SETTLED", 5)
-    run = ["drive", "dropout", "--policy", "sparse_formula", "--n-moments", "1", "--seconds", "0.2"]
+    run = ["drive", "dropout", "--policy", "sparse_formula", "--n-moments", "1", "--n-steps", "10"]
     main([*run, "--output", str(tmp_path / "run")])
     rows = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert [row["speed (m/s)"] for row in rows] == [0.25, 0.5, 0.75]

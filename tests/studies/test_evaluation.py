@@ -92,9 +92,9 @@ def test_tracking_is_of_one_second_averages_after_the_first_second():
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
-def test_standing_as_told_does_not_lower_the_speed_error():
+def test_standing_as_commanded_does_not_lower_the_speed_error():
     values = log(n_steps=1000)
-    # The first robot stands for 10 s, then goes too slowly; the second one is never told to go.
+    # The first robot stands for 10 s, then goes too slowly; the second is never commanded to go.
     values.command[500:, 0, 0] = 0.5
     values.velocity[500:, 0, 0] = 0.4
     values.velocity[..., 1] = 0.3
@@ -234,7 +234,7 @@ def test_a_policy_that_diverges_ends_the_rollout(expert):
     np.testing.assert_array_equal(values.reward[200:], np.repeat(values.reward[199:200], 600, 0))
 
 
-def test_a_policy_without_an_action_is_told_by_joint_and_step(expert, tmp_path, capsys):
+def test_a_policy_without_an_action_is_reported_by_joint_and_step(expert, tmp_path, capsys):
     names = expert.observation_names
     # Of no value at the third control step in a state of the machine.
     bad = f"1e-3 / (x{names.index('RM Iters')} - {3 * ITERATIONS_SCALE / ITERATIONS_SCALE!r})"
@@ -307,7 +307,7 @@ def test_finished_rollouts_are_kept_unless_settings_differ(expert, tmp_path, mon
     assert len(rolled_out) == 5
 
 
-def test_damaged_scores_are_told(expert, tmp_path):
+def test_damaged_scores_are_refused(expert, tmp_path):
     config = RolloutConfig(n_robots=2, n_steps=20, n_seeds=1)
     jobs = cases_in_worlds(load_gait("trot"), {"expert": alone(expert)}, TRAINING, config)
     run_rollouts(jobs, tmp_path, processes=1)

@@ -12,7 +12,7 @@ from glassgait.studies.cli import main
 def formulas(tmp_path_factory):
     """The page of formulas that ship, whose terms have long names."""
     output = tmp_path_factory.mktemp("formulas")
-    short = ["--seconds", "0.8", "--step", "12", "--output", str(output)]
+    short = ["--n-steps", "40", "--step", "12", "--output", str(output)]
     main(["explain", "page", "--policy", "statewise_symbolic", *short])
     return output / "index.html"
 

@@ -145,7 +145,7 @@ def test_what_is_not_finite_on_one_side_alone_is_message(trot):
     assert compare_graph(both, broken, expert, rows).target < 1e-12
 
 
-def test_without_onnx_a_sentence_tells_what_to_install(tmp_path, monkeypatch, refused):
+def test_without_onnx_a_sentence_names_what_to_install(tmp_path, monkeypatch, refused):
     imported = builtins.__import__
 
     def without(name, *arguments, **options):

@@ -180,8 +180,10 @@ def test_it_allocates_nothing_and_has_no_mutable_state(kind, written_pages, tmp_
         pytest.skip("needs nm")
     path = write_source(source, tmp_path)
     compile_c(path, tmp_path / "own.o", ("-O2", "-std=c99", "-c"))
-    told = subprocess.run(["nm", tmp_path / "own.o"], check=True, capture_output=True, text=True)
-    symbols = [line.split()[-2:] for line in told.stdout.splitlines()]
+    reported = subprocess.run(
+        ["nm", tmp_path / "own.o"], check=True, capture_output=True, text=True
+    )
+    symbols = [line.split()[-2:] for line in reported.stdout.splitlines()]
     shared = {name for kind, name in symbols if kind == "T"}
     assert shared == {f"{source.name}_init", f"{source.name}_step"}
     needed = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_"}
@@ -222,7 +224,7 @@ def moving(compiled_page, trot):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.1e6])
 @pytest.mark.parametrize("where", ["position", "velocity", "speed", "dwell"])
-def test_bad_input_changes_nothing_and_is_told(value, where, moving, compiled_page):
+def test_bad_input_changes_nothing_and_is_reported(value, where, moving, compiled_page):
     memory, sensors, command = moving
     position, velocity = sensors.joint_position.copy(), sensors.joint_velocity.copy()
     speeds, dwell = command.velocity.copy(), command.dwell
@@ -316,7 +318,7 @@ def test_starts_in_the_default_stance_and_in_the_initial_state(compiled_page, tr
     assert step.memory[MACHINE].tolist() == [0, 0, 0]
 
 
-def test_a_target_that_is_not_finite_is_held_and_told(trot, tmp_path):
+def test_a_target_that_is_not_finite_is_held_and_reported(trot, tmp_path):
     lines = [f"{joint} = 0.1*q.{joint}" for joint in quadruped.JOINTS]
     lines[5] += " + 1/(cmd.v - 0.5)"
     text = "format: 1\ngait: trot\nstates: 2\nevery state\n" + "\n".join(lines)

@@ -57,7 +57,7 @@ def test_command_draws_all_its_gaits(tmp_path):
 
 
 @pytest.mark.parametrize("missing", [True, False])
-def test_missing_cells_are_told(missing):
+def test_missing_cells_are_reported(missing):
     falls = {("training", "expert"): 0, ("ice", "expert"): 1, ("ice", "gbm"): 2}
     if not missing:
         falls["training", "gbm"] = 0

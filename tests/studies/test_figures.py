@@ -94,12 +94,14 @@ def titled_figures(curve):
     falls = pd.DataFrame([{**world, "falls": 1, "fall_rate": 0.5}])
     sides = pd.DataFrame({"policy": [HOSTILE], "joint": ["hip"], "left": [0.1], "right": [0.0]})
     sides = sides.assign(left_ci=0.2, right_ci=0.0, agree=True)
-    told = pd.DataFrame({"gait": [HOSTILE]}).assign(**dict.fromkeys([*COMMANDED, *MEASURED], 0.0))
-    told = told.assign(**{"measured speed ±": 0.1, "measured yaw rate ±": 0.1})
+    reported = pd.DataFrame({"gait": [HOSTILE]}).assign(
+        **dict.fromkeys([*COMMANDED, *MEASURED], 0.0)
+    )
+    reported = reported.assign(**{"measured speed ±": 0.1, "measured yaw rate ±": 0.1})
     parts = Contributions((HOSTILE, "b"), np.array([1.0, 2.0]))
     return {
         "return": return_figure(scores, HOSTILE),
-        "tracking": tracking_figure(told, HOSTILE),
+        "tracking": tracking_figure(reported, HOSTILE),
         "contributions": contribution_figure(parts, HOSTILE),
         "map": importance_map(np.ones((12, 2)), (HOSTILE, "b"), HOSTILE),
         "losses": loss_figure(lost, HOSTILE),

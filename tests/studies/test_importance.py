@@ -171,7 +171,7 @@ def distilled(tmp_path_factory):
         alone_episodes=4,
         alone_steps=60,
         settings=StudentsSettings(histogram_gbm=HistogramGbmSettings(n_trees=5)),
-        n_jobs=1,
+        n_workers=1,
     )
     distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
     return folder
@@ -196,7 +196,7 @@ def test_command_writes_maps_tables_and_the_test_of_faithfulness(distilled, tmp_
     assert "rank correlation" in capsys.readouterr().out
 
 
-def test_missing_students_are_told(distilled, refused):
+def test_missing_students_are_refused(distilled, refused):
     named = ["--policy", "gbm", "histogram_gbm", "ebm"]
     message = refused(["importance", *named, "--source", str(distilled)])
     assert "--policy 'gbm'" in message
@@ -214,6 +214,6 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     assert set(table["policy"]) == {"statewise_linear"}
 
 
-def test_unknown_joints_are_told(distilled, refused):
+def test_unknown_joints_are_refused(distilled, refused):
     message = refused(["importance", "--joint", "FL_knee", "--source", str(distilled)])
     assert "unknown joint 'FL_knee'; the joints are FL_hip" in message

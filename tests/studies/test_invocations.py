@@ -59,7 +59,7 @@ def places(tmp_path, monkeypatch):
 
 @pytest.fixture
 def accepted(monkeypatch):
-    """Has commands do nothing but tell their settings."""
+    """Has commands do nothing but print their settings."""
     commands: list[Any] = []
 
     def run(command: Any) -> None:
@@ -78,7 +78,7 @@ def check(arguments: list[str], capsys, accepted: list[Any] | None = None) -> No
         assert ended.code == BAD_INPUT
         lines = capsys.readouterr().err.strip().splitlines()
         message = "\n".join(line for line in lines if not line.startswith("· "))
-        # tyro tells in a frame of its own what it cannot parse.
+        # tyro reports in a frame of its own what it cannot parse.
         framed = message.startswith("╭") or "\n ---" in message
         assert framed or (message.startswith("glassgait: ") and "\n" not in message)
         assert "Traceback" not in message
@@ -174,7 +174,7 @@ def test_a_gait_that_is_none_is_refused(value, places, capsys):
 
 
 @pytest.mark.parametrize("place", [*PATHS, "", "-", "a" * 300])
-def test_a_drawing_goes_where_it_is_told_or_is_refused(place, places, capsys):
+def test_a_drawing_goes_where_it_is_asked_or_is_refused(place, places, capsys):
     check(["gait", "trot", "--output", place], capsys)
 
 

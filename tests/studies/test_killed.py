@@ -44,7 +44,7 @@ demo.QUICK = DistillationConfig(
     settings=StudentsSettings(
         statewise_symbolic=StatewiseSymbolicSettings(shapes=((20, 20),), start_weights=(1,))
     ),
-    n_jobs=1,
+    n_workers=1,
 )
 
 if __name__ == "run":
@@ -56,7 +56,7 @@ if __name__ == "run":
 
 LEARN = ["--updates", "6", "--checkpoint-updates", "2", "--friction-updates", "2"]
 LEARN += ["--n-robots", "8", "--n-groups", "2", "--fine-steps"]
-COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-jobs", "1"]
+COLLECT = ["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "60", "--n-workers", "1"]
 ROLL_OUT = ["--n-robots", "2", "--n-steps", "60"]
 FEW = [f"--rollouts.{name.removeprefix('--')}" if "--" in name else name for name in ROLL_OUT]
 LOOK = ["--n-samples", "20", "--repeats", "2", "--policy", "statewise_linear"]
@@ -67,7 +67,7 @@ def distilled(tmp_path_factory):
     folder = tmp_path_factory.mktemp("distilled")
     students = ("statewise_linear", "statewise_symbolic")
     config = DistillationConfig(
-        students=students, episodes=5, alone_rounds=0, episode_steps=60, n_jobs=1
+        students=students, episodes=5, alone_rounds=0, episode_steps=60, n_workers=1
     )
     distill(config, load_gait("trot"), load_expert("trot"), folder, lambda line: None)
     return folder

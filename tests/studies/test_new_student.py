@@ -101,7 +101,7 @@ distillation:
   episodes: 5
   alone_rounds: 0
   episode_steps: 60
-  n_jobs: 1
+  n_workers: 1
   settings:
     gbm: {n_trees: 5, depth: 2}
     histogram_gbm: {n_trees: 5}
@@ -138,9 +138,9 @@ def run(folder):
 
 @pytest.fixture(scope="module")
 def distilled(run, folder):
-    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-jobs", "2"]
+    short = ["--episodes", "5", "--alone-rounds", "0", "--episode-steps", "60", "--n-workers", "2"]
     run("distill", "--students", "stiff", "linear", "--stiff.ridge", "2.0", *short)
-    return folder / "runs" / "distillation" / "trot"
+    return folder / "runs" / "distill" / "trot"
 
 
 def test_it_is_distilled_with_settings_of_its_own(distilled):
@@ -150,15 +150,15 @@ def test_it_is_distilled_with_settings_of_its_own(distilled):
 
 
 def test_it_is_evaluated_at_every_ratio(run, distilled, folder):
-    source = ["--source", "runs/distillation/trot"]
+    source = ["--source", "runs/distill/trot"]
     run("evaluate", "alternation", *source, "--n-robots", "2", "--n-steps", "20")
-    table = pd.read_csv(folder / "runs" / "alternation" / "trot" / "standalone.csv")
+    table = pd.read_csv(folder / "runs" / "evaluate" / "alternation" / "trot" / "standalone.csv")
     assert "Stiff" in table["policy"].tolist()
 
 
 def test_its_importances_are_measured(run, distilled, folder):
     short = ["--n-robots", "2", "--n-steps", "20", "--n-samples", "30", "--repeats", "2"]
-    run("importance", "--source", "runs/distillation/trot", "--policy", "stiff", *short)
+    run("importance", "--source", "runs/distill/trot", "--policy", "stiff", *short)
     found = folder / "runs" / "importance" / "trot_stiff"
     assert (found / "stiff_permutation.png").exists()
     assert (found / "stiff_derivatives.png").exists()
@@ -172,11 +172,11 @@ def test_it_stands_in_the_report_beside_the_papers(run, folder):
     assert "| Stiff | shuffled |" in (folder / "report" / "report.md").read_text()
 
 
-RUN = ("--source", "runs/distillation/trot")
+RUN = ("--source", "runs/distill/trot")
 
 
 def test_it_is_explained_by_the_file_alone(run, distilled, folder):
-    run("explain", "page", *RUN, "--policy", "stiff", "--seconds", "0.4", "--output", "explained")
+    run("explain", "page", *RUN, "--policy", "stiff", "--n-steps", "20", "--output", "explained")
     assert "DoF Pos FL Hip" in (folder / "explained" / "index.html").read_text()
 
 

@@ -31,7 +31,7 @@ from glassgait.studies.evaluation.pair import (
     target_sentence,
 )
 
-SMALL = ["--n-robots", "1", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
+SMALL = ["--n-robots", "1", "--n-steps", "20", "--n-workers", "1", "--replay-steps", "10"]
 SMALL += ["--scenario", "training"]
 
 
@@ -103,7 +103,7 @@ def test_the_largest_difference_has_its_time():
     assert table.loc["FR_calf", "rms"] == pytest.approx(np.sqrt((0.16 + 0.04) / 4))
 
 
-def test_targets_that_are_not_finite_are_told_and_left_out(expert, still, capsys, tmp_path):
+def test_targets_that_are_not_finite_are_reported_and_left_out(expert, still, capsys, tmp_path):
     names = expert.observation_names
 
     class Lost(LinearPolicy):
@@ -162,7 +162,7 @@ def test_the_same_file_twice_says_and_asks_the_same(tmp_path):
     copy.save(tmp_path / "sparse_formula.formulas")
     both = pair("sparse_formula", tmp_path / "sparse_formula.formulas")
     assert changed_lines(both) == []
-    report = both.report(0.2, 0)
+    report = both.report(10, 0)
     assert {row["rms"] for row in report.metrics["targets"]} == {0.0}
     assert "lines.diff" not in report.files
 
@@ -170,7 +170,7 @@ def test_the_same_file_twice_says_and_asks_the_same(tmp_path):
 def test_a_robot_that_falls_is_said_to(expert, tmp_path):
     path, folder = tmp_path / "lying.safetensors", tmp_path / "run"
     constant(expert.observation_names, "FL_calf", 2.0).save(path)
-    longer = [*SMALL, "--seconds", "1.5", "--output", str(folder)]
+    longer = [*SMALL, "--replay-steps", "75", "--output", str(folder)]
     main(["evaluate", "worlds", "--policy", "expert", str(path), *longer])
     walks = json.loads((folder / "metrics.json").read_text())["walks"]
     assert walks["A"] == {"fell": False, "seconds": 1.5}
@@ -190,8 +190,8 @@ def test_both_robots_are_in_the_page_in_their_colors_and_move(browser, tmp_path)
             "statewise_symbolic",
             "sparse_formula",
             *SMALL,
-            "--seconds",
-            "2",
+            "--replay-steps",
+            "100",
             "--output",
             str(folder),
         ]

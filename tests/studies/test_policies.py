@@ -40,22 +40,22 @@ def test_students_are_in_the_order_of_the_registry():
 
 def test_what_ships_is_taken_unless_a_run_is_named(tmp_path, monkeypatch, expert, capsys):
     monkeypatch.chdir(tmp_path)
-    own = keep(load_student("trot", "symbolic"), tmp_path / "runs/distillation/trot", SUM)
+    own = keep(load_student("trot", "symbolic"), tmp_path / "runs/distill/trot", SUM)
     shipped = find_policies(TROT)
     assert shipped.file(SUM).parent == STUDENT_DIRECTORY / "trot"
     assert capsys.readouterr().err.startswith("· trot: policies are those that ship")
     run = find_policies(TROT, own.parent.relative_to(tmp_path))
     assert run.policy(SUM).digest() == load_student("trot", "symbolic").digest()
-    assert "runs/distillation/trot" in capsys.readouterr().err
+    assert "runs/distill/trot" in capsys.readouterr().err
     assert run.expert.digest() == shipped.expert.digest() == expert.digest()
-    assert run.inputs()["source"] == "runs/distillation/trot"
+    assert run.inputs()["source"] == "runs/distill/trot"
     digests = [own.inputs(own.controllers([SUM]).items())["policies"] for own in (shipped, run)]
     assert digests[0] != digests[1] and all(digest.startswith(SUM) for digest in digests)
 
 
 def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other_expert):
     config = DistillationConfig(
-        students=("linear",), episodes=2, episodes_per_round=1, episode_steps=50, n_jobs=1
+        students=("linear",), episodes=2, episodes_per_round=1, episode_steps=50, n_workers=1
     )
     distill(config, TROT, other_expert, tmp_path / "run", lambda line: None)
     (tmp_path / "run").rename(tmp_path / "moved")
@@ -73,12 +73,12 @@ def test_students_of_a_run_act_beside_the_expert_of_their_record(tmp_path, other
 def test_the_default_folders_hold_the_policies_of_a_gait_that_does_not_ship(own_gait, tmp_path):
     with pytest.raises(InputError, match="--source"):
         find_policies(own_gait)
-    expert = keep(load_expert("trot"), tmp_path / "runs/training/prance", "prance", "prance")
-    assert find_policies(own_gait).place == "runs/training/prance"
-    folder = tmp_path / "runs/distillation/prance"
+    expert = keep(load_expert("trot"), tmp_path / "runs/train/prance", "prance", "prance")
+    assert find_policies(own_gait).place == "runs/train/prance"
+    folder = tmp_path / "runs/distill/prance"
     keep(load_student("trot", "symbolic"), folder, "symbolic", "prance")
     found = find_policies(own_gait)
-    assert found.place == "runs/distillation/prance"
+    assert found.place == "runs/distill/prance"
     assert found.expert_place == str(expert.parent.relative_to(tmp_path))
     assert found.controller("symbolic").expert.gait == "prance"
 
@@ -117,5 +117,5 @@ def test_files_of_one_gait_are_refused_for_several(source, names):
         find_policies_of([TROT, load_gait("pace")], source, names)
 
 
-def test_tables_list_students_in_the_registrys_order():
+def test_every_student_has_its_place_in_tables():
     assert tuple(STUDENTS) == ORDER

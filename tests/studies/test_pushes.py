@@ -1,6 +1,7 @@
-"""Pushing robots: who survives what, how that is told, and the command."""
+"""Pushing robots: who survives what, how that is reported, and the command."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.policies.controller import alone
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.termination import limits_of
 from glassgait.studies.cli import main
 from glassgait.studies.evaluation.push_basin import (
     Basin,
@@ -30,8 +32,8 @@ WORLD = Scenario(command=FixedCommand(0.5, 0.0, 8))
 GRID = PushGrid(np.array([0.0, np.pi / 2, np.pi]), np.array([0.2, 8.0]), 2)
 
 
-def pushed(policy, seed=3):
-    return push_everywhere(TROT, policy, WORLD, GRID, n_steps=60, seed=seed)
+def pushed(policy, seed=3, world=WORLD, grid=GRID):
+    return push_everywhere(TROT, policy, world, grid, n_steps=60, seed=seed)
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,22 @@ def test_the_same_seed_gives_the_same_robots(expert, by_expert):
     again = pushed(alone(expert))
     assert (again.survived == by_expert.survived).all()
     assert (again.failure == by_expert.failure).all()
+
+
+def test_what_ends_by_a_high_foot_alone_is_no_physical_fall(expert):
+    grid = PushGrid(np.linspace(0.0, 2 * np.pi, 6, endpoint=False), np.array([2.0, 8.0]), 2)
+    task, physical = (
+        pushed(
+            alone(expert), world=replace(WORLD, limits=limits_of(falls, WORLD.limits)), grid=grid
+        )
+        for falls in ("task", "physical")
+    )
+    assert (physical.survived >= task.survived).all()
+    assert physical.survived[:, 0].sum() > task.survived[:, 0].sum()
+    assert not physical.survived[:, 1].all()
+    counts = failure_counts(physical)
+    assert counts["high_foot"] == counts["low_trunk"] == counts["abrupt_action"] == 0
+    assert counts["body_contact"] + counts["lean"] > 0
 
 
 def test_a_policy_that_stands_does_not_walk(other_expert):
@@ -158,8 +176,8 @@ def run(tmp_path, monkeypatch):
             "--policy",
             "expert",
             "sparse_formula",
-            "--seconds",
-            "1",
+            "--n-steps",
+            "50",
             "--output",
             str(folder),
             "--n-workers",
@@ -191,16 +209,16 @@ def test_an_interrupted_run_is_resumed_to_the_same_tables(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--speeds", "2", "1"], "name the least first"),
         (["--command.speed", "3"], "speed is 3"),
         (["--n-directions", "2"], "n_directions"),
-        (["--seconds", "20"], "seconds"),
+        (["--n-steps", "1000"], "n_steps"),
         (["--policy", "nobody"], "--policy 'nobody'"),
     ],
 )
-def test_what_cannot_be_is_refused(arguments, told, refused, tmp_path):
+def test_what_cannot_be_is_refused(arguments, reported, refused, tmp_path):
     folder = tmp_path / "run"
-    assert told in refused(["evaluate", "pushes", *arguments, "--output", str(folder)])
+    assert reported in refused(["evaluate", "pushes", *arguments, "--output", str(folder)])
     assert not folder.exists()

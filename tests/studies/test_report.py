@@ -57,7 +57,7 @@ TINY = ReportConfig(
             ebm=EbmSettings(outer_bags=2, interactions=2, round_interactions=1, max_rounds=20),
             symbolic=SymbolicSettings(shapes=((90, 90),), start_weights=(1,), alone_episodes=4),
         ),
-        n_jobs=1,
+        n_workers=1,
     ),
     rollouts=RolloutConfig(n_robots=2, n_steps=20, n_seeds=1),
     n_samples=30,
@@ -106,7 +106,7 @@ def explained(folder, policy_sha256):
 
 def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    certified = certificates(["half_bound", "trot"], A1, tmp_path / "runs" / "report")
+    certified = certificates(["half_bound", "trot"], A1, tmp_path / "runs" / "reproduce" / "report")
     verdicts, *policies = certified.tables
     assert [own.heading for own in policies] == ["Trot: Page of formulas", "Trot: Symbolic"]
     listed = json.loads((SHIPPED / "trot_sparse_formula.json").read_text())["claims"]
@@ -126,11 +126,11 @@ def test_policies_with_a_certificate_are_listed_with_their_claims_by_verdict(tmp
 
 def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    pages = tmp_path / "runs" / "explanation" / "trot"
+    pages = tmp_path / "runs" / "explain" / "page" / "trot"
     explained(pages / "another", "0" * 64)
     (pages / "damaged").mkdir()
     (pages / "damaged" / "config.yaml").write_text("{")
-    folder = tmp_path / "runs" / "report"
+    folder = tmp_path / "runs" / "reproduce" / "report"
     _, page, symbolic = certificates(["trot"], A1, folder).tables
     assert "](" not in page.note + symbolic.note
     explained(
@@ -138,7 +138,7 @@ def test_a_certificate_links_to_the_page_of_its_very_policy(tmp_path, monkeypatc
     )
     certified = certificates(["trot"], A1, folder)
     _, page, symbolic = certified.tables
-    link = "../explanation/trot/sparse_formula/index.html#certificate"
+    link = "../../explain/page/trot/sparse_formula/index.html#certificate"
     assert f"({link})" in page.note
     assert "](" not in symbolic.note
     assert all(link in text for text in rendered(certified, tmp_path))

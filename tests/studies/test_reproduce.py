@@ -200,9 +200,9 @@ def test_command_does_everything_in_small_and_resumes(small, tmp_path, refused, 
     folder = tmp_path / "run"
     arguments = ["reproduce", str(small), "--quick", "--output", str(folder)]
     main(arguments)
-    told = capsys.readouterr().out
-    assert "training.updates" in told
-    assert "1500" in told
+    reported = capsys.readouterr().out
+    assert "training.updates" in reported
+    assert "1500" in reported
     listed = pd.read_csv(folder / "differences.csv").set_index("setting")
     assert listed.loc["distillation.settings.symbolic.engine", "here"] == "operon"
     page = (folder / "report.html").read_text()

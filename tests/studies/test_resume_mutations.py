@@ -1,4 +1,4 @@
-"""Files that a run resumes from, hurt in every way: it is told, or it does no harm."""
+"""Files that a run resumes from, hurt in every way: it is reported, or it does no harm."""
 
 import random
 import shutil
@@ -23,7 +23,7 @@ from glassgait.studies.training.study import TrainingRun
 GAIT = load_gait("trot")
 EXPERT = load_expert("trot")
 DISTILLATION = DistillationConfig(
-    students=("linear",), episodes=5, alone_rounds=0, episode_steps=20, n_jobs=1
+    students=("linear",), episodes=5, alone_rounds=0, episode_steps=20, n_workers=1
 )
 TRAINING = TrainingConfig(
     updates=1,
@@ -84,7 +84,7 @@ def finished(tmp_path_factory):
 
 @pytest.fixture
 def resumes(finished, tmp_path):
-    """Copies the runs, and tells for each file that is resumed from whether it ends the same."""
+    """Copies the runs, and reports for each file that is resumed from whether it ends the same."""
     folder, r2, scores, run, weights = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
 

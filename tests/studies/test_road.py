@@ -24,20 +24,20 @@ ROAD = {
     "gait": ["gaits/hop.yaml"],
     "train": ["--updates", "1", "--n-robots", "4", "--n-groups", "1", "--fine-steps"],
     "distill": [
-        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-jobs", "1"],
-        *["--source", "runs/training/hop", "--students", "statewise_linear", "statewise_symbolic"],
+        *["--episodes", "5", "--alone-rounds", "1", "--episode-steps", "40", "--n-workers", "1"],
+        *["--source", "runs/train/hop", "--students", "statewise_linear", "statewise_symbolic"],
     ],
     "evaluate worlds": [*SMALL, "--scenario", "training"],
-    "view": ["--policy", "statewise_linear", "--seconds", "0.4"],
-    "explain page": ["--policy", "statewise_linear", "--seconds", "0.4", "--step", "1"],
+    "view": ["--policy", "statewise_linear", "--n-steps", "20"],
+    "explain page": ["--policy", "statewise_linear", "--n-steps", "20", "--step", "1"],
     "importance": [
         *["--n-robots", "2", "--n-steps", "10", "--n-samples", "20", "--repeats", "1"],
         *["--policy", "statewise_linear"],
     ],
     "distill --sweep terms": [
         *["--n-robots", "2", "--n-steps", "10", "--terms", "48"],
-        *["--source", "runs/training/hop"],
-        *["--samples", "runs/distillation/hop/statewise_symbolic"],
+        *["--source", "runs/train/hop"],
+        *["--samples", "runs/distill/hop/statewise_symbolic"],
     ],
 }
 
@@ -51,9 +51,10 @@ def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
         gait = [] if command == "gait" else ["--gait", "gaits/hop.yaml"]
         main([*command.split(), *gait, *arguments])
     runs = tmp_path / "runs"
-    student = load_policy(runs / "distillation" / "hop" / "statewise_linear.safetensors")
+    student = load_policy(runs / "distill" / "hop" / "statewise_linear.safetensors")
     assert student.gait == "hop"
-    assert yaml.safe_load((runs / "training" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
-    for study in ("training", "distillation", "rollout", "worlds", "importance", "pareto"):
-        assert (runs / study / "hop").is_dir()
+    assert yaml.safe_load((runs / "train" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
+    for command in ROAD:
+        if command != "gait":
+            assert (runs / command.replace("--", "").replace(" ", "/") / "hop").is_dir()
     assert list(runs.rglob("index.html"))

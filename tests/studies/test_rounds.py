@@ -112,7 +112,7 @@ def shared(tmp_path_factory):
         episodes=5,
         alone_rounds=0,
         episode_steps=20,
-        n_jobs=1,
+        n_workers=1,
     )
     gait, expert = load_gait("trot"), load_expert("trot")
     distill(config, gait, expert, folder, lambda line: None, finished=tables.append)

@@ -104,7 +104,7 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (
             ["evaluate", "worlds", "--policy", "expert", "--scenario", "ice"],
@@ -136,13 +136,13 @@ def test_a_changed_file_is_refused_on_resume(icy, tmp_path, refused):
     ],
 )
 def test_bad_scenarios_are_refused_before_anything_is_written(
-    arguments, told, refused, tmp_path, monkeypatch
+    arguments, reported, refused, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.yaml").write_text("frictoin: 0.3\n")
     (tmp_path / "watched.yaml").write_text("command: {sliders: true}\n")
     (tmp_path / "fast.yaml").write_text("command: {speed: 9.0}\n")
-    assert told in refused([*arguments, "--output", "run"])
+    assert reported in refused([*arguments, "--output", "run"])
     assert not (tmp_path / "run").exists()
 
 
@@ -190,7 +190,7 @@ def test_a_command_is_laid_over_the_scenarios():
 
 def test_a_rollout_records_its_world(icy, tmp_path):
     shown = tmp_path / "shown"
-    command = ["view", "--scenario", str(icy), "--seconds", "0.1", "--command.speed", "0.2"]
+    command = ["view", "--scenario", str(icy), "--n-steps", "5", "--command.speed", "0.2"]
     main([*command, "--output", str(shown)])
     kept = yaml.safe_load((shown / "expert_alone_icy.yaml").read_text())["scenario"]
     assert kept["station"]["friction"] == 0.3
@@ -252,5 +252,5 @@ def test_a_rollout_is_called_by_its_scenarios_name_whatever_the_files_path(tmp_p
     world.parent.mkdir()
     world.write_text("station: {friction: 0.4}\n")
     shown = tmp_path / "shown"
-    main(["view", "--scenario", str(world), "--seconds", "0.1", "--output", str(shown)])
+    main(["view", "--scenario", str(world), "--n-steps", "5", "--output", str(shown)])
     assert (shown / "expert_alone_icy.html").exists()

@@ -11,6 +11,7 @@ from glassgait.models.errors import InputError
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.library import load_expert
 from glassgait.models.task.gait import load_gait
+from glassgait.models.task.termination import FAILURES
 from glassgait.studies.cli import COMMANDS, command_class
 from glassgait.studies.common import selection
 from glassgait.studies.common.cases import for_selection, rollout_cases
@@ -67,7 +68,8 @@ def test_candidates_walk_with_seeds_of_selection_alone(expert, monkeypatch):
 
     def stand(gait, policy, scenario, config):
         walked.extend(config.seeds)
-        sizes = {"velocity": (2,), "command": (2,), "action": (12,), "failures": (6,)}
+        sizes = {"velocity": (2,), "command": (2,), "action": (12,)}
+        sizes["failures"] = (len(FAILURES),)
         flags = ("failures", "expert_acts")
         return RolloutLog(
             **{

@@ -58,7 +58,7 @@ def test_a_file_of_ones_own_is_printed_and_refused_by_its_lines(tmp_path, capsys
         (["--policy", "mine.formulas"], "mine.formulas"),
     ],
 )
-def test_bad_input_is_told(arguments, message, tmp_path, monkeypatch, refused):
+def test_bad_input_is_refused(arguments, message, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     assert message in refused(["explain", "terms", "--gait", "trot", *arguments])
 
@@ -71,9 +71,9 @@ def hop(tmp_path, monkeypatch):
     own = NeuralPolicy.from_arrays(
         *expert.to_arrays(), gait="hop", observation_names=expert.observation_names
     )
-    own.save(Path("runs/training/hop/hop.safetensors"))
+    own.save(Path("runs/train/hop/hop.safetensors"))
     text = (STUDENT_DIRECTORY / "trot" / "symbolic.formulas").read_text()
-    student = Path("runs/distillation/hop/symbolic.formulas")
+    student = Path("runs/distill/hop/symbolic.formulas")
     student.parent.mkdir(parents=True)
     student.write_text(text.replace("gait: trot", "gait: hop"))
     Path("hop.yaml").write_text((GAIT_DIRECTORY / "trot.yaml").read_text())
@@ -85,18 +85,18 @@ def test_what_was_trained_and_distilled_here_is_found_where_nothing_ships(hop, c
     printed = capsys.readouterr()
     # What was chosen stands beside the file, not in it.
     assert printed.out.startswith(hop.read_text())
-    assert "policies are those of runs/distillation/hop" in printed.err
-    assert "the expert runs/training/hop" in printed.err
+    assert "policies are those of runs/distill/hop" in printed.err
+    assert "the expert runs/train/hop" in printed.err
 
 
 def test_one_robot_walks_by_what_was_trained_here(hop, capsys):
-    main(["view", "--gait", "hop.yaml", "--seconds", "0.2"])
+    main(["view", "--gait", "hop.yaml", "--n-steps", "10"])
     printed = capsys.readouterr()
     assert "stayed up after 0.20 s" in printed.out
-    assert "the expert runs/training/hop" in printed.err
-    Path("runs/training/hop/hop.safetensors").unlink()
+    assert "the expert runs/train/hop" in printed.err
+    Path("runs/train/hop/hop.safetensors").unlink()
     with pytest.raises(SystemExit):
-        main(["view", "--gait", "hop.yaml", "--seconds", "0.2"])
+        main(["view", "--gait", "hop.yaml", "--n-steps", "10"])
     printed = capsys.readouterr()
     assert "inputs.expert" in printed.out + printed.err
 

@@ -24,7 +24,7 @@ MIRRORS = {"trot": (1, 0), "bound": (0, 1)}
 
 
 def samples_of_a_sparse_law(generator, mirror=None, count=400):
-    """Actions that three observations tell, and a little of a fourth."""
+    """Actions that three observations determine, and a little of a fourth."""
     observations = 0.3 * generator.normal(size=(count, len(NAMES)))
     observations[:, machine_state_entries(NAMES)] = np.eye(2)[generator.integers(2, size=count)]
     actions = np.zeros((count, quadruped.N_JOINTS))
@@ -90,8 +90,8 @@ def test_a_page_is_distilled_like_any_student(tmp_path, monkeypatch, capsys):
     small = ["--episodes", "5", "--alone-rounds", "1", "--alone-steps", "20"]
     small += ["--episode-steps", "20", "--sparse-formula.alone-episodes", "2"]
     small += ["--sparse-formula.terms", "60"]
-    main(["distill", "--students", "sparse_formula", "--n-jobs", "1", *small])
-    path = tmp_path / "runs" / "distillation" / "trot" / "sparse_formula.formulas"
+    main(["distill", "--students", "sparse_formula", "--n-workers", "1", *small])
+    path = tmp_path / "runs" / "distill" / "trot" / "sparse_formula.formulas"
     page = load_policy(path)
     page.check(gait="trot", observation_names=load_expert("trot").observation_names)
     assert page.n_terms() <= 60

@@ -89,7 +89,7 @@ def test_a_robot_that_stands_has_no_stride(other_expert):
     assert stability_figure({"expert": [record]}, "Trot") is not None
 
 
-def test_policies_of_steps_are_told_from_those_with_derivatives(expert, strides):
+def test_policies_of_steps_are_distinguished_from_those_with_derivatives(expert, strides):
     def stepwise(kind):
         walker = alone(load_student("trot", kind), expert)
         return StrideMap(TROT, walker, COMMAND).is_stepwise
@@ -104,7 +104,7 @@ def logistic(points, problems):
     return rates * points * (1.0 - points)
 
 
-def test_orbits_are_told_by_where_they_settle():
+def test_orbits_are_distinguished_by_where_they_settle():
     orbits = find_orbits(logistic, np.full((4, 1), 0.3), n_strides=300, differentiable=True)
     assert orbits.periods.tolist() == [1, 2, 0, -1]
     # The fixed point 1 - 1/r is found whether it attracts or not.
@@ -125,7 +125,7 @@ def test_a_radius_is_believed_where_step_sizes_agree():
     assert not believed({"radius": 0.5, "radii": [0.5, float("nan")]})
 
 
-def test_modes_are_told_by_who_takes_part_most():
+def test_modes_are_named_by_what_takes_part_most():
     text = mode_text({"pitch": 0.4, "roll": 0.3, "leg FR": 0.2, "yaw": 0.1})
     assert text == "pitch 40 %, roll 30 %, leg FR 20 %"
     assert mode_text({"pitch": 0.05}) == "–"

@@ -134,7 +134,7 @@ def test_where_no_student_is_named_the_named_folders_is_taken(tmp_path, monkeypa
 
 def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--seconds", "2"]
+    page = ["view", "--gait", "bound", "--policy", "sparse_formula", "--n-steps", "100"]
     main(page)
     main([*page, "--scenario", "true_body_state"])
     found = re.findall(
@@ -147,7 +147,7 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, cap
     assert walks[0] > 0.3
     assert walks[1] == pytest.approx(2 * walks[0], abs=0.02)
     assert walks[2] > 0.8
-    # It has learned what its estimator tells, and hardly moves by the truth.
+    # It has learned what its estimator outputs, and hardly moves by the truth.
     assert abs(stands[0]) < 0.1
     assert stands[2] < 0.1
 
@@ -156,7 +156,7 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic", *small])
-    table = pd.read_csv(tmp_path / "runs/worlds/trot_symbolic/scorecard.csv")
+    table = pd.read_csv(tmp_path / "runs/evaluate/worlds/trot_symbolic/scorecard.csv")
     gaits = [gait for gait in shipped_experts() if "symbolic" in shipped_students(gait)]
     assert table["gait"].tolist() == gaits
     message = refused(["evaluate", "worlds", "--gait", "all", "--policy", "open_loop", *small])

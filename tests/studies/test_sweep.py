@@ -25,7 +25,7 @@ SMALL += ["--checkpoint-updates", "2"]
 
 def _jobs(names=("trot", "walk"), seeds=2, output=None, first_seed=0):
     config = SweepConfig(n_seeds=seeds)
-    return jobs_of(names, first_seed, config, root=Path("runs/training"), output=output)
+    return jobs_of(names, first_seed, config, root=Path("runs/train"), output=output)
 
 
 @pytest.fixture(autouse=True)
@@ -36,11 +36,11 @@ def place(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("names", "seeds", "output", "folders"),
     [
-        (["trot"], 1, None, ["runs/training/trot"]),
+        (["trot"], 1, None, ["runs/train/trot"]),
         (["trot"], 1, "mine", ["mine"]),
-        (["trot"], 2, None, ["runs/training/trot/seed_5", "runs/training/trot/seed_6"]),
+        (["trot"], 2, None, ["runs/train/trot/seed_5", "runs/train/trot/seed_6"]),
         (["trot", "walk"], 1, "mine", ["mine/trot", "mine/walk"]),
-        (["trot", "walk"], 1, None, ["runs/training/trot", "runs/training/walk"]),
+        (["trot", "walk"], 1, None, ["runs/train/trot", "runs/train/walk"]),
     ],
 )
 def test_each_gait_and_seed_has_its_folder(names, seeds, output, folders):
@@ -80,7 +80,7 @@ def test_a_job_that_is_refused_stops_no_other(capsys):
 
 def test_results_come_in_the_order_of_the_jobs_and_jobs_are_silent(capsys):
     def run(job):
-        console.print("what a single run tells")
+        console.print("what a single run prints")
         return job.title
 
     jobs = _jobs()
@@ -115,13 +115,13 @@ def test_a_job_waits_for_the_lock_of_one_whose_node_was_lost():
 
 
 def test_folders_that_hold_runs_are_refused_before_any_job_is_begun(refused):
-    folder = Path("runs/training/walk")
+    folder = Path("runs/train/walk")
     folder.mkdir(parents=True)
     (folder / "mine.txt").touch()
-    assert "runs/training/walk: holds files of something else" in refused(
+    assert "runs/train/walk: holds files of something else" in refused(
         ["train", "--gait", "trot", "walk", *SMALL]
     )
-    assert not Path("runs/training/trot").exists()
+    assert not Path("runs/train/trot").exists()
 
 
 @pytest.mark.parametrize("command", ["train", "distill", "evaluate worlds", "reproduce report"])
@@ -139,7 +139,7 @@ def _command(*arguments):
     )
 
 
-def _experts(root="runs/training"):
+def _experts(root="runs/train"):
     paths = [path for name in gait_names() for path in Path(root).rglob(f"{name}.safetensors")]
     return {str(path.relative_to(root)): digest(path) for path in paths}
 

@@ -93,8 +93,8 @@ def test_the_state_that_a_formula_serves_is_put_in():
     names = ObservationLayout(2).names
     symbols = Vocabulary(names).symbols
     formula = parse_formula("0.5*s0 + t*(s1 - 3) - cmd.v", symbols)
-    told = [write_formula(settled(formula, names, state), symbols) for state in (0, 1)]
-    assert told == ["0.5 + t*(0 - 3) - cmd.v", "0 + t*(1 - 3) - cmd.v"]
+    reported = [write_formula(settled(formula, names, state), symbols) for state in (0, 1)]
+    assert reported == ["0.5 + t*(0 - 3) - cmd.v", "0 + t*(1 - 3) - cmd.v"]
 
 
 def test_gated_sum_keeps_its_bound(generator):
@@ -219,15 +219,17 @@ def test_what_pysr_finds_is_read(monkeypatch, generator):
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         (RuntimeError("Julia: MethodError\n  in loop"), r"\(Julia: MethodError in loop\)"),
         (MemoryError(), r"\(MemoryError\)"),
     ],
 )
-def test_an_error_of_pysrs_search_is_reported_in_one_sentence(error, told, monkeypatch, generator):
+def test_an_error_of_pysrs_search_is_reported_in_one_sentence(
+    error, reported, monkeypatch, generator
+):
     use_pysr_that_finds(monkeypatch, error)
-    with pytest.raises(InputError, match=f"engine 'pysr' ended with an error {told}") as raised:
+    with pytest.raises(InputError, match=f"engine 'pysr' ended with an error {reported}") as raised:
         fit_by_pysr(generator)
     assert "\n" not in str(raised.value)
 

@@ -129,7 +129,7 @@ def test_a_share_of_nothing_is_none(generator):
     assert np.isnan(row["left_share"])
 
 
-def test_every_pair_is_told_once(generator):
+def test_every_pair_is_listed_once(generator):
     importances = generator.uniform(size=(3, 12, N))
     table = left_right_table(importances, NAMES, REFLECT)
     assert len(table) == 60
@@ -189,7 +189,9 @@ def lopsided(tmp_path):
     return str(path)
 
 
-def test_a_gait_without_a_mirror_image_is_told_and_left_out(lopsided, tmp_path, capsys, refused):
+def test_a_gait_without_a_mirror_image_is_reported_and_left_out(
+    lopsided, tmp_path, capsys, refused
+):
     output = tmp_path / "runs"
     main(
         ["evaluate", "symmetry", "--gait", lopsided, "half_bound", *SMALL, "--output", str(output)]

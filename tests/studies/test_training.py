@@ -11,7 +11,11 @@ import pytest
 import torch
 import yaml
 
-from glassgait.diagrams.domain_randomization import DomainRandomization
+from glassgait.diagrams.domain_randomization import (
+    DomainRandomization,
+    GroupRanges,
+    TerrainRanges,
+)
 from glassgait.models.errors import InputError
 from glassgait.models.files import load_arrays
 from glassgait.models.policies.library import EXPERT_DIRECTORY, load_policy
@@ -221,6 +225,50 @@ def test_hardship_rises_once_the_machine_asks_for_all_and_few_fail(tmp_path):
     assert hardships == pytest.approx([0.5, 0.5, 0.5, 0.6, 0.7])
     _, values = environment.to_arrays()
     assert values["hardship"] == environment.simulator.push_share == environment.hardship
+
+
+HARDER = replace(
+    TINY,
+    friction_updates=1,
+    worlds=replace(TINY.worlds, groups=GroupRanges(terrains=TerrainRanges(share=1.0))),
+    curriculum=CurriculumConfig(initial_hardship=0.2),
+)
+
+
+def test_the_ground_grows_with_the_hardship_and_a_resumed_run_stands_on_the_same(
+    tmp_path, monkeypatch
+):
+    def harder(run, rhythm, failure_rate):
+        run.environment.hardship += 0.2
+
+    monkeypatch.setattr(TrainingRun, "_raise_demands", harder)
+    whole = training_run(HARDER, tmp_path)
+    heights = []
+    ground = whole.environment.simulator.physics.ground
+    points = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 21)], [0.0]), -1).reshape(1, -1, 3)
+
+    def look(run, row):
+        ground = run.environment.simulator.physics.ground(8)
+        heights.append(np.ptp(ground.height(np.repeat(points, 8, axis=0)), axis=1).max())
+
+    assert not ground(8).is_level
+    whole.run(look)
+    assert heights[0] < heights[1] < heights[2] < heights[3]
+    stopped = tmp_path / "stopped"
+    stopped.mkdir()
+    training_run(replace(HARDER, updates=2), stopped).run(silent)
+    training_run(HARDER, stopped, resume=True).run(look)
+    assert heights[4:] == heights[2:4]
+    own, other = weights(tmp_path), weights(stopped)
+    assert all((own[name] == other[name]).all() for name in own)
+
+
+def test_level_ground_is_not_laid_anew(tmp_path):
+    environment = training_run(TINY, tmp_path).environment
+    physics = environment.simulator.physics
+    environment.hardship = 0.5
+    environment.draw_worlds()
+    assert environment.simulator.physics is physics
 
 
 def test_an_episode_ends_where_nothing_can_be_earned(unforgiving, tmp_path):

@@ -193,7 +193,7 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--gait", "trot"], "--gait"),
         (["--gait", "trot", "gallop"], "unknown gait 'gallop'"),
@@ -207,7 +207,7 @@ def test_the_command_rolls_out_writes_and_resumes(tmp_path, monkeypatch, capsys)
         (["--n-robots", "0"], "n_robots is 0"),
     ],
 )
-def test_what_cannot_be_rolled_out_is_refused(refused, tmp_path, monkeypatch, arguments, told):
+def test_what_cannot_be_rolled_out_is_refused(refused, tmp_path, monkeypatch, arguments, reported):
     monkeypatch.chdir(tmp_path)
-    assert told in refused(["evaluate", "transitions", *arguments])
+    assert reported in refused(["evaluate", "transitions", *arguments])
     assert not list(tmp_path.iterdir())

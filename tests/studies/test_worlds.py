@@ -200,7 +200,7 @@ def run(expert, tmp_path):
     source.mkdir()
     untrained_student(expert).save(source / "linear.safetensors")
     (tmp_path / "lonely.yaml").write_text("title: lonely\nmax_robots: 1\n")
-    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--seconds", "0.2"]
+    small = ["--n-robots", "2", "--n-steps", "20", "--n-workers", "1", "--replay-steps", "10"]
     worlds = ["--scenario", "training", str(tmp_path / "lonely.yaml")]
     own, folder = ["--source", str(source)], tmp_path / "run"
 

@@ -24,7 +24,7 @@ def test_its_limits_decide(standing, fix_inputs):
     for height, low in ((0.2, 0), (0.4, 1)):
         system = FallMonitor(A1, TerminationLimits(trunk_height=height))
         flags = system.get_failures_output_port().Eval(fix_inputs(system, **values))
-        assert flags.tolist() == [0, low, 0, 0, 0, 0]
+        assert flags.tolist() == [0, low, 0, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("port", ["state", "action"])
@@ -33,7 +33,7 @@ def test_a_value_that_is_not_finite_is_a_failure_of_its_own(port, standing, fix_
     values = {"state": standing, "action": np.zeros(12), "previous_action": np.zeros(12)}
     values[port] = np.full_like(values[port], np.nan)
     flags = system.get_failures_output_port().Eval(fix_inputs(system, **values))
-    assert flags.tolist() == [0, 0, 0, 0, 0, 1]
+    assert flags.tolist() == [0, 0, 0, 0, 0, 0, 1]
 
 
 def test_clones_watch_their_own_robot(standing, fix_inputs):

@@ -41,7 +41,7 @@ def test_the_gait_changes_at_the_instant_at_which_the_machine_moves_on(
     for step in range(1, 6):
         simulator.AdvanceTo(step * 0.02)
         assert stored(trotting) == [0, step, step]
-    # The sixth instant's outputs tell of the change, and its update follows.
+    # The sixth instant's outputs show the change, and its update follows.
     assert state_of(system, trotting) == 2
     assert system.get_rm_iterations_output_port().Eval(trotting) == [0]
     assert system.get_served_dwell_output_port().Eval(trotting) == [6]

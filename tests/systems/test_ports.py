@@ -36,7 +36,7 @@ from glassgait.systems.command_receiver import CommandReceiver
 from glassgait.systems.command_sender import CommandSender
 from glassgait.systems.compiled_controller import CompiledController
 from glassgait.systems.contact_memory import ContactMemory
-from glassgait.systems.contact_noise import ContactNoise
+from glassgait.systems.contact_sensor import ContactSensor
 from glassgait.systems.fall_monitor import FallMonitor
 from glassgait.systems.foot_sensor import FootSensor
 from glassgait.systems.function import FunctionSystem
@@ -117,13 +117,13 @@ PORTS: dict[Any, Ports] = {
         {"action": 12, "targets": 12, "status": 1},
     ),
     ContactMemory: Ports(ContactMemory, {"touching": 4}, {"foot_contact": 4}),
-    ContactNoise: Ports(
-        lambda: ContactNoise(0.1), {"foot_contact": 4, "uniform_noise": 4}, {"sensed_contact": 4}
+    ContactSensor: Ports(
+        lambda: ContactSensor(0.1), {"foot_contact": 4, "uniform_noise": 4}, {"sensed_contact": 4}
     ),
     FallMonitor: Ports(
         lambda: FallMonitor(A1),
         {"state": 37, "action": 12, "previous_action": 12},
-        {"failures": 6},
+        {"failures": 7},
     ),
     FootSensor: Ports(lambda: FootSensor(A1), {"state": 37}, {**FEET, "touching": 4}),
     GaitDisplay: Ports(

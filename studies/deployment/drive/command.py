@@ -21,11 +21,11 @@ from glassgait.models.link.channels import LinkSettings
 from glassgait.models.link.watchdog import Watchdog
 from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.settings import Count, NotNegative, Seed, Settings
-from glassgait.models.task import CONTROL_PERIOD, EPISODE_STEPS
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.experiment import Report
-from glassgait.studies.common.play import Seconds, pusher
+from glassgait.studies.common.play import Steps, pusher
 from glassgait.studies.common.policies import OneGait
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
 from glassgait.studies.common.run_folder import open_run
@@ -79,7 +79,7 @@ class DriveSimulator(Settings):
         command: The command, in place of the scenario's; what is left out is the scenario's. A
             scenario that names no command asks for 0.5 m/s.
         meshcat: Show the robot in Meshcat, and take commands from sliders there.
-        seconds: Time to simulate (s), 3600 at most; without end by default.
+        n_steps: Control steps to simulate; without end by default.
         patience: Time to wait for the answer to each message of sensors (s): answers that come by
             then act at once. By default none is waited for, and answers act at the next step of
             the plant, as on a robot.
@@ -96,7 +96,7 @@ class DriveSimulator(Settings):
     scenario: str = TRAINING
     command: OwnCommand = field(default_factory=OwnCommand)
     meshcat: bool = False
-    seconds: Seconds | None = None
+    n_steps: Steps | None = None
     patience: Annotated[NotNegative, Le(1.0)] = 0.0
     watchdog: Watchdog = field(default_factory=Watchdog)
     link: Link = field(default_factory=LinkSettings)
@@ -115,7 +115,7 @@ class DriveSimulator(Settings):
         lcm = open_lcm(self.link)
         inputs = {"gait": gait.digest(), "world": scenario.digest()}
         opened = (
-            open_run(self.output, study="drive", settings=self, inputs=inputs, resume=False)
+            open_run(self.output, study=self.title, settings=self, inputs=inputs, resume=False)
             if self.output
             else nullcontext()
         )
@@ -136,9 +136,8 @@ class DriveSimulator(Settings):
             say(f"sending on {self.link.names.sensors}, waiting for a controller; Ctrl-C ends")
             pushed = pusher(robot.simulator, scenario, self.seed)
             process = RobotProcess(robot, lcm, patience=self.patience, pushed=pushed)
-            n_steps = None if self.seconds is None else round(self.seconds / CONTROL_PERIOD)
             with first_interrupt() as interrupted:
-                record = process.run(n_steps, interrupted)
+                record = process.run(self.n_steps, interrupted)
             if self.output:
                 Report({"link": _table(record)}, record).write(self.output)
         print_table(f"{gait.name}: the robot", _table(record))
@@ -169,11 +168,6 @@ class _Study(OneGait):
     resume: bool = False
     output: Path | None = None
 
-    @property
-    @abstractmethod
-    def place(self) -> str:
-        """Folder of the results below that of the gait."""
-
     @abstractmethod
     def measure(
         self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
@@ -184,14 +178,14 @@ class _Study(OneGait):
         """Measures, and writes the table."""
         found, scenario = self.policies(), load_scenario(self.scenario)
         gait, controller = found.gait, found.controller(self.policy)
-        folder = self.output or found.output("drive") / self.place
+        folder = self.output or found.output(self.title) / Path(self.policy).stem
         inputs = {
             "gait": gait.digest(),
             "world": scenario.digest(),
             "expert": controller.expert.digest(),
             "policy": controller.policy.digest(),
         }
-        run = {"study": "drive", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             table = self.measure(gait, controller, scenario, folder)
             Report({self.table: table}, json_records(table)).write(folder)
@@ -204,7 +198,7 @@ class DrivePacketLoss(_Study):
     """Lose messages on purpose, in one process and simulated time, and count what happens.
 
     A scenario that names no command lets robots go at the speeds of distillation. Results are in
-    runs/drive/<gait>/<policy> by default.
+    runs/drive/packet-loss/<gait>/<policy> by default.
 
     Attributes:
         n_robots: Robots of each trial.
@@ -219,10 +213,6 @@ class DrivePacketLoss(_Study):
     n_robots: Count = 26
     n_steps: Count = EPISODE_STEPS
     seed: Seed = REPORTED_SEEDS[0]
-
-    @property
-    def place(self) -> str:
-        return Path(self.policy).stem
 
     def measure(
         self, gait: Gait, controller: AlternatingController, scenario: Scenario, folder: Path
@@ -244,23 +234,22 @@ class DriveDropout(_Study):
     """Silence controllers for good at many moments of the stride, and count the falls.
 
     Robots go at thirds of the fastest speed of distillation, whatever the scenario commands.
-    Results are in runs/drive/<gait>/silence by default.
+    Results are in runs/drive/dropout/<gait>/<policy> by default.
 
     Attributes:
         n_moments: Robots of each speed; each loses its controller at another moment.
         push: What is added to the trunk's velocity at that moment, in a drawn direction (m/s).
-        seconds: Time from then to the end (s).
+        n_steps: Control steps from then to the end.
         seed: Seed of dwell, turning, noise, initial states and pushes.
     """
 
     title: ClassVar[str] = "drive dropout"
     table: ClassVar[str] = "silence"
     heading: ClassVar[str] = "silent for good"
-    place: ClassVar[str] = "silence"
 
     n_moments: Count = 32
     push: Annotated[NotNegative, Le(20.0)] = 0.0
-    seconds: Annotated[float, Ge(0.1), Le(60.0)] = 2.0
+    n_steps: Annotated[int, Ge(5), Le(3000)] = 100
     seed: Seed = 2000
 
     def measure(
@@ -272,7 +261,7 @@ class DriveDropout(_Study):
             scenario,
             n_moments=self.n_moments,
             push=self.push,
-            seconds=self.seconds,
+            n_steps=self.n_steps,
             watchdog=self.watchdog,
             seed=self.seed,
         )

@@ -67,7 +67,7 @@ def silence_controllers(
     *,
     n_moments: int,
     push: float,
-    seconds: float,
+    n_steps: int,
     watchdog: Watchdog,
     seed: int,
 ) -> pd.DataFrame:
@@ -79,13 +79,13 @@ def silence_controllers(
         scenario: The world; its commands are left out.
         n_moments: Robots of each speed.
         push: What is added to each trunk's velocity (m/s).
-        seconds: Time from then to the end (s).
+        n_steps: Control steps from then to the end.
         watchdog: How long robots wait for their controller.
         seed: Seed of all that is drawn.
     """
     left = walk_until_silent(gait, controller, scenario, n_moments=n_moments, seed=seed)
     left = pushed(left, push, seed)
-    lowered = lower(controller.robot, left, scenario.station, watchdog, seconds=seconds)
+    lowered = lower(controller.robot, left, scenario.station, watchdog, n_steps=n_steps)
     return silence_table(left, lowered)
 
 
@@ -145,7 +145,7 @@ class _LastAnswers(Observer):
 
 
 def lower(
-    robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, seconds: float
+    robot: Robot, left: Left, station: StationConfig, watchdog: Watchdog, *, n_steps: int
 ) -> Lowered:
     """Advances robots that their watchdogs alone move.
 
@@ -159,7 +159,7 @@ def lower(
         for own in left.targets
     ]
     leans, descents = [kinematics.lean(states[:, quadruped.QUATERNION])], []
-    for step in range(round(seconds / CONTROL_PERIOD)):
+    for step in range(n_steps):
         followed = []
         for part in range(PARTS):
             now = (step + part / PARTS) * CONTROL_PERIOD

@@ -11,14 +11,13 @@ from glassgait.models.export.controller import MOST_NAME
 from glassgait.models.export.language import Real
 from glassgait.models.policies.controller import alone
 from glassgait.models.policies.switched import SwitchedPolicy
-from glassgait.models.robots.robot import robot_folder
 from glassgait.models.settings import Count, Natural, Seed, Settings
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.studies.common.console import console
 from glassgait.studies.common.policies import Policies, find_policies_of
 from glassgait.studies.common.rollouts import REPORTED_SEEDS
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.run_folder import default_folder, open_run
 from glassgait.studies.common.sweep import Gaits, gaits_named
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.export.files import CFile, Deployment, Effort, Exported
@@ -84,9 +83,9 @@ class Export(Settings):
         deployment, inputs = self._deployment(found, asked)
         exported = self._exported(deployment)
         title = Path("_".join(gait.name for gait in gaits)) / deployment.policy_name
-        folder = robot_folder(Path("runs/export"), found[0].expert.robot.name)
+        folder = default_folder(self.title, found[0].expert.robot.name)
         folder = self.output or folder / title
-        run = {"study": "export", "settings": self, "inputs": inputs, "resume": self.resume}
+        run = {"study": self.title, "settings": self, "inputs": inputs, "resume": self.resume}
         with open_run(folder, **run):
             tables = exported.check(Effort(self.n_steps, self.n_robots, self.seed))
             first, *others = exported.write(folder)

@@ -25,7 +25,7 @@ class Refine(OnePolicy):
 
     Attributes:
         config: Settings of the run.
-        output: Folder of the run; runs/refinement/<gait>/<policy> by default.
+        output: Folder of the run; runs/refine/<gait>/<policy> by default.
         resume: Continue the run that the folder holds.
     """
 
@@ -49,10 +49,10 @@ class Refine(OnePolicy):
                 "dropped; name a page, or leave --terms out"
             )
         name = Path(named).stem
-        folder = self.output or found.output("refinement") / name
+        folder = self.output or found.output(self.title) / name
         with open_run(
             folder,
-            study="refine",
+            study=self.title,
             settings=self.config,
             inputs={"gait": gait.digest(), "policy": policy.digest(), "expert": expert.digest()},
             resume=self.resume,

@@ -19,20 +19,13 @@ from glassgait.models.policies.library import (
 )
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
-from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot, robot_folder
+from glassgait.models.robots.robot import DEFAULT_ROBOT, Robot
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
 from glassgait.studies.common.policies import OneGait, Policies
-from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings
+from glassgait.studies.common.run_folder import CONFIG_NAME, default_folder, read_settings
 from glassgait.studies.distillation.students.registry import STUDENTS, sums_of_terms
 from glassgait.studies.distillation.students.student import ITSELF
-
-DISTILLATION_FOLDER = Path("runs/distillation")
-
-
-def distillation_folder(gait: str, robot: str = DEFAULT_ROBOT) -> Path:
-    """Returns where a gait's distillation is kept, unless a person names another folder."""
-    return robot_folder(DISTILLATION_FOLDER, robot) / gait
 
 
 def samples_folder(folder: Path, kind: str) -> Path:
@@ -108,8 +101,6 @@ def default_student(found: Policies) -> str:
     )
 
 
-CERTIFICATION_FOLDER = Path("runs/certification")
-
 CERTIFICATE_NAME = "certificate.json"
 
 
@@ -132,7 +123,7 @@ def find_certificate(
     """Finds the certificate of a policy, by the digest of the policy's file.
 
     Args:
-        path: File of the certificate; by default one in runs/certification/<gait> or, where that
+        path: File of the certificate; by default one in runs/verify/prove/<gait> or, where that
             holds none of this policy, one that ships.
         robot: The policy's robot; the default one by default.
 
@@ -156,7 +147,7 @@ def find_certificate(
 
 
 def _certificates(gait: str, robot: Robot | None) -> Iterator[Certificate]:
-    folder = robot_folder(CERTIFICATION_FOLDER, robot.name if robot else DEFAULT_ROBOT) / gait
+    folder = default_folder("verify prove", robot.name if robot else DEFAULT_ROBOT) / gait
     made_here = [(path, robot) for path in sorted(folder.glob(f"*/{CERTIFICATE_NAME}"))]
     for path, own in (*made_here, *((path, None) for path in shipped_certificates())):
         try:

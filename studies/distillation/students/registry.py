@@ -1,5 +1,6 @@
 """Every kind of student: an entry here is all that the studies need to know of one."""
 
+from glassgait.studies.common.policies import rank
 from glassgait.studies.distillation.students.baselines import (
     LINEAR,
     OPEN_LOOP,
@@ -11,20 +12,14 @@ from glassgait.studies.distillation.students.sparse_formula import SPARSE_FORMUL
 from glassgait.studies.distillation.students.student import Student
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 
+_KNOWN = (
+    *(EBM, GBM, HISTOGRAM_GBM),
+    *(LINEAR, OPEN_LOOP, OSCILLATOR, STATEWISE_LINEAR),
+    *(SPARSE_FORMULA, STATEWISE_SYMBOLIC, SYMBOLIC),
+)
+
 STUDENTS: dict[str, Student] = {
-    student.name: student
-    for student in (
-        OPEN_LOOP,
-        OSCILLATOR,
-        LINEAR,
-        STATEWISE_LINEAR,
-        GBM,
-        HISTOGRAM_GBM,
-        EBM,
-        SYMBOLIC,
-        STATEWISE_SYMBOLIC,
-        SPARSE_FORMULA,
-    )
+    student.name: student for student in sorted(_KNOWN, key=lambda student: rank(student.name))
 }
 """The students by name, in the order of tables."""
 

@@ -32,11 +32,10 @@ from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.quadruped import joint_index
 from glassgait.models.settings import Count, Natural, Seed
-from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import console, progress_bar, say
 from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.play import Seconds, roll_one_out
+from glassgait.studies.common.play import Steps, roll_one_out
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.tables import print_table, write_metrics, write_table
 from glassgait.studies.distillation.students.library import OnePolicy
@@ -145,16 +144,16 @@ class ExplainCounterfactual(OnePolicy):
         vary_commands: Whether the commanded speed and yaw rate may differ too, within what the gait
             takes.
         command: Commanded speed, yaw rate and rhythm.
-        seconds: Length of the rollout that ranges are measured in (s), 3600 at most; longer where
-            the step asks for it.
+        n_steps: Control steps of the rollout that ranges are measured in; more where the step asks
+            for it.
         survey: Further questions of random moments and joints, whose times are measured.
         seed: Seed of the sensors' noise, and of the further questions.
         resume: Continue the run that the folder holds.
-        output: Folder of the page; runs/counterfactuals/<gait>/<policy>_<joint>_<step>_<by> by
-            default.
+        output: Folder of the page; by default
+            runs/explain/counterfactual/<gait>/<policy>_<joint>_<step>_<by>.
     """
 
-    title: ClassVar[str] = "counterfactual"
+    title: ClassVar[str] = "explain counterfactual"
 
     joint: str = "FR_calf"
     step: Annotated[int, Ge(0), Lt(180_000)] = 280
@@ -163,7 +162,7 @@ class ExplainCounterfactual(OnePolicy):
     lasting: Count = 1
     vary_commands: bool = False
     command: FixedCommand = field(default_factory=lambda: FixedCommand(speed=0.5))
-    seconds: Seconds = 6.0
+    n_steps: Steps = 300
     survey: Natural = 0
     seed: Seed = 0
     resume: bool = False
@@ -186,15 +185,13 @@ class ExplainCounterfactual(OnePolicy):
         student = controller.policy
         refuse_unsearched(student)
         stem = f"{Path(name).stem}_{self.joint}_{self.step}_{self.by:g}"
-        folder = self.output or found.output("counterfactuals") / stem
+        folder = self.output or found.output(self.title) / stem
         inputs = {
             "gait": gait.digest(),
             "expert": controller.expert.digest(),
             "policy": student.digest(),
         }
-        with open_run(
-            folder, study="explain counterfactual", settings=self, inputs=inputs, resume=self.resume
-        ):
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             say("rolling out")
             was = self._walk(gait, controller, None)
             self._check_step(was)
@@ -241,8 +238,8 @@ class ExplainCounterfactual(OnePolicy):
     ) -> Rollout:
         scenario = Scenario(command=self.command)
         diagram = MakeLocomotion(gait, scenario, policy=controller, intervention=intervention)
-        seconds = max(self.seconds, (self.step + AFTER) * CONTROL_PERIOD)
-        return roll_one_out(diagram, scenario, seconds=seconds, seed=self.seed)
+        n_steps = max(self.n_steps, self.step + AFTER)
+        return roll_one_out(diagram, scenario, n_steps=n_steps, seed=self.seed)
 
     def _check_step(self, rollout: Rollout) -> None:
         last = len(rollout.time) - 1

@@ -117,10 +117,10 @@ class ExplainInterventions(OnePolicy):
         n_steps: Control steps of each.
         seed: Seed of starts, commands and noise, the same for every walk.
         resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/claims/<gait>/<policy> by default.
+        output: Folder of the results; runs/explain/interventions/<gait>/<policy> by default.
     """
 
-    title: ClassVar[str] = "claims"
+    title: ClassVar[str] = "explain interventions"
 
     n_claims: Count = 8
     n_robots: Annotated[Count, Ge(2)] = 26
@@ -135,13 +135,11 @@ class ExplainInterventions(OnePolicy):
         gait = found.gait
         policy, expert = found.formulas(name), found.expert_of(name)
         stem = Path(name).stem
-        folder = self.output or found.output("claims") / stem
+        folder = self.output or found.output(self.title) / stem
         # Before a folder is claimed: a refusal leaves nothing behind.
         refuse_too_few(len(readable_terms(policy.to_file())), self.n_claims)
         inputs = {"gait": gait.digest(), "expert": expert.digest(), "policy": policy.digest()}
-        with open_run(
-            folder, study="explain interventions", settings=self, inputs=inputs, resume=self.resume
-        ):
+        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
             table, falls = self._test(gait, expert, policy, folder)
             write_table(readable_table(table), folder / "claims")
             metrics = {"claims": json_records(table), "held": int(table["holds"].sum())}

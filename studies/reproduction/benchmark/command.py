@@ -9,12 +9,17 @@ from typing import Any, ClassVar, Literal
 import pandas as pd
 
 from glassgait.models.policies.boosting import BoostedTreesPolicy
-from glassgait.models.robots.robot import DEFAULT_ROBOT
+from glassgait.models.robots.robot import DEFAULT_ROBOT, load_robot
 from glassgait.models.settings import Count
 from glassgait.models.task.gait import load_gait
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.policies import EXPERT, OneGait, Policies, find_policies
-from glassgait.studies.common.run_folder import CONFIG_NAME, read_settings, refuse_run
+from glassgait.studies.common.run_folder import (
+    CONFIG_NAME,
+    default_folder,
+    read_settings,
+    refuse_run,
+)
 from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
 from glassgait.studies.deployment.export.files import has_compiler
 from glassgait.studies.distillation.config import DistillationConfig
@@ -64,17 +69,17 @@ class Benchmark(OneGait):
         updates: Updates that are timed at once.
         repeats: Number of timings; medians are reported.
         gym_steps: Steps of gymnasium's sixteen environments.
-        output: Folder of the results.
+        output: Folder of the results; runs/reproduce/benchmark by default.
     """
 
-    title: ClassVar[str] = "benchmark"
+    title: ClassVar[str] = "reproduce benchmark"
 
     parts: tuple[Part, ...] = PARTS
     training: Path | None = None
     updates: Count = 4
     repeats: Count = 5
     gym_steps: Count = 200
-    output: Path = Path("runs/benchmark")
+    output: Path | None = None
 
     @cached_property
     def _found(self) -> Policies:
@@ -82,7 +87,9 @@ class Benchmark(OneGait):
 
     def run(self) -> None:
         """Measures, and writes tables."""
-        refuse_run(self.output)
+        robot = load_robot(self.robot or DEFAULT_ROBOT)
+        folder = self.output or default_folder(self.title, robot.name)
+        refuse_run(folder)
         measures = {
             "throughput": self._throughput,
             "inference": self._inference,
@@ -98,13 +105,13 @@ class Benchmark(OneGait):
                 continue
             say(f"timing {IN_C.get(part, part)}")
             for title, (heading, table) in measures[part]().items():
-                write_table(table, self.output / title)
+                write_table(table, folder / title)
                 print_table(heading, table)
                 metrics[title] = json_records(table)
         # Linux counts in KiB.
         metrics["peak_memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 2**10
-        write_metrics(metrics, self.output / "metrics.json")
-        console.print(f"written to {self.output}")
+        write_metrics(metrics, folder / "metrics.json")
+        console.print(f"written to {folder}")
 
     def _throughput(self) -> Tables:
         config = TrainingConfig(gait=self.gait, robot=self.robot or DEFAULT_ROBOT)

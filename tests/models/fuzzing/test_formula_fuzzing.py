@@ -1,4 +1,4 @@
-"""Forged formula files are refused in one sentence that tells where, or work."""
+"""Forged formula files are refused in one sentence that names the place, or work."""
 
 import re
 

@@ -58,7 +58,7 @@ def contents_of(policy: Policy) -> Contents:
 
 
 def to_bytes(arrays: dict[str, np.ndarray], header: Any) -> bytes:
-    # Without the checksum that tells most damage at once.
+    # Without the checksum that shows most damage at once.
     text = json.dumps(header).replace(f'"{NESTED}"', "[" * 5000 + "]" * 5000)
     whole = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
     return save(whole, metadata={"header": text})

@@ -1,40 +1,47 @@
-"""Reads the feet's contacts by sensors that now and then are wrong."""
+"""Reads the feet's contacts by sensors that now and then are wrong, or that are stuck."""
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem, OutputPort
 
 from glassgait.models.robots import quadruped
-from glassgait.models.task.contact import flip_contacts
+from glassgait.models.task.contact import read_contacts, stuck_sensors
+
+SOUND_SENSORS = stuck_sensors((), ())
+"""Sensors of which none is stuck (4)."""
 
 
-class ContactNoise(LeafSystem):
-    """Flips contacts at random.
+class ContactSensor(LeafSystem):
+    """Reads contacts, flips some at random, and always reads the same where it is stuck.
 
     .. pydrake_system::
 
-        name: ContactNoise
+        name: ContactSensor
         input_ports:
         - foot_contact
         - uniform_noise
         output_ports:
         - sensed_contact
 
-    Inputs: foot_contact (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]).
+    Inputs: foot_contact (4, {0, 1}), FL FR RL RR. uniform_noise (4, in [0, 1]), optional: without
+    it no reading is flipped.
     Outputs: sensed_contact (4, {0, 1}), the opposite where the noise is below the share of wrong
-    readings. State: none. Feedthrough: both inputs.
+    readings, and of a stuck sensor its constant. State: none. Feedthrough: both inputs.
     """
 
-    def __init__(self, flip_share: float) -> None:
+    def __init__(self, flip_share: float, stuck: NDArray[np.int8] = SOUND_SENSORS) -> None:
         """
         Args:
             flip_share: Share of the readings that are wrong.
+            stuck: Which sensors are stuck (4), as `stuck_sensors` returns it.
 
         Raises:
             ValueError: if the share is below 0 or above 1.
         """
         super().__init__()
         if not 0.0 <= flip_share <= 1.0:
-            raise ValueError(f"contact noise: flip_share is {flip_share}; it must be from 0 to 1")
-        self._flip_share = flip_share
+            raise ValueError(f"contact sensor: flip_share is {flip_share}; it must be from 0 to 1")
+        self._flip_share, self._stuck = flip_share, stuck
         self._foot_contact_port = self.DeclareVectorInputPort("foot_contact", quadruped.N_LEGS)
         self._uniform_noise_port = self.DeclareVectorInputPort("uniform_noise", quadruped.N_LEGS)
         self._sensed_contact_port = self.DeclareVectorOutputPort(
@@ -58,5 +65,7 @@ class ContactNoise(LeafSystem):
 
     def _calc_sensed_contact(self, context: Context, output: BasicVector) -> None:
         contact = self._foot_contact_port.Eval(context) > 0.5
-        uniform = self._uniform_noise_port.Eval(context)
-        output.SetFromVector(flip_contacts(contact, uniform, self._flip_share).astype(float))
+        wrong = np.zeros(quadruped.N_LEGS, dtype=bool)
+        if self._uniform_noise_port.HasValue(context):
+            wrong = self._uniform_noise_port.Eval(context) < self._flip_share
+        output.SetFromVector(read_contacts(contact, wrong, self._stuck).astype(float))
