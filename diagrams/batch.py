@@ -42,7 +42,7 @@ class BatchStep(NamedTuple):
         terms: Weighted terms of the reward (n, 12).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
-        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 6).
+        failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 7).
         terminated: Whether any failure showed (n,).
         truncated: Whether the episode reached its end (n,).
     """

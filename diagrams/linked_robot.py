@@ -55,7 +55,7 @@ def MakeLinkedRobot(  # noqa: N802
         - command
 
     Inputs: answer (targets_t), the controller's latest.
-    Outputs: state (37), the plant's. failures (6), less `abrupt_action`: actions are the
+    Outputs: state (37), the plant's. failures (7), less `abrupt_action`: actions are the
     controller's own. targets (12, rad), which the joints follow. phase (1), a number of `Phase`.
     command (2; m/s, rad/s). Messages: `command_t` and `sensors_t` are sent when their
     publishers are forced to; see `glassgait.diagrams.link.RobotEnd`, which receives the answers.

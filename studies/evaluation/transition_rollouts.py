@@ -84,7 +84,7 @@ class _Log(NamedTuple):
         running: Number of the gait that ran after each step (T, n).
         served: Control steps of rhythm that transitions served (T, n).
         reward: Reward (T, n); 0 after a failure.
-        failures: Flags of the failures (T, n, 6).
+        failures: Flags of the failures (T, n, 7).
     """
 
     running: IntArray
