@@ -22,6 +22,7 @@ from glassgait.studies.common.episode import ControlStep, Observer, episode
 from glassgait.studies.common.experiment import Experiment, PolicyNames, Report, ScenarioNames
 from glassgait.studies.common.policies import EXPERT
 from glassgait.studies.common.tables import json_records
+from glassgait.studies.distillation.students.registry import policy_title
 
 LEARNED, ODOMETRY = "learned network", "odometry"
 ERRORS = ["velocity x (m/s)", "velocity y (m/s)", "velocity z (m/s)", "foot heights (cm)"]
@@ -76,7 +77,7 @@ class Estimators(Experiment):
         return Report(
             tables={"cases": table, "errors": found},
             metrics=json_records(found),
-            shown={title: found},
+            shown={title: found.assign(policy=found["policy"].map(policy_title))},
         )
 
 

@@ -31,7 +31,7 @@ from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
-from glassgait.studies.distillation.students.registry import STUDENTS, student_title
+from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.importance.measures import permutation_importance
 
 LEFT_LEGS = ("FL", "RL")
@@ -199,7 +199,7 @@ def symmetry_figure(table: pd.DataFrame, left_right: pd.DataFrame, title: str) -
     for panel, row in zip(panels.flat, table.itertuples(index=False), strict=False):
         name = str(row.policy)
         _draw_pairs(panel, left_right[left_right["policy"] == name], _color(name))
-        panel.set_title(f"{student_title(name)}, R² = {row.r2:.2f}")
+        panel.set_title(f"{policy_title(name)}, R² = {row.r2:.2f}")
         panel.set(xscale="log", yscale="log")
         panel.set(xlim=(0.7 * LEAST, 2 * greatest), ylim=(0.7 * LEAST, 2 * greatest))
         panel.set_aspect("equal")
@@ -335,7 +335,7 @@ def titled(table: pd.DataFrame) -> pd.DataFrame:
     agreeing = zip(table["agree"], table["pairs"], strict=True)
     return pd.DataFrame(
         {
-            "policy": table["policy"].map(student_title),
+            "policy": table["policy"].map(policy_title),
             "R² in the mirror": [
                 f"{r2:.3f} ({low:.3f} to {high:.3f})" for r2, low, high in intervals
             ],
