@@ -39,7 +39,7 @@ class BatchStep(NamedTuple):
     Attributes:
         reward: Reward with the machine's factor (n,).
         plain_reward: Reward without it (n,).
-        terms: Weighted terms of the reward (n, 12).
+        terms: Weighted terms of the reward (n, 13).
         fired: Whether a transition of the machine fired (n,).
         served_dwell: Control steps of rhythm that the transition served (n,); see `MachineStep`.
         failures: Flags in the order of `glassgait.models.task.termination.FAILURES` (n, 7).

@@ -70,7 +70,7 @@ def MakeLocomotion(  # noqa: N802
     without buttons; see `GaitSwitchSystem`.
     Outputs: actions (12), what acts at this control step. observations (47 + n_states, or 53 +
     n_states with an IMU). reward (1) and plain_reward (1) of the step that ends now, reward_terms
-    (12). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
+    (13). rm_state (n_states, one-hot), rm_iterations (1), served_dwell (1, control steps).
     foot_contact (4), foot_height (4, m). failures (7). command (2) and commanded_dwell (1), by
     which the robot goes. state (37), the plant's. imu (9), the IMU's reading, only where it is
     needed. Of a policy under assurance alone, expert_acts (1) and overrun (1); see

@@ -39,7 +39,7 @@ class RewardSystem(LeafSystem):
     Inputs: state (37), the plant's. command (2; m/s, rad/s). action (12), held during the step.
     previous_action (12). foot_contact (4, {0, 1}). foot_height (4, m), above the ground.
     reward_multiplier (1), the reward machine's.
-    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (12),
+    Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (13),
     weighted, in the order of `REWARD_TERMS`.
     They mean something from the end of the first control step on.
     State: joint velocities, the feet's air times, and the speeds that were compared with the

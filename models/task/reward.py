@@ -23,6 +23,9 @@ AIR_TIME_TARGET = 0.5
 HIGH_SWING = 0.1
 """Height of a foot above the ground that costs nothing (m)."""
 
+LANDING_HEIGHT = 0.05
+"""Height of a foot below which it is to come down slowly (m)."""
+
 STANDING_HEIGHT = 0.005
 """Height of a foot below which it is to stand still (m)."""
 
@@ -47,6 +50,7 @@ class RewardWeights(Settings):
         high_swing: Weight of the feet's heights above what costs nothing (1/m).
         tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
         slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
+        landing: Weight of the squared downward speeds of the feet that are near the ground (s²/m²).
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
             one distinguishes small errors.
         tracking_time: Time over which speeds are averaged, older ones counting less, before they
@@ -67,12 +71,13 @@ class RewardWeights(Settings):
     high_swing: float = 0.0
     tilt: float = 0.0
     slip: float = 0.0
+    landing: float = 0.0
     tracking_width: Positive = 0.25
     tracking_time: NotNegative = 0.0
 
     @cached_property
     def of_terms(self) -> Array:
-        """The weights (12) in the order of `REWARD_TERMS`."""
+        """The weights (13) in the order of `REWARD_TERMS`."""
         return np.array([getattr(self, name) for name in REWARD_TERMS])
 
 
@@ -85,7 +90,7 @@ class Reward(NamedTuple):
     """The reward of one control step.
 
     Attributes:
-        terms: Weighted terms (..., 12), in the order of `REWARD_TERMS`.
+        terms: Weighted terms (..., 13), in the order of `REWARD_TERMS`.
         plain: Their sum times 0.02 s, never below 0 (...).
         air_time: Time each foot has now been in the air (..., 4; s).
         tracked: Forward speed and yaw rate that were compared (..., 2; m/s, rad/s).
@@ -166,11 +171,14 @@ def step_reward(
     moving = np.abs(command[..., 0]) > AIR_TIME_MIN_SPEED
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
-    slip = tilt = np.zeros_like(flight)
-    if weights.slip:
+    slip = landing = tilt = np.zeros_like(flight)
+    if weights.slip or weights.landing:
         feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
         swept = swept + linear[..., None, :] + cross(angular[..., None, :], feet)
         slip = _total(np.where(foot_height < STANDING_HEIGHT, _total(np.square(swept)), 0.0))
+        down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
+        falling = np.maximum(_total(swept * down[..., None, :]), 0.0)
+        landing = _total(np.where(foot_height < LANDING_HEIGHT, np.square(falling), 0.0))
     if weights.tilt:
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
@@ -190,6 +198,7 @@ def step_reward(
         _total(np.maximum(foot_height - HIGH_SWING, 0.0)),
         tilt,
         slip,
+        landing,
     )
     terms = kinematics.stacked(*values) * weights.of_terms
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)

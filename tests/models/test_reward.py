@@ -125,6 +125,15 @@ def test_feet_on_the_ground_cost_their_squared_speed(standing):
     assert terms["slip"] == pytest.approx(-2 * 0.25)
 
 
+def test_feet_near_the_ground_cost_their_squared_speed_downward(standing):
+    height = np.array([0.0, 0.04, 0.06, 0.1])
+    weights = RewardWeights(landing=-1.0)
+    for speed, cost in ((-2.0, -2 * 4.0), (2.0, 0.0)):
+        standing[quadruped.LINEAR_VELOCITY] = 0.3, 0.4, speed
+        _, terms = reward(standing, weights=weights, foot_height=height)
+        assert terms["landing"] == pytest.approx(cost)
+
+
 def test_plain_reward_is_never_negative(standing):
     outcome, _ = reward(standing, action=np.full(12, 50.0))
     assert outcome.plain == 0.0
@@ -142,7 +151,7 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
         "air_time": generator.random((5, 4)),
         "tracked": generator.normal(size=(5, 2)),
     }
-    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0)
+    weights = RewardWeights(tracking_time=0.2, slip=-1.0, tilt=-1.0, high_swing=-1.0, landing=-1.0)
     batch = step_reward(A1, states, foot_contact=contact, weights=weights, **arguments)
     for i in range(5):
         own = {name: values[i] for name, values in arguments.items()}

@@ -210,7 +210,7 @@ PORTS: dict[Any, Ports] = {
             "foot_height": 4,
             "reward_multiplier": 1,
         },
-        {"reward": 1, "plain_reward": 1, "reward_terms": 12},
+        {"reward": 1, "plain_reward": 1, "reward_terms": 13},
         {
             (source, target)
             for source in (
