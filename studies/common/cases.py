@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ class Case:
         seed: Seed of all that is drawn.
         config: Further settings of the measurement, a dataclass or plain values.
         scores: Names of what is measured, where an earlier version measured something else.
+        values: What the labels of an experiment's axes stand for.
     """
 
     labels: dict[str, Any]
@@ -53,6 +54,7 @@ class Case:
     seed: int
     config: Any = None
     scores: tuple[str, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -87,7 +89,8 @@ class Case:
         config = self.config.digest() if hasattr(self.config, "digest") else to_plain(self.config)
         settings = [self.gait.digest(), self.scenario.digest(), self.seed, config]
         policies = [policy.digest() for policy in (own.expert, own.student) if policy is not None]
-        whole = [*settings, self.scores, own.settings(), *policies]
+        values = [value.digest() for value in self.values.values() if hasattr(value, "digest")]
+        whole = [*settings, self.scores, own.settings(), *policies, *values]
         return hashlib.sha256(json.dumps(whole).encode()).hexdigest()[:16]
 
     def with_config(self, config: Any) -> "Case":
@@ -191,7 +194,8 @@ def rollout_cases(
             commanded.
     """
     refuse_to_report(config.seeds)
-    cases = [
+    refuse_commands(gait, scenario, config)
+    return [
         Case(
             {**labels, "seed": seed},
             gait,
@@ -203,9 +207,6 @@ def rollout_cases(
         )
         for seed in config.seeds
     ]
-    for case in cases:
-        refuse_commands(case)
-    return cases
 
 
 def cases_in_worlds(
@@ -233,14 +234,14 @@ def cases_in_worlds(
     ]
 
 
-def refuse_commands(case: Case) -> None:
-    """Refuses a rollout whose commands the gait is not made for.
+def refuse_commands(gait: Gait, scenario: Scenario, config: RolloutConfig) -> None:
+    """Refuses rollouts whose commands a gait is not made for.
 
     Raises:
         InputError: if a speed is beyond the gait's, or the scenario's command is.
     """
-    case.config.refuse_speeds_beyond(case.gait)
-    case.config.commanding(case.scenario).command.check(case.gait)
+    config.refuse_speeds_beyond(gait)
+    config.commanding(scenario).command.check(gait)
 
 
 def for_selection(cases: Sequence[Case]) -> list[Case]:

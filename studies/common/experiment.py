@@ -16,7 +16,7 @@ case as soon as it is done, continue a run that was stopped, and write and print
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -29,18 +29,21 @@ from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenarios
 from glassgait.models.errors import InputError
-from glassgait.models.files import write_atomically
+from glassgait.models.files import record_or_made, write_atomically
 from glassgait.models.policies.controller import AlternatingController
-from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings
+from glassgait.models.policies.neural import NeuralPolicy
+from glassgait.models.settings import DISTINCT, FEW, Count, Range, Seed, Settings
+from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait, load_gait
+from glassgait.models.task.symmetry import mirrored_states
 from glassgait.models.task.termination import Falls, limits_of
-from glassgait.studies.common.cases import Case, run_cases, slow_first
+from glassgait.studies.common.cases import Case, refuse_commands, run_cases, slow_first
 from glassgait.studies.common.console import console, say
 from glassgait.studies.common.exit_codes import report_errors, take_signals
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.parallel.loop import parallel_backend
 from glassgait.studies.common.policies import ALL, EXPERT, Policies, find_policies, is_file
-from glassgait.studies.common.rollouts import REPORTED_SEEDS, refuse_to_report
+from glassgait.studies.common.rollouts import REPORTED_SEEDS, RolloutConfig, refuse_to_report
 from glassgait.studies.common.run_folder import open_run
 from glassgait.studies.common.sweep import (
     ALL_GAITS,
@@ -80,6 +83,17 @@ class Report:
     shown: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     lines: Sequence[str] = ()
     files: Mapping[str, str | Callable[[Path], None]] = field(default_factory=dict)
+
+    def joined(self, other: "Report") -> "Report":
+        """Puts another report behind this one; metrics of both are mappings, or None."""
+        return Report(
+            {**self.tables, **other.tables},
+            {**(self.metrics or {}), **(other.metrics or {})} or None,
+            {**self.figures, **other.figures},
+            {**self.shown, **other.shown},
+            [*self.lines, *other.lines],
+            {**self.files, **other.files},
+        )
 
     def write(self, folder: Path) -> None:
         """Writes tables, metrics, figures and files."""
@@ -136,11 +150,29 @@ class Experiment(Settings):
     discrete: ClassVar[bool] = False
     """Whether scenarios of continuous time are refused."""
 
-    one_scenario: ClassVar[bool] = False
-    """Whether several scenarios are refused."""
+    mirrored: ClassVar[bool] = False
+    """Whether gaits whose machines favour a side are left out."""
+
+    of_students: ClassVar[bool] = False
+    """Whether experts are refused."""
+
+    one: ClassVar[tuple[str, ...]] = ()
+    """Settings, `policy` or `scenario`, of which one alone is taken."""
+
+    pooled: ClassVar[bool] = False
+    """Whether a case is of all seeds at once, which `measure` finds in `seeds`."""
 
     axes: ClassVar[Mapping[str, str]] = {}
-    """Further labels of cases, each with the setting whose values it takes."""
+    """Further labels of cases, each with the setting or property whose values it takes.
+
+    Of a mapping the keys are the labels, and `Case.values` holds what they stand for.
+    """
+
+    prepared: ClassVar[tuple[str, ...]] = ()
+    """Properties that are worked out before all cases; those that are cached go where cases are."""
+
+    inputs: ClassVar[Mapping[str, str]] = {}
+    """What else the run's record holds a digest of, each with the property that returns it."""
 
     gait: Gaits = ("trot",)
     policy: PolicyNames = (ALL,)
@@ -175,36 +207,46 @@ class Experiment(Settings):
         """
         raise NotImplementedError
 
-    def cases(self) -> list[Case]:
-        """Lists the cases: every policy in every scenario with every value of axes and every seed.
+    def once(self, name: str, make: Callable[[], Any]) -> Any:
+        """Returns what the run's folder keeps, so that a run that is continued does not repeat it.
 
-        An experiment that measures something else than that lists its own.
+        Args:
+            name: What the folder calls it.
+            make: Makes it, of what JSON can hold.
         """
+        folder, identity = vars(self)["_place"]
+        return record_or_made(folder / f"{name}.json", make, of=identity)
+
+    def cases(self) -> list[Case]:
+        """Lists every policy in every scenario with every value of the axes and every seed."""
+        axes = [_labelled(getattr(self, setting)) for setting in self.axes.values()]
         return [
             Case(
                 {
                     "gait": gait.name,
                     "policy": policy,
                     "scenario": name,
-                    **dict(zip(self.axes, values, strict=True)),
-                    "seed": seed,
+                    **{axis: label for axis, (label, _) in zip(self.axes, point, strict=True)},
+                    **({} if self.pooled else {"seed": seed}),
                 },
                 gait,
                 controller,
                 scenario,
                 seed,
+                values={axis: value for axis, (_, value) in zip(self.axes, point, strict=True)},
             )
             for name, scenario in slow_first(self.scenarios)
             for gait in self.gaits
             for policy, controller in self.controllers[gait.name].items()
-            for values in product(*(getattr(self, setting) for setting in self.axes.values()))
-            for seed in self.seeds
+            for point in product(*axes)
+            for seed in self.seeds[: 1 if self.pooled else None]
         ]
 
     def run(self) -> None:
         """Runs the experiment, and writes and prints what it found."""
-        names = self._gaits_with_policies()
-        if self.together or len(names) == 1:
+        named = gaits_named(self.gait)
+        names = self._gaits_to_measure(named)
+        if self.together or len(named) == 1:
             # The very same experiment holds the policies that it has found.
             own = self if names == self.gait else replace(self, gait=names)
             own._run_one(self.output or own.default_output(names))
@@ -220,16 +262,18 @@ class Experiment(Settings):
 
     def _run_one(self, folder: Path) -> None:
         refuse_to_report(self.seeds)
-        self._refuse_scenarios()
-        cases = self.cases()
+        self._refuse()
         with (
             open_run(
                 folder, study=self.title, settings=self, inputs=self._inputs(), resume=self.resume
             ) as identity,
             parallel_backend(self.workers.backend),
         ):
+            vars(self)["_place"] = folder.absolute(), identity
+            for name in self.prepared:
+                getattr(self, name)
             table = run_cases(
-                cases,
+                self.cases(),
                 self.measure,
                 folder / "cases",
                 of=identity,
@@ -283,15 +327,23 @@ class Experiment(Settings):
     def controllers(self) -> dict[str, dict[str, AlternatingController]]:
         """What acts, by the gait's name and the policy's.
 
-        Of several gaits each has those of the policies that there are.
+        Of several gaits, and of policies that are not named, those are taken that there are.
+
+        Raises:
+            InputError: if there is no such policy, or it is neural where students are asked for.
         """
         found = {}
         for gait in self.gaits:
             policies = self.policies[gait.name]
             names = policies.named(self.policy)
-            if len(self.gaits) > 1:
-                names = tuple(name for name in names if name in (EXPERT, *policies.files))
+            if len(self.gaits) > 1 or self.policy == type(self).policy:
+                names = tuple(own for own in names if own in (EXPERT, *policies.files)) or names
             found[gait.name] = policies.controllers(names)
+            for name, controller in found[gait.name].items():
+                if self.of_students and isinstance(controller.policy, NeuralPolicy):
+                    raise InputError(
+                        f"--policy {name}: {self.title} is of students; name a kind of student"
+                    )
         return found
 
     @property
@@ -299,14 +351,15 @@ class Experiment(Settings):
         """What people call each scenario."""
         return {name: scenario.title for name, scenario in self.scenarios.items()}
 
-    def _gaits_with_policies(self) -> tuple[str, ...]:
-        """Returns the gaits of which there are policies that are named.
+    def _gaits_to_measure(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Returns those gaits of which there are policies that are named.
 
         Raises:
             InputError: if there are none, a gait that is named has none, or files of one gait are
                 named for several.
         """
-        names = gaits_named(self.gait)
+        if self.mirrored:
+            names = _with_mirror_image(names)
         if len(names) == 1:
             return names
         if self.source or any(map(is_file, self.policy)):
@@ -330,14 +383,17 @@ class Experiment(Settings):
             )
         return tuple(kept)
 
-    def _refuse_scenarios(self) -> None:
-        """Refuses scenarios that the experiment cannot be made in.
+    def _refuse(self) -> None:
+        """Refuses what the experiment cannot be made of, before anything is made.
 
         Raises:
-            InputError: if there are several and one is asked for, or one is continuous.
+            InputError: if there are several scenarios or policies and one is asked for, or a
+                scenario is continuous.
         """
-        if self.one_scenario and len(self.scenarios) > 1:
-            raise InputError(f"--scenario: {self.title} is of one scenario; name one")
+        named = {"scenario": self.scenarios, "policy": max(self.controllers.values(), key=len)}
+        for name in self.one:
+            if len(named[name]) > 1:
+                raise InputError(f"--{name}: {self.title} is of one {name}; name one")
         for name, scenario in self.scenarios.items():
             if self.discrete and scenario.accuracy is not None:
                 raise InputError(
@@ -351,13 +407,62 @@ class Experiment(Settings):
             for gait in self.gaits
         ]
         inputs = {key: " ".join(dict.fromkeys(part[key] for part in parts)) for key in parts[0]}
-        scenarios = [scenario.digest() for scenario in self.scenarios.values()]
-        return inputs | {"scenario": " ".join(scenarios)}
+        inputs["scenario"] = " ".join(scenario.digest() for scenario in self.scenarios.values())
+        return inputs | {name: getattr(self, digest) for name, digest in self.inputs.items()}
 
     def __getstate__(self) -> dict[str, Any]:
         """Leaves out what is found again where it is needed: workers are sent what cases hold."""
-        found = ("gaits", "scenarios", "policies", "controllers")
-        return {name: value for name, value in self.__dict__.items() if name not in found}
+        kept = {*(own.name for own in fields(self)), *self.prepared, "_place"}
+        return {name: value for name, value in vars(self).items() if name in kept}
+
+
+@dataclass(frozen=True)
+class RolloutExperiment(Experiment):
+    """Rolls robots out, and scores them.
+
+    Attributes:
+        n_steps: Control steps of a rollout.
+        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
+            commands; by default the speeds of distillation.
+    """
+
+    n_steps: Count = EPISODE_STEPS
+    speed_range: Range | None = None
+
+    def rollouts(self, case: Case) -> RolloutConfig:
+        """Returns how the robots of a case are rolled out, at the speeds of distillation."""
+        config = RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
+        return config.at_distilled_speeds(case.gait, case.scenario)
+
+    def _refuse(self) -> None:
+        """Refuses commands that a gait is not made for, too."""
+        super()._refuse()
+        config = RolloutConfig(speed_range=self.speed_range)
+        for gait in self.gaits:
+            for scenario in self.scenarios.values():
+                refuse_commands(gait, scenario, config)
+
+
+def _labelled(values: Any) -> list[tuple[Any, Any]]:
+    """Returns the labels and values of an axis."""
+    return [*values.items()] if isinstance(values, Mapping) else [(own, own) for own in values]
+
+
+def _with_mirror_image(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Returns the gaits that have a mirror image.
+
+    Raises:
+        InputError: if none has.
+    """
+    kept = []
+    for name in names:
+        if mirrored_states(load_gait(name)) is None:
+            say(f"{name}: has no mirror image, since its machine favours a side; left out")
+        else:
+            kept.append(name)
+    if not kept:
+        raise InputError("--gait: no gait of these has a mirror image; name another")
+    return tuple(kept)
 
 
 def run_from_command_line(kind: type[Experiment]) -> None:

@@ -9,14 +9,12 @@ import pandas as pd
 from annotated_types import MinLen
 from matplotlib.figure import Figure
 
-from glassgait.models.settings import DISTINCT, FEW, Count, Range
-from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.settings import DISTINCT, FEW
 from glassgait.models.task.alternation import parse_ratio, ratio_title
 from glassgait.studies.common.cases import PERIODS, Case, not_finite_lines, score
-from glassgait.studies.common.experiment import Experiment, Report
+from glassgait.studies.common.experiment import Report, RolloutExperiment
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
 from glassgait.studies.common.policies import ALL, EXPERT
-from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize_against
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.evaluation.worlds import falls_of, with_interval
@@ -29,24 +27,19 @@ LEAST_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Alternation(Experiment):
+class Alternation(RolloutExperiment):
     """Let expert and student act by turns, and report the return at every ratio.
 
     Attributes:
         ratios: Shares of steps at which the expert acts: 1, 1/2, …, and 0 for students alone.
-        n_steps: Control steps of a rollout.
-        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
-            commands; by default the speeds of distillation.
     """
 
     title: ClassVar[str] = "evaluate alternation"
-    one_scenario: ClassVar[bool] = True
+    one: ClassVar[tuple[str, ...]] = ("scenario",)
 
     axes: ClassVar[Mapping[str, str]] = {"ratio": "ratios"}
 
     ratios: Annotated[tuple[str, ...], MinLen(1), FEW, DISTINCT] = RATIOS
-    n_steps: Count = EPISODE_STEPS
-    speed_range: Range | None = None
 
     def __post_init__(self) -> None:
         """Adds the expert, whose return is the measure.
@@ -66,14 +59,8 @@ class Alternation(Experiment):
         own, period = case.alone, parse_ratio(case.labels["ratio"])
         if (own.student is None) != (period == 1):
             return pd.DataFrame()
-        config = RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
-        return score(
-            replace(
-                case,
-                controller=replace(own, period=period),
-                config=config.at_distilled_speeds(case.gait, case.scenario),
-            )
-        )
+        acting = replace(own, period=period)
+        return score(replace(case, controller=acting, config=self.rollouts(case)))
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports return and falls by ratio, and of the students alone."""

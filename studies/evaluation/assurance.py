@@ -1,43 +1,39 @@
 """`glassgait evaluate assurance`: a student acts in distribution, the expert elsewhere."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 import pandas as pd
-import tyro
 from annotated_types import Ge, Lt, MinLen
 
-from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario, load_scenarios
+from glassgait.diagrams.scenario import TRAINING, Scenario, load_scenario
 from glassgait.models.certificates.observation_box import ObservationBox
 from glassgait.models.errors import InputError
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Settings, Share
-from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.cases import cases_in_worlds, digests_of
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experiment import ScenarioNames
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.policies import Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts import (
-    SELECTION_SEEDS,
-    RolloutConfig,
-    refuse_to_select,
+from glassgait.models.policies.controller import AlternatingController, Controller, alone
+from glassgait.models.settings import DISTINCT, FEW, Count, Seed, Share
+from glassgait.models.task.termination import limits_of
+from glassgait.studies.common.cases import Case, not_finite_lines, score
+from glassgait.studies.common.console import say
+from glassgait.studies.common.experiment import (
+    PolicyNames,
+    Report,
+    RolloutExperiment,
+    ScenarioNames,
 )
-from glassgait.studies.common.run_folder import open_run
+from glassgait.studies.common.rollouts import SELECTION_SEEDS, RolloutConfig, refuse_to_select
 from glassgait.studies.common.scores import summarize_against, wilson_interval
-from glassgait.studies.common.sweep import WorkersConfig
-from glassgait.studies.common.tables import json_records, print_table, write_metrics, write_table
+from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.evaluation.assurance_calibration import (
+    EXPERT,
+    STUDENT,
     Calibration,
-    Pair,
-    calibrate_once,
+    calibrate,
     has_ensemble,
-    roll_out_all,
+    period_of,
+    share_called,
 )
 from glassgait.studies.evaluation.assurance_figures import draw_calls, draw_pushed, push_one
 
@@ -48,13 +44,11 @@ WORLDS = (TRAINING, PUSHED, "friction_0.5", "latency_20ms")
 
 
 @dataclass(frozen=True)
-class Assurance(Settings):
+class Assurance(RolloutExperiment):
     """Let a student act in distribution, and the expert elsewhere, and count falls.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
         policy: The student: its kind, or the path of its file.
-        scenario: The scenarios: names of those that ship, and paths of scenario files.
         calls: Shares of steps in which the expert may be called in the training scenario; each
             gives limits, and a schedule with as many calls.
         quantile: Share of the observations in the training scenario that each end of a range
@@ -65,20 +59,17 @@ class Assurance(Settings):
             expert leads, for the region and the limits.
         pushed_robots: Robots that the student leads under pushes, to see what predicts falls.
         calibration_seed: Seed of both; other than those of the rollouts.
-        rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
-        workers: Where rollouts run.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
-            runs/train/<gait>.
-        resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/evaluate/assurance/<gait>/<student> by default.
     """
 
     title: ClassVar[str] = "evaluate assurance"
+    of_students: ClassVar[bool] = True
+    one: ClassVar[tuple[str, ...]] = ("policy",)
+    # A schedule calls the expert as often as the monitor did with the robots of all seeds.
+    pooled: ClassVar[bool] = True
+    axes: ClassVar[Mapping[str, str]] = {"acting": "limits"}
+    prepared: ClassVar[tuple[str, ...]] = ("calibration",)
 
-    gait: str = "trot"
-    policy: str = "sparse_formula"
+    policy: PolicyNames = ("sparse_formula",)
     scenario: ScenarioNames = WORLDS
     calls: Annotated[tuple[Share, ...], MinLen(1), FEW, DISTINCT] = (0.02,)
     quantile: Annotated[float, Ge(0.0), Lt(0.5)] = 0.001
@@ -87,14 +78,6 @@ class Assurance(Settings):
     nominal_robots: Count = 26
     pushed_robots: Count = 130
     calibration_seed: Seed = SELECTION_SEEDS[0]
-    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: RolloutConfig(n_seeds=1)
-    )
-    workers: Annotated[WorkersConfig, tyro.conf.arg(name="")] = field(default_factory=WorkersConfig)
-    robot: str | None = None
-    source: Path | None = None
-    resume: bool = False
-    output: Path | None = None
 
     def __post_init__(self) -> None:
         """
@@ -104,98 +87,130 @@ class Assurance(Settings):
         """
         super().__post_init__()
         refuse_to_select([self.calibration_seed], f"{self.title}: calibration_seed")
-        if {self.calibration_seed, self.calibration_seed + 1} & {*self.rollouts.seeds}:
+        if {self.calibration_seed, self.calibration_seed + 1} & {*self.seeds}:
             raise InputError(
                 f"{self.title}: calibration_seed is {self.calibration_seed}, and rollouts have it "
                 "or the next one; name another"
             )
 
-    def run(self) -> None:
-        """Runs the study."""
-        scenarios = load_scenarios(self.scenario)
-        policies = find_policies(load_gait(self.gait), self.source, self.robot)
-        pair = self._pair(policies)
-        folder = self.output or policies.output(self.title) / pair.name
-        alone = pair.alone[pair.name]
-        # What cannot be rolled out is refused here, before anything is made.
-        cases = cases_in_worlds(pair.gait, {pair.name: alone}, scenarios, self.rollouts)
-        inputs = digests_of(cases) | policies.inputs([(pair.name, alone)])
-        run = {
-            "study": self.title,
-            "settings": self,
-            "resume": self.resume,
-            "inputs": inputs,
-        }
-        with open_run(folder, **run) as of, parallel_backend(self.workers.backend):
-            calibration = self._calibrate(pair, folder, of)
-            scores = roll_out_all(
-                pair,
-                calibration,
-                scenarios,
-                self.rollouts,
-                folder / "rollouts",
-                self.workers.processes,
-            )
-            titles = {name: scenario.title for name, scenario in scenarios.items()}
-            table = assurance_table(scores, titles)
-            write_table(readable_table(table), folder / "worlds")
-            write_metrics(_metrics(table, calibration), folder / "metrics.json")
-            save_figure(draw_calls(table, titles), folder / "calls")
-            shown = push_one(pair, calibration, folder / "pushed_robot.json", of=of)
-            save_figure(draw_pushed(shown, calibration), folder / "pushed_robot")
-        print_table(f"{pair.gait.name}: falls, and shares of the expert", readable_table(table))
-        console.print(f"written to {folder}")
+    @property
+    def limits(self) -> dict[str, float | None]:
+        """What acts: the expert, the student, or both by the limits of a share of calls."""
+        return {EXPERT: None, STUDENT: None} | {f"{calls:g}": calls for calls in self.calls}
 
-    def _pair(self, policies: Policies) -> Pair:
-        controller = policies.controller(self.policy)
-        if controller.student is None:
-            raise InputError(f"--policy {self.policy}: is neural; name a student")
-        if self.disagreement and not has_ensemble(controller.student):
+    @property
+    def alone(self) -> AlternatingController:
+        """The student alone.
+
+        Raises:
+            InputError: if it observes other things than the expert, or must be an ensemble.
+        """
+        ((name, found),) = self.controllers[self.gaits[0].name].items()
+        if found.student is None:
             raise InputError(
-                f"{self.title}: disagreement is set, but {self.policy} of the "
-                f"{policies.gait.name} is no ensemble; name --policy ebm, or leave it out"
+                f"--policy {name}: observes other things than the expert; name another student"
             )
-        expert = controller.expert
-        assert isinstance(expert, NeuralPolicy)
-        return Pair(policies.gait, expert, controller.student, policy_stem(self.policy))
+        if self.disagreement and not has_ensemble(found.student):
+            raise InputError(
+                f"{self.title}: disagreement is set, but {name} of the {self.gaits[0].name} is no "
+                "ensemble; name --policy ebm, or leave it out"
+            )
+        return found
 
-    def _calibrate(self, pair: Pair, folder: Path, of: str) -> Calibration:
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The region and the limits, and what they predict."""
+        gait, student = self.gaits[0], self.alone
         say(
-            f"{pair.gait.name}: robots walk in the training scenario and under pushes, for the "
-            "region and the limits"
+            f"{gait.name}: robots walk in the training scenario and under pushes, for the region "
+            "and the limits"
         )
-        nominal = replace(
-            self.rollouts, n_robots=self.nominal_robots, seed=self.calibration_seed, n_seeds=1
+        training, pushes = (
+            replace(own, limits=limits_of(self.falls, own.limits))
+            for own in (Scenario(), load_scenario(PUSHED))
+        )
+        nominal = RolloutConfig(
+            self.nominal_robots, self.n_steps, self.calibration_seed, 1, self.speed_range
         )
         pushed = replace(nominal, n_robots=self.pushed_robots, seed=self.calibration_seed + 1)
-        calibration = calibrate_once(
-            pair,
-            (Scenario(), load_scenario(PUSHED)),
-            (nominal, pushed),
-            folder / "calibration.json",
-            of=of,
-            calls=self.calls,
-            quantile=self.quantile,
-            return_steps=self.return_steps,
-            disagreement=self.disagreement,
+
+        def made() -> dict[str, Any]:
+            return calibrate(
+                gait,
+                {EXPERT: alone(student.expert), STUDENT: student},
+                (training, pushes),
+                (nominal, pushed),
+                calls=self.calls,
+                quantile=self.quantile,
+                return_steps=self.return_steps,
+                disagreement=self.disagreement,
+            ).to_plain()
+
+        return Calibration.from_plain(self.once("calibration", made), student.policy)
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls the expert or the student out alone, or both, assured and by a schedule.
+
+        Returns:
+            Scores, a row a robot, with the `controller`.
+        """
+        student, calls = case.alone, case.values["acting"]
+        if calls is None:
+            if case.labels["acting"] == EXPERT:
+                return self._scores(case, EXPERT, alone(student.expert))
+            return self._scores(case, case.labels["policy"], student)
+        assured = self._scores(case, f"assured_{calls:g}", self.calibration.assured(student, calls))
+        schedule = replace(student, period=period_of(share_called(assured)))
+        return pd.concat([assured, self._scores(case, f"schedule_{calls:g}", schedule)])
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports falls and shares of the expert, and what the calibration predicts."""
+        (gait,), calibration, titles = self.gaits, self.calibration, self.scenario_titles
+        table = table.drop(columns="policy").rename(columns={"controller": "policy"})
+        scheduled = table["policy"].str.startswith("schedule_")
+        table = pd.concat([table[~scheduled], table[scheduled]], ignore_index=True)
+        found = assurance_table(table, titles)
+        pushed = self.once("pushed_robot", lambda: push_one(gait, self.alone, calibration))
+        return Report(
+            tables={
+                "worlds": readable_table(found),
+                "fall_prediction": calibration.fall_prediction,
+                "warnings": calibration.warnings,
+                "rescues": calibration.rescues,
+            },
+            metrics=_metrics(found, calibration),
+            figures={
+                "calls": draw_calls(found, titles),
+                "pushed_robot": draw_pushed(pushed, calibration),
+            },
+            shown={f"{gait.name}: falls, and shares of the expert": readable_table(found)},
+            lines=not_finite_lines(table),
+            files=self._boxes(),
         )
-        for stem, table in {
-            "fall_prediction": calibration.fall_prediction,
-            "warnings": calibration.warnings,
-            "rescues": calibration.rescues,
-        }.items():
-            write_table(table, folder / stem)
-        region = calibration.region
-        for state, name in enumerate(pair.gait.states):
-            box = ObservationBox(
-                pair.expert.robot, region.names, region.lower[state], region.upper[state]
+
+    def _scores(self, case: Case, name: str, controller: Controller) -> pd.DataFrame:
+        """Rolls out and scores the robots of all seeds."""
+        parts = []
+        for seed in self.seeds:
+            own = replace(case, controller=controller, seed=seed)
+            parts.append(score(own.with_config(self.rollouts(own))))
+        return pd.concat(parts, ignore_index=True).assign(controller=name)
+
+    def _boxes(self) -> dict[str, Any]:
+        """Returns what writes the region, a box for each state of the gait's machine."""
+        (gait,), region, student = self.gaits, self.calibration.region, self.alone
+        (name,) = self.controllers[gait.name]
+        measured = (
+            f"{self.nominal_robots} robots each of expert and {name} in the training scenario, "
+            f"seed {self.calibration_seed}, machine state"
+        )
+        files = {}
+        for i, state in enumerate(gait.states):
+            box = ObservationBox(student.robot, region.names, region.lower[i], region.upper[i])
+            files[f"region_{state}.yaml"] = partial(
+                box.save, gait=gait, measured=f"{measured} {state}"
             )
-            measured = (
-                f"{nominal.n_robots} robots each of expert and {pair.name} in the training "
-                f"scenario, seed {nominal.seed}"
-            )
-            box.save(folder / f"region_{name}.yaml", pair.gait, f"{measured}, machine state {name}")
-        return calibration
+        return files
 
 
 def _metrics(table: pd.DataFrame, calibration: Calibration) -> dict[str, Any]:
@@ -239,7 +254,7 @@ def assurance_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
     """Sums up every policy in every world.
 
     Args:
-        scores: What `roll_out_all` returned.
+        scores: Scores of robots, a row each, of every policy and scenario.
         titles: What people call each scenario.
 
     Returns:
@@ -253,13 +268,10 @@ def assurance_table(scores: pd.DataFrame, titles: Mapping[str, str]) -> pd.DataF
         own = scores[scores["scenario"] == name]
         expert = own[own["policy"] == "expert"]
         part = summarize_against(own, ["policy"], expert)
-        called = {
-            policy: np.average(rows["expert_share"], weights=rows["steps"])
-            for policy, rows in own.groupby("policy")
-        }
+        called = {policy: share_called(rows) for policy, rows in own.groupby("policy")}
         part.insert(1, "scenario", name)
         part.insert(2, "world", title)
-        part["called"] = [float(called[policy]) for policy in part["policy"]]
+        part["called"] = [called[policy] for policy in part["policy"]]
         part["points_more"] = 100.0 * (part["fall_rate"] - expert["fell"].mean())
         parts.append(part)
     table = pd.concat(parts, ignore_index=True)

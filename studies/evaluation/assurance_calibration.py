@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,15 +17,12 @@ from glassgait.models.certificates.observation_box import (
     commanded,
     operating_box,
 )
-from glassgait.models.files import record_or_made
 from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.controller import (
     AlternatingController,
     AssuredController,
     Controller,
-    alone,
 )
-from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots.robot import robot_folder
 from glassgait.models.task.assurance import (
@@ -38,7 +34,6 @@ from glassgait.models.task.assurance import (
 )
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.observation import entries_of, machine_state_entries
-from glassgait.studies.common.cases import Case, cases_in_worlds, run_rollouts
 from glassgait.studies.common.episode import episode
 from glassgait.studies.common.observers import Observations, Snapshots
 from glassgait.studies.common.rollouts import RolloutConfig
@@ -59,6 +54,9 @@ ANYWHERE = 1e6
 
 RETURN_SHARE = 0.5
 """Share of the limit that counts as inside again."""
+
+EXPERT, STUDENT = "expert", "student"
+"""Names of both, each alone."""
 
 HALVINGS = 30
 """Of the interval that a limit is sought in."""
@@ -308,29 +306,6 @@ def rescues(
 
 
 @dataclass(frozen=True)
-class Pair:
-    """An expert and its student.
-
-    Attributes:
-        gait: Their gait.
-        expert: Acts out of it.
-        student: Acts in distribution.
-        name: The student's kind.
-    """
-
-    gait: Gait
-    expert: NeuralPolicy
-    student: Policy
-    name: str
-
-    @property
-    def alone(self) -> dict[str, AlternatingController]:
-        """Both alone, by name."""
-        student = alone(self.student, self.expert)
-        return {"expert": alone(self.expert), self.name: student}
-
-
-@dataclass(frozen=True)
 class Calibration:
     """What was chosen in distribution, and what it predicts.
 
@@ -348,6 +323,11 @@ class Calibration:
     fall_prediction: pd.DataFrame
     warnings: pd.DataFrame
     rescues: pd.DataFrame
+
+    def assured(self, alone: AlternatingController, calls: float) -> AssuredController:
+        """Returns a student under assurance, whose expert may be called in so many steps."""
+        assert alone.student is not None
+        return AssuredController(alone.expert, alone.student, self.region, self.hysteresis[calls])
 
     def to_plain(self) -> dict[str, Any]:
         """Returns it as values that JSON can hold."""
@@ -379,31 +359,34 @@ class Calibration:
 
 
 def calibrate(
-    pair: Pair,
-    nominal: Visits,
-    pushed: Visits,
-    world: Scenario,
+    gait: Gait,
+    controllers: Mapping[str, AlternatingController],
+    worlds: tuple[Scenario, Scenario],
+    configs: tuple[RolloutConfig, RolloutConfig],
     *,
     calls: tuple[float, ...],
     quantile: float,
     return_steps: int,
     disagreement: bool,
-    seed: int,
 ) -> Calibration:
     """Chooses region and limits by what is visited in distribution, and tries what they predict.
 
     Args:
-        pair: An expert and its student.
-        nominal: Where the student alone and the expert alone were in distribution.
-        pushed: Where the student alone was under pushes.
-        world: The world of the pushes.
+        gait: The gait.
+        controllers: The expert and the student, each alone.
+        worlds: The training scenario, and the world of the pushes.
+        configs: How robots are rolled out in each; the last seed is also that of rescues' noise.
         calls: Shares of steps in distribution in which the expert may be called.
         quantile: Share of observations that each end of a range leaves out.
         return_steps: Control steps inside after which the student acts again.
         disagreement: Whether the student's models must agree as they do in distribution, too.
-        seed: Seed of the noise in rescues.
     """
-    regions = make_regions(pair.gait, pair.student, nominal, quantile)
+    student = controllers[STUDENT]
+    # Where the expert walks in distribution the student may take over again: without those visits
+    # the expert, once called, would hardly ever hand back.
+    nominal = joined([visit(gait, own, worlds[0], configs[0]) for own in controllers.values()])
+    pushed = visit(gait, student, worlds[1], configs[1])
+    regions = make_regions(gait, student.policy, nominal, quantile)
     watched: RegionKind = "states_and_disagreement" if disagreement else "states"
     chosen: dict[float, Hysteresis] = {}
     rows = []
@@ -417,110 +400,11 @@ def calibrate(
                 chosen[share] = hysteresis
     region = regions[watched]
     averted, alone = (
-        rescues(pair.gait, policy, world, pushed, seed) for policy in pair.alone.values()
+        rescues(gait, own, worlds[1], pushed, configs[1].seed) for own in controllers.values()
     )
     averted = averted.assign(alone=alone["rescued"])
     warnings = warnings_of(pushed, region, chosen[max(calls)])
     return Calibration(region, chosen, pd.DataFrame(rows), warnings, averted)
-
-
-def calibrate_once(
-    pair: Pair,
-    worlds: tuple[Scenario, Scenario],
-    configs: tuple[RolloutConfig, RolloutConfig],
-    path: Path,
-    *,
-    of: str,
-    calls: tuple[float, ...],
-    quantile: float,
-    return_steps: int,
-    disagreement: bool,
-) -> Calibration:
-    """Calibrates with robots in distribution and under pushes, unless the file holds the outcome.
-
-    Args:
-        pair: An expert and its student.
-        worlds: The training scenario, and the world of the pushes.
-        configs: How robots are rolled out in each.
-        path: Where the calibration is kept.
-        of: What identifies the run.
-        calls: See `calibrate`.
-        quantile: See `calibrate`.
-        return_steps: See `calibrate`.
-        disagreement: See `calibrate`.
-    """
-
-    def made() -> dict[str, Any]:
-        # Where the expert walks in distribution the student may take over again: without
-        # those visits the expert, once called, would hardly ever hand back.
-        nominal = joined(
-            [visit(pair.gait, policy, worlds[0], configs[0]) for policy in pair.alone.values()]
-        )
-        pushed = visit(pair.gait, pair.alone[pair.name], worlds[1], configs[1])
-        return calibrate(
-            pair,
-            nominal,
-            pushed,
-            worlds[1],
-            calls=calls,
-            quantile=quantile,
-            return_steps=return_steps,
-            disagreement=disagreement,
-            seed=configs[1].seed,
-        ).to_plain()
-
-    kept = record_or_made(path, made, of=of)
-    return Calibration.from_plain(kept, pair.student)
-
-
-def assured_name(calls: float) -> str:
-    """Names the assured policy whose expert may be called in a share of steps in distribution."""
-    return f"assured_{calls:g}"
-
-
-def scheduled_name(calls: float) -> str:
-    """Names the schedule with as many calls as that policy."""
-    return f"schedule_{calls:g}"
-
-
-def assured_policies(pair: Pair, calibration: Calibration) -> dict[str, Controller]:
-    """Returns the expert, the student alone, and the student under assurance, by name."""
-    assured = {
-        assured_name(calls): AssuredController(
-            pair.expert, pair.student, calibration.region, hysteresis
-        )
-        for calls, hysteresis in calibration.hysteresis.items()
-    }
-    return {**pair.alone, **assured}
-
-
-def roll_out_all(
-    pair: Pair,
-    calibration: Calibration,
-    scenarios: Mapping[str, Scenario],
-    config: RolloutConfig,
-    folder: Path,
-    processes: int | None,
-) -> pd.DataFrame:
-    """Rolls out every controller in every world, the schedules last, with as many calls.
-
-    Returns:
-        Scores, a row a robot.
-    """
-    jobs = cases_in_worlds(pair.gait, assured_policies(pair, calibration), scenarios, config)
-    scores = run_rollouts(jobs, folder, processes=processes)
-    scheduled: list[Case] = []
-    for name, scenario in scenarios.items():
-        own = scores[scores["scenario"] == name]
-        policies: dict[str, Controller] = {}
-        for calls in calibration.hysteresis:
-            called = _share_called(own[own["policy"] == assured_name(calls)])
-            schedule = AlternatingController(pair.expert, pair.student, period_of(called))
-            policies[scheduled_name(calls)] = schedule
-        scheduled += cases_in_worlds(pair.gait, policies, {name: scenario}, config)
-    return pd.concat(
-        [scores, run_rollouts(scheduled, folder, processes=processes)], ignore_index=True
-    )
 
 
 def period_of(called: float) -> int:
@@ -528,6 +412,6 @@ def period_of(called: float) -> int:
     return math.floor(1.0 / called) if called > 0.0 else 0
 
 
-def _share_called(scores: pd.DataFrame) -> float:
+def share_called(scores: pd.DataFrame) -> float:
     """Returns the share of all robots' steps, so that robots that fell early count for less."""
     return float(np.average(scores["expert_share"], weights=scores["steps"]))

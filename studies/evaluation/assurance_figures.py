@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,12 @@ from glassgait.diagrams.plant_state import push
 from glassgait.diagrams.rollout import Rollout, make_simulator, record
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
-from glassgait.models.files import record_or_made
-from glassgait.models.policies.controller import AssuredController, Controller
+from glassgait.models.policies.controller import AlternatingController, Controller
 from glassgait.models.robots import quadruped
 from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.evaluation.assurance_calibration import Calibration, Pair
+from glassgait.studies.evaluation.assurance_calibration import Calibration
 
 SPEED = 0.5
 """Commanded speed (m/s)."""
@@ -38,40 +36,33 @@ INSTANTS = tuple(range(60, 76, 3))
 """Control steps at which it is tried, over a cycle of the gait."""
 
 
-def push_one(pair: Pair, calibration: Calibration, path: Path, *, of: str) -> dict[str, Any]:
+def push_one(gait: Gait, alone: AlternatingController, calibration: Calibration) -> dict[str, Any]:
     """Pushes one robot until the student alone falls, and then once more under assurance.
 
     Directions are diagonals, as strong as the world of pushes has them. Where the student never
     falls, the push that ends the highest overrun is shown.
 
     Args:
-        pair: An expert and its student.
+        gait: The gait.
+        alone: The student alone.
         calibration: The region and the limits, of which those of most calls are taken.
-        path: Where the outcome is kept; it is read if it is there.
-        of: What identifies the run.
 
     Returns:
         `push`, the control step of the push and its velocity (m/s), and of `alone` and `assured`
         the trunk's `height` (m), the `overrun` and `expert_acts`, a value a control instant, and
         whether it `fell`.
     """
-    return record_or_made(path, lambda: _push_one(pair, calibration), of=of)
-
-
-def _push_one(pair: Pair, calibration: Calibration) -> dict[str, Any]:
-    alone = pair.alone[pair.name]
-    hysteresis = calibration.hysteresis[max(calibration.hysteresis)]
-    assured = AssuredController(pair.expert, pair.student, calibration.region, hysteresis)
     tried = []
     for step, x, y in product(INSTANTS, (-PUSH, PUSH), (-PUSH, PUSH)):
         velocity = np.array([x, y, 0.0])
-        rollout = _pushed(pair.gait, alone, step, velocity)
+        rollout = _pushed(gait, alone, step, velocity)
         worst = float(calibration.region.overrun(rollout["observations"]).max())
         tried.append((rollout.failed, worst, step, velocity, rollout))
         if rollout.failed:
             break
     _, _, step, velocity, rollout = max(tried, key=lambda one: one[:2])
-    guarded = _pushed(pair.gait, assured, step, velocity)
+    assured = calibration.assured(alone, max(calibration.hysteresis))
+    guarded = _pushed(gait, assured, step, velocity)
     return {
         "push": [step, velocity.tolist()],
         "alone": _outcome(rollout, calibration),

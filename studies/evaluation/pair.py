@@ -63,19 +63,7 @@ class Pair:
     controllers: dict[str, AlternatingController]
     world: Scenario
 
-    @property
-    def titles(self) -> tuple[str, str]:
-        """What people call them; the letter distinguishes two files of one name."""
-        a, b = (policy_title(name) for name in self.controllers)
-        return f"A: {a}", f"B: {b}"
-
-    @property
-    def policies(self) -> tuple[Policy, Policy]:
-        """The policies."""
-        a, b = (controller.policy for controller in self.controllers.values())
-        return a, b
-
-    def refuse_world(self) -> None:
+    def __post_init__(self) -> None:
         """Refuses a world in which no single robot can be rolled out.
 
         Raises:
@@ -90,6 +78,18 @@ class Pair:
                 "robot needs Drake; name another first with --scenario, such as training"
             )
         self.world.command.check(self.gait)
+
+    @property
+    def titles(self) -> tuple[str, str]:
+        """What people call them; the letter distinguishes two files of one name."""
+        a, b = (policy_title(name) for name in self.controllers)
+        return f"A: {a}", f"B: {b}"
+
+    @property
+    def policies(self) -> tuple[Policy, Policy]:
+        """The policies."""
+        a, b = (controller.policy for controller in self.controllers.values())
+        return a, b
 
     def report(self, n_steps: int, seed: int) -> Report:
         """Rolls one robot of each out, and reports in what the policies differ.

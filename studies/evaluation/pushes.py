@@ -51,7 +51,7 @@ class Pushes(Experiment):
     """
 
     title: ClassVar[str] = "evaluate pushes"
-    one_scenario: ClassVar[bool] = True
+    one: ClassVar[tuple[str, ...]] = ("scenario",)
     discrete: ClassVar[bool] = True
     n_robots: ClassVar[int] = 1
     n_seeds: ClassVar[int] = 1

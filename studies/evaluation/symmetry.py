@@ -14,12 +14,10 @@ from sklearn.metrics import r2_score
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.arrays import Array
-from glassgait.models.errors import InputError
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.settings import Count
-from glassgait.models.task.gait import load_gait
 from glassgait.models.task.observation import entries_of
 from glassgait.models.task.symmetry import (
     REFLECT_JOINTS,
@@ -28,10 +26,8 @@ from glassgait.models.task.symmetry import (
     reflect_observation,
 )
 from glassgait.studies.common.cases import Case
-from glassgait.studies.common.console import say
 from glassgait.studies.common.experiment import Experiment, Report
 from glassgait.studies.common.figures import COLUMN_WIDTH, styled, subplots
-from glassgait.studies.common.sweep import gaits_named
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset
@@ -268,6 +264,7 @@ class Symmetry(Experiment):
     """
 
     title: ClassVar[str] = "evaluate symmetry"
+    mirrored: ClassVar[bool] = True
     scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
     n_seeds: ClassVar[int] = 1
 
@@ -275,25 +272,6 @@ class Symmetry(Experiment):
     n_steps: Count = 250
     n_samples: Annotated[Count, Ge(2)] = 500
     repeats: Annotated[Count, Ge(2)] = 20
-
-    def run(self) -> None:
-        """Runs the study of those gaits that have a mirror image.
-
-        Raises:
-            InputError: if none has.
-        """
-        kept, named = [], gaits_named(self.gait)
-        for name in named:
-            if mirrored_states(load_gait(name)) is None:
-                say(f"{name}: has no mirror image, since its machine favours a side; left out")
-            else:
-                kept.append(name)
-        if not kept:
-            raise InputError("--gait: no gait of these has a mirror image; name another")
-        output = self.output
-        if output is not None and len(named) > 1 == len(kept):
-            output /= load_gait(kept[0]).name
-        super(Symmetry, replace(self, gait=tuple(kept), output=output)).run()
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Measures a policy where its expert goes.

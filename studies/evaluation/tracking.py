@@ -50,7 +50,7 @@ class Tracking(Experiment):
     title: ClassVar[str] = "evaluate tracking"
     together: ClassVar[bool] = True
     discrete: ClassVar[bool] = True
-    one_scenario: ClassVar[bool] = True
+    one: ClassVar[tuple[str, ...]] = ("scenario",)
 
     policy: PolicyNames = (EXPERT,)
     n_robots: Count = 8

@@ -66,16 +66,6 @@ class Transition:
     greatest_change: float
     slowdown: float
 
-    def digest(self) -> list[Any]:
-        """Returns a digest that differs where robots would not walk alike."""
-        policies = [own.policy.digest() for own in self.controllers]
-        experts = [own.expert.digest() for own in self.controllers]
-        gaits = [gait.digest() for gait in self.path]
-        return [policies, experts, gaits, self.speed, self.n_robots, *self._easing()]
-
-    def _easing(self) -> tuple[float, float, float]:
-        return self.patience, self.greatest_change, self.slowdown
-
 
 class _Log(NamedTuple):
     """What n robots did over T control steps.

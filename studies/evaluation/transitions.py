@@ -1,9 +1,10 @@
 """`glassgait evaluate transitions`: gaits that change while walking."""
 
 import textwrap
-from dataclasses import dataclass
-from itertools import permutations, product
-from typing import Annotated, ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Annotated, Any, ClassVar
 
 import pandas as pd
 from annotated_types import Ge, Le, MinLen
@@ -16,6 +17,7 @@ from matplotlib.ticker import PercentFormatter
 
 from glassgait.diagrams.commands import FixedCommand
 from glassgait.models.errors import InputError
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.policies.switched import GREATEST_CHANGE
 from glassgait.models.settings import DISTINCT, FEW, NotNegative, Positive, Share
 from glassgait.models.task.gait import Gait, load_gait
@@ -70,6 +72,7 @@ class Transitions(Experiment):
     together: ClassVar[bool] = True
     discrete: ClassVar[bool] = True
     n_seeds: ClassVar[int] = 1
+    axes: ClassVar[Mapping[str, str]] = {"to": "targets", "speed": "speeds"}
 
     gait: Gaits = ("walk", "trot", "pace", "bound")
     policy: PolicyNames = (EXPERT,)
@@ -79,74 +82,97 @@ class Transitions(Experiment):
     slowdown: Share = 1.0
     via: str | None = None
 
-    def cases(self) -> list[Case]:
-        """Lists every ordered pair of gaits, and every gait that does not change, at every speed.
+    @property
+    def targets(self) -> dict[str, "Target"]:
+        """The gaits that robots change to, by name.
 
         Raises:
             InputError: if there are fewer than two gaits, or one is not made for a speed.
         """
         if len(self.gaits) < 2:
             raise InputError(f"{self.title}: one gait changes to no other; name two with --gait")
-        via = None if self.via is None else load_gait(self.via)
-        there = [*self.gaits, *([] if via is None or via in self.gaits else [via])]
-        common = GaitSwitch(there).gait
+        found = {gait.name: Target(gait, self.controllers[gait.name]) for gait in self.gaits}
+        way = {}
+        if self.via is not None:
+            gait = load_gait(self.via)
+            controllers = self.controllers.get(gait.name) or find_policies(
+                gait, robot=self.robot
+            ).controllers(self.policy)
+            way = {gait.name: Target(gait, controllers)}
+        common = GaitSwitch([own.gait for own in (found | way).values()]).gait
         for speed in self.speeds:
             FixedCommand(speed=speed, dwell=common.dwell[0]).check(common)
-        controllers = dict(self.controllers)
-        if via is not None and via.name not in controllers:
-            controllers[via.name] = find_policies(via, robot=self.robot).controllers(self.policy)
-        return [
-            Case(
-                {
-                    "policy": policy,
-                    "scenario": name,
-                    "from": path[0].name,
-                    "to": path[-1].name,
-                    "speed": speed,
-                },
-                path[0],
-                controllers[path[0].name][policy],
-                scenario,
-                self.seed,
-                Transition(
-                    path,
-                    tuple(controllers[gait.name][policy] for gait in path),
-                    scenario,
-                    speed,
-                    self.n_robots,
-                    self.seed,
-                    self.patience,
-                    self.greatest_change,
-                    self.slowdown,
-                ),
-            )
-            for policy in self.controllers[self.gaits[0].name]
-            for name, scenario in self.scenarios.items()
-            for speed in self.speeds
-            for path in self._paths(via)
-        ]
+        via = next(iter(way.values()), None)
+        return {name: own if name in way else replace(own, via=via) for name, own in found.items()}
 
     def measure(self, case: Case) -> pd.DataFrame:
-        """Rolls out robots that change from one gait to another."""
-        return roll_transition(case.config)
+        """Rolls out robots that change from one gait to another, or that never change."""
+        policy, path = case.labels["policy"], path_of(case)
+        if any(policy not in own.controllers for own in path):
+            return pd.DataFrame()
+        return roll_transition(
+            Transition(
+                tuple(own.gait for own in path),
+                tuple(own.controllers[policy] for own in path),
+                case.scenario,
+                case.labels["speed"],
+                self.n_robots,
+                case.seed,
+                self.patience,
+                self.greatest_change,
+                self.slowdown,
+            )
+        )
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports falls and waits of each pair of gaits."""
-        titles, whole = self.scenario_titles, transition_table(table)
+        robots = in_order(table.rename(columns={"gait": "from"}))
+        titles, whole = self.scenario_titles, transition_table(robots)
         return Report(
-            tables={"robots": table, "transitions": readable_table(whole, titles)},
+            tables={"robots": robots, "transitions": readable_table(whole, titles)},
             metrics=json_records(whole),
             figures={"transitions": transition_figure(whole, titles)},
             shown={"robots that change the gait without a fall": summary_table(whole, titles)},
         )
 
-    def _paths(self, via: Gait | None) -> list[tuple[Gait, ...]]:
-        """Lists the gaits as they are requested; of one alone nothing changes."""
-        paths: list[tuple[Gait, ...]] = [(gait,) for gait in self.gaits]
-        for source, target in permutations(self.gaits, 2):
-            between = () if via is None or via in (source, target) else (via,)
-            paths.append((source, *between, target))
-        return paths
+
+@dataclass(frozen=True)
+class Target:
+    """A gait that robots change to.
+
+    Attributes:
+        gait: The gait.
+        controllers: What acts in it, by policy.
+        via: The gait on the way there from any other.
+    """
+
+    gait: Gait
+    controllers: dict[str, AlternatingController]
+    via: "Target | None" = None
+
+    def digest(self) -> list[Any]:
+        """Returns a digest that differs where robots would not walk alike."""
+        policies = [one for own in self.controllers.values() for one in own.policies.values()]
+        via = None if self.via is None else self.via.digest()
+        return [self.gait.digest(), *(one.digest() for one in policies), via]
+
+
+def path_of(case: Case) -> list[Target]:
+    """Lists the gaits of a case as they are requested; of one alone nothing changes."""
+    source = Target(case.gait, {case.labels["policy"]: case.alone})
+    names, target = {case.gait.name, case.labels["to"]}, case.values["to"]
+    if len(names) == 1:
+        return [source]
+    between = [] if target.via is None or target.via.gait.name in names else [target.via]
+    return [source, *between, target]
+
+
+def in_order(robots: pd.DataFrame) -> pd.DataFrame:
+    """Puts robots that never change before the others, for each policy, scenario and speed."""
+    by = robots[["policy", "scenario", "speed"]].apply(lambda column: pd.factorize(column)[0])
+    by["changes"] = robots["from"] != robots["to"]
+    ordered = robots.loc[by.sort_values(list(map(str, by)), kind="stable").index]
+    return ordered[[*KEYS, *ordered.columns[ordered.columns.get_loc("robot") :]]]
 
 
 def transition_table(robots: pd.DataFrame) -> pd.DataFrame:

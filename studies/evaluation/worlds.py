@@ -1,7 +1,8 @@
 """Tables of falls: a row a policy and world, and the worst world of each policy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -10,14 +11,12 @@ from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import TRAINING
 from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import Count, Range
-from glassgait.models.task import EPISODE_STEPS
+from glassgait.models.settings import Range
 from glassgait.models.task.command import DEAD_BAND
-from glassgait.studies.common.cases import Case, not_finite_lines, refuse_commands, score
-from glassgait.studies.common.experiment import Experiment, Report, ScenarioNames
+from glassgait.studies.common.cases import Case, not_finite_lines, score
+from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
 from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
@@ -162,14 +161,13 @@ def _percents(row: pd.Series) -> str:
 
 
 @dataclass(frozen=True)
-class Worlds(Experiment):
+class Worlds(RolloutExperiment):
     """Let policies walk alone in every scenario, and report scores and falls.
 
     One policy gives a scorecard, several a map of falls; two also give the lines in which they
     differ, the difference of their joint targets, and one replay of both.
 
     Attributes:
-        n_steps: Control steps of a rollout.
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
             commands; by default the speeds of distillation, and of an expert by itself all speeds.
         command: Of two policies, the command of targets and replay, in place of the first
@@ -180,25 +178,41 @@ class Worlds(Experiment):
 
     title: ClassVar[str] = "evaluate worlds"
     together: ClassVar[bool] = True
+    prepared: ClassVar[tuple[str, ...]] = ("experts", "pair")
 
     scenario: ScenarioNames = ("all",)
-    n_steps: Count = EPISODE_STEPS
     speed_range: Range | None = None
     command: OwnCommand = field(default_factory=OwnCommand)
     replay_steps: Steps = 500
 
-    def cases(self) -> list[Case]:
-        """Lists the rollouts, and refuses those that cannot be."""
-        cases = [self._with_speeds(case) for case in super().cases()]
-        for case in cases:
-            refuse_commands(case)
-        if pair := self._pair():
-            pair.refuse_world()
-        return cases
+    @cached_property
+    def experts(self) -> frozenset[str]:
+        """The gaits whose expert, or a neural policy in its place, is measured by itself."""
+        return frozenset(
+            gait
+            for gait, own in self.controllers.items()
+            if [isinstance(one.policy, NeuralPolicy) for one in own.values()] == [True]
+        )
+
+    @property
+    def pair(self) -> Pair | None:
+        """The two policies, where there are two of one gait.
+
+        Raises:
+            InputError: if no robot can be rolled out for a replay in the first scenario.
+        """
+        (gait, *others), controllers = self.gaits, next(iter(self.controllers.values()))
+        if others or len(controllers) != 2:
+            return None
+        world = self.command.over(next(iter(self.scenarios.values())))
+        return Pair(gait, controllers, world)
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots of one seed out, and scores them."""
-        return score(case)
+        config = self.rollouts(case)
+        if case.gait.name in self.experts:
+            config = replace(config, speed_range=self.speed_range)
+        return score(case.with_config(config))
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports the scores of each policy and scenario, and what sets two policies apart."""
@@ -226,8 +240,8 @@ class Worlds(Experiment):
             },
             lines=lines,
         )
-        pair = self._pair()
-        return found if pair is None else _joined(found, pair.report(self.replay_steps, self.seed))
+        pair = self.pair
+        return found if pair is None else found.joined(pair.report(self.replay_steps, self.seed))
 
     def _scorecard(self, table: pd.DataFrame, lines: list[str]) -> Report:
         card = scorecard_table(table, self.scenario_titles)
@@ -243,32 +257,6 @@ class Worlds(Experiment):
             shown={", ".join(policies): card},
             lines=lines,
         )
-
-    def _with_speeds(self, case: Case) -> Case:
-        config = RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
-        own = self.controllers[case.gait.name]
-        if len(own) > 1 or not isinstance(case.alone.policy, NeuralPolicy):
-            config = config.at_distilled_speeds(case.gait, case.scenario)
-        return case.with_config(config)
-
-    def _pair(self) -> Pair | None:
-        """Returns the two policies, where there are two of one gait."""
-        (gait, *others), controllers = self.gaits, next(iter(self.controllers.values()))
-        if others or len(controllers) != 2:
-            return None
-        return Pair(gait, controllers, self.command.over(next(iter(self.scenarios.values()))))
-
-
-def _joined(report: Report, other: Report) -> Report:
-    """Puts one report behind another."""
-    return Report(
-        {**report.tables, **other.tables},
-        {**report.metrics, **other.metrics},
-        {**report.figures, **other.figures},
-        {**report.shown, **other.shown},
-        [*report.lines, *other.lines],
-        {**report.files, **other.files},
-    )
 
 
 def _after_gait(gait: str, table: pd.DataFrame, n_gaits: int) -> pd.DataFrame:

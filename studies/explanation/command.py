@@ -26,7 +26,7 @@ from glassgait.studies.distillation.students.library import OnePolicy, find_cert
 from glassgait.studies.distillation.students.registry import student_title, sums_of_terms
 from glassgait.studies.explanation.certificate import certificate_panel
 from glassgait.studies.explanation.page import explain_rollout, render_page
-from glassgait.studies.importance.figures import contribution_figure, draw_student
+from glassgait.studies.importance.figures import contribution_figure, student_figures
 
 CONFIG = "config.yaml"
 """File beside the page that records its run."""
@@ -107,7 +107,9 @@ class ExplainPage(OnePolicy):
         local = folder / f"{name}_{self.joint}_step_{step}"
         terms = student.explain(rollout["observations"][step], joint)
         save_figure(contribution_figure(explained[joint].active_of(terms, step), title), local)
-        stems = draw_student(gait.name, name, student, joint, rollout["observations"], folder)
+        figures = student_figures(gait.name, name, student, joint, rollout["observations"])
+        for stem, figure in figures.items():
+            save_figure(figure, folder / stem)
         page = render_page(
             gait=gait,
             policy_name=name,
@@ -117,7 +119,7 @@ class ExplainPage(OnePolicy):
             replay=replay.read_text(),
             joint=joint,
             step=step,
-            figures=[stem.with_name(f"{stem.name}.png") for stem in (local, *stems)],
+            figures=[folder / f"{stem}.png" for stem in (local.name, *figures)],
             certificate=certificate
             and certificate_panel(certificate, student, path, rollout["observations"]),
         )

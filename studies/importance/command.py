@@ -1,44 +1,37 @@
 """`glassgait importance`: what each student looks at, and whether that is true."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import pandas as pd
-import tyro
 from annotated_types import Ge
 
-from glassgait.models.errors import InputError
-from glassgait.models.policies.controller import alone
-from glassgait.models.policies.policy import Policy
+from glassgait.diagrams.scenario import TRAINING
+from glassgait.models.arrays import Array
+from glassgait.models.policies.controller import AlternatingController
 from glassgait.models.robots.quadruped import joint_index
-from glassgait.models.settings import DISTINCT, FEW, Count, Settings
-from glassgait.models.task.gait import load_gait
-from glassgait.studies.common.cases import run_rollouts
-from glassgait.studies.common.console import console, say
-from glassgait.studies.common.experiment import Workers
-from glassgait.studies.common.figures import save_figure
-from glassgait.studies.common.parallel.loop import parallel_backend
-from glassgait.studies.common.policies import EXPERT, Policies, find_policies, policy_stem
-from glassgait.studies.common.rollouts import RolloutConfig
-from glassgait.studies.common.run_folder import digest_of_files, open_run
-from glassgait.studies.common.sweep import WorkersConfig
-from glassgait.studies.common.tables import print_table, write_metrics, write_table
+from glassgait.models.settings import Count
+from glassgait.studies.common.cases import Case, not_finite_lines, score
+from glassgait.studies.common.experiment import PolicyNames, Report, RolloutExperiment
+from glassgait.studies.common.run_folder import digest_of_files
 from glassgait.studies.distillation.students.baselines import STATEWISE_LINEAR
 from glassgait.studies.distillation.students.boosting import EBM, GBM
-from glassgait.studies.distillation.students.dataset import round_paths
+from glassgait.studies.distillation.students.dataset import Dataset, round_paths
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import STUDENTS, policy_title
 from glassgait.studies.distillation.students.symbolic import STATEWISE_SYMBOLIC, SYMBOLIC
 from glassgait.studies.importance.faithfulness import (
     MODE_TITLES,
-    ablation_cases,
+    WHOLE,
+    AblatedController,
     losses,
     rank_correlations,
 )
-from glassgait.studies.importance.figures import draw_student, faithfulness_figure, loss_figure
-from glassgait.studies.importance.measures import METHOD_TITLES
+from glassgait.studies.importance.figures import faithfulness_figure, loss_figure, student_figures
+from glassgait.studies.importance.measures import METHOD_TITLES, observation_groups
 from glassgait.studies.importance.study import (
     held_out_samples,
     measure_importances,
@@ -47,7 +40,6 @@ from glassgait.studies.importance.study import (
 
 MEASURED = (GBM.name, EBM.name, STATEWISE_LINEAR.name, SYMBOLIC.name, STATEWISE_SYMBOLIC.name)
 """Kinds of students that are measured where none are named."""
-
 
 COLUMNS = (
     "rank correlation: Spearman's, over groups of observations, of a method's importance with the "
@@ -58,132 +50,126 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Importance(Settings):
+class Importance(RolloutExperiment):
     """Measure what each student looks at, and take it away to see whether that is true.
 
     Attributes:
-        gait: Name of a gait, or path of a gait file.
-        policy: Kinds of students; by default those that there are of gbm, ebm, statewise_linear,
-            symbolic and statewise_symbolic.
+        policy: Kinds of students, and paths of their files; by default those that there are of gbm,
+            ebm, statewise_linear, symbolic and statewise_symbolic.
         joint: Joint whose trees and functions are drawn.
         n_samples: Samples that importances are measured on, at most; a student was fitted to none.
             They are those that a distillation held out or, of other students, new ones.
-        repeats: Shuffles of each observation.
-        rollouts: How robots are rolled out without observations; its seed is that of all shuffling.
-        workers: Where rollouts run.
-        robot: Name of a robot, or path of its robot.yaml; by default that of the policies.
-        source: Folder of a run of train, distill or refine, whose policies are taken; by default
-            those that ship, and of a gait that does not ship those of runs/distill/<gait> and
-            runs/train/<gait>.
-        resume: Continue the run that the folder holds.
-        output: Folder of the results; runs/importance/<gait> by default.
+        repeats: Shuffles of each observation; the first seed is that of all shuffling.
     """
 
     title: ClassVar[str] = "importance"
+    of_students: ClassVar[bool] = True
+    scenario: ClassVar[tuple[str, ...]] = (TRAINING,)
+    axes: ClassVar[Mapping[str, str]] = {"without": "groups", "mode": "modes"}
+    modes: ClassVar[tuple[str, ...]] = tuple(MODE_TITLES)
+    prepared: ClassVar[tuple[str, ...]] = ("means",)
+    inputs: ClassVar[Mapping[str, str]] = {"samples": "digest_of_rounds"}
 
-    gait: str = "trot"
-    policy: Annotated[tuple[str, ...], FEW, DISTINCT] = ()
+    policy: PolicyNames = MEASURED
+    n_robots: Count = 13
+    n_steps: Count = 500
     joint: str = "FL_hip"
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
-    rollouts: Annotated[RolloutConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: RolloutConfig(n_robots=13, n_steps=500, n_seeds=1)
-    )
-    workers: Workers = field(default_factory=WorkersConfig)
-    robot: str | None = None
-    source: Path | None = None
-    resume: bool = False
-    output: Path | None = None
 
-    def run(self) -> None:
-        """Runs the study."""
-        gait = load_gait(self.gait)
-        policies = find_policies(gait, self.source, self.robot)
-        expert = policies.expert
-        joint, seed = joint_index(self.joint), self.rollouts.seed
-        students = self._chosen(policies)
-        source = _samples_of(policies, students)
-        inputs = _inputs(policies, students, source)
-        folder = self.output or policies.output(self.title)
-        with open_run(folder, study=self.title, settings=self, inputs=inputs, resume=self.resume):
-            samples = {
-                kind: held_out_samples(source, kind, self.n_samples, seed)
-                if source
-                else visited_samples(gait, expert, student, self.n_samples, seed)
-                for kind, student in students.items()
-            }
-            importances, _ = measure_importances(
-                gait.name, students, samples, folder, seed=seed, repeats=self.repeats
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        joint_index(self.joint)
+
+    @property
+    def acting(self) -> dict[str, AlternatingController]:
+        """The students, each alone, by kind."""
+        return self.controllers[self.gaits[0].name]
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """What is taken away: nothing, and each group of observations."""
+        names = next(iter(self.acting.values())).expert.observation_names
+        return WHOLE, *observation_groups(names)
+
+    @cached_property
+    def fitted_to(self) -> Path | None:
+        """The folder whose samples the students were fitted to, if it is there."""
+        folder = self.policies[self.gaits[0].name].folder
+        if folder is None or not {*self.acting} <= {*STUDENTS}:
+            return None
+        kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in self.acting)
+        return folder if kept else None
+
+    @property
+    def digest_of_rounds(self) -> str:
+        """A digest of the samples that the students were fitted to."""
+        folder = self.fitted_to
+        if folder is None:
+            return ""
+        kept = (samples_folder(folder, kind) for kind in self.acting)
+        return digest_of_files([path for own in kept for path in round_paths(own)])
+
+    @cached_property
+    def samples(self) -> dict[str, Dataset]:
+        """Samples of each student that importances are measured on."""
+        gait, folder, of = self.gaits[0], self.fitted_to, (self.n_samples, self.seed)
+        if folder is not None:
+            return {kind: held_out_samples(folder, kind, *of) for kind in self.acting}
+        expert = self.policies[gait.name].expert
+        return {
+            kind: visited_samples(gait, expert, own.policy, *of)
+            for kind, own in self.acting.items()
+        }
+
+    @cached_property
+    def means(self) -> dict[str, Array]:
+        """Means of each student's observations."""
+        return {kind: own.observations.mean(axis=0) for kind, own in self.samples.items()}
+
+    def measure(self, case: Case) -> pd.DataFrame:
+        """Rolls a student out alone, whole or without a group of observations."""
+        kind, without, mode = (case.labels[name] for name in ("policy", "without", "mode"))
+        controller = case.controller
+        if without != WHOLE:
+            columns = observation_groups(case.controller.expert.observation_names)[without]
+            controller = AblatedController(
+                case.controller,
+                columns=tuple(columns.tolist()),
+                mode=mode,
+                means=tuple(self.means[kind][columns].tolist()),
             )
-            for kind, student in students.items():
-                observations = samples[kind].observations
-                draw_student(gait.name, kind, student, joint, observations, folder, seed)
-            means = {kind: own.observations.mean(axis=0) for kind, own in samples.items()}
-            say("rolling out without each group of observations")
-            jobs = ablation_cases(gait, expert, students, means, self.rollouts)
-            with parallel_backend(self.workers.backend):
-                scores = run_rollouts(jobs, folder / "rollouts", processes=self.workers.processes)
-            lost = losses(scores)
-            correlations = rank_correlations(importances, lost)
-            _write(importances, lost, correlations, gait.name.capitalize(), folder)
-        print_table(
-            f"{gait.name}: rank correlation of importance and loss", readable_table(correlations)
+        elif mode != self.modes[0]:
+            return pd.DataFrame()
+        return score(replace(case, controller=controller, config=self.rollouts(case)))
+
+    def report(self, table: pd.DataFrame) -> Report:
+        """Reports importances, what is lost without each group, and how far both agree."""
+        gait, students = self.gaits[0].name, {kind: own.policy for kind, own in self.acting.items()}
+        importances, _, found = measure_importances(
+            gait, students, self.samples, seed=self.seed, repeats=self.repeats
         )
-        for line in COLUMNS:
-            say(line)
-        console.print(f"written to {folder}")
-
-    def _chosen(self, policies: Policies) -> dict[str, Policy]:
-        chosen = self.policy or tuple(kind for kind in MEASURED if kind in policies.files)
-        if EXPERT in chosen:
-            raise InputError(
-                f"--policy {EXPERT}: importances are those of students, measured against the "
-                "expert; name kinds of students"
+        joint, title = joint_index(self.joint), gait.capitalize()
+        figures = {}
+        for kind, student in students.items():
+            observations = self.samples[kind].observations
+            figures |= student_figures(gait, kind, student, joint, observations, self.seed)
+        lost = losses(table)
+        correlations = rank_correlations(importances, lost)
+        figures["losses"] = loss_figure(lost, title)
+        figures["faithfulness"] = faithfulness_figure(importances, lost, title)
+        measured = {"importances": importances, "losses": lost, "faithfulness": correlations}
+        return found.joined(
+            Report(
+                tables={"losses": lost, "faithfulness": correlations},
+                metrics={name: own.to_dict(orient="records") for name, own in measured.items()},
+                figures=figures,
+                shown={
+                    f"{gait}: rank correlation of importance and loss": readable_table(correlations)
+                },
+                lines=[*COLUMNS, *not_finite_lines(table)],
             )
-        if not chosen:
-            raise InputError(
-                f"--policy: no student {', '.join(MEASURED)} of the {policies.gait.name} there; "
-                "make one with 'glassgait distill "
-                f"--gait {self.gait}', or name others"
-            )
-        return {policy_stem(name): policies.policy(name) for name in chosen}
-
-
-def _samples_of(policies: Policies, students: Mapping[str, Policy]) -> Path | None:
-    """Returns the folder whose samples the students were fitted to, if it is there."""
-    folder = policies.folder
-    if folder is None or not set(students) <= set(STUDENTS):
-        return None
-    kept = all(any(samples_folder(folder, kind).glob("round_*")) for kind in students)
-    return folder if kept else None
-
-
-def _inputs(
-    policies: Policies, students: Mapping[str, Policy], source: Path | None
-) -> dict[str, str]:
-    """Returns the digests of all that the run depends on."""
-    acting = [(kind, alone(student, policies.expert)) for kind, student in students.items()]
-    inputs = policies.inputs(acting)
-    if source:
-        rounds = [path for kind in students for path in round_paths(samples_folder(source, kind))]
-        inputs["samples"] = digest_of_files(rounds)
-    return inputs
-
-
-def _write(
-    importances: pd.DataFrame,
-    lost: pd.DataFrame,
-    correlations: pd.DataFrame,
-    title: str,
-    folder: Path,
-) -> None:
-    for name, table in (("losses", lost), ("faithfulness", correlations)):
-        write_table(table, folder / name)
-    save_figure(loss_figure(lost, title), folder / "losses")
-    save_figure(faithfulness_figure(importances, lost, title), folder / "faithfulness")
-    tables = {"importances": importances, "losses": lost, "faithfulness": correlations}
-    metrics = {name: table.to_dict(orient="records") for name, table in tables.items()}
-    write_metrics(metrics, folder / "metrics.json")
+        )
 
 
 def readable_table(correlations: pd.DataFrame) -> pd.DataFrame:

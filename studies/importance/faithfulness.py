@@ -1,6 +1,5 @@
 """Is an explanation true? Take observations away in closed loop and see what is lost."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -8,21 +7,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from glassgait.diagrams.scenario import Scenario
 from glassgait.models.arrays import Array
 from glassgait.models.policies.controller import (
-    Controller,
     ControllerOutput,
     WrappedController,
-    alone,
 )
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.policies.policy import Policy
-from glassgait.models.task.gait import Gait
-from glassgait.studies.common.cases import Case, rollout_cases
-from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import summarize_against
-from glassgait.studies.importance.measures import observation_groups
 
 AblationMode = Literal["mean", "shuffled", "delayed"]
 
@@ -86,49 +76,12 @@ class AblatedController(WrappedController):
         }
 
 
-def ablation_cases(
-    gait: Gait,
-    expert: NeuralPolicy,
-    students: Mapping[str, Policy],
-    means: Mapping[str, Array],
-    config: RolloutConfig,
-) -> list[Case]:
-    """Lists the rollouts of every student alone, whole and without each group of observations.
-
-    Forward speeds are those of distillation unless the settings name others. The rollouts of a
-    student do not depend on the others, so that a student more leaves those that are done alone.
-
-    Args:
-        gait: The gait.
-        expert: The expert, for its estimator.
-        students: The students, by kind.
-        means: Means of each student's observations (n,), by kind.
-        config: How robots are rolled out.
-    """
-    jobs = []
-    config = config.at_distilled_speeds(gait)
-    groups = observation_groups(expert.observation_names)
-    for kind, student in students.items():
-        policies: dict[tuple[str, str], Controller] = {(WHOLE, "mean"): alone(student, expert)}
-        for group, columns in groups.items():
-            for mode in MODE_TITLES:
-                policies[group, mode] = AblatedController(
-                    alone(student, expert),
-                    columns=tuple(columns.tolist()),
-                    mode=mode,
-                    means=tuple(means[kind][columns].tolist()),
-                )
-        for (group, mode), policy in policies.items():
-            labels = {"policy": kind, "without": group, "mode": mode}
-            jobs += rollout_cases(labels, gait, policy, Scenario(), config)
-    return jobs
-
-
 def losses(scores: pd.DataFrame) -> pd.DataFrame:
     """Returns the share of its return that each student loses without each group.
 
     Args:
-        scores: Scores of `ablation_cases`.
+        scores: Scores of robots, a row each, of every student with all observations whole
+            (`without` is `nothing`) and without each group.
 
     Returns:
         A row for each policy, group and mode: `lost` share of return, its 95 % interval `lost_ci`,

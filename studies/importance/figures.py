@@ -1,7 +1,6 @@
 """Additive policies as interpret's models, so that its explanations and its dashboard read them."""
 
 import textwrap
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,7 @@ from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.policies.policy import Contributions, Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.robots.robot import Robot
-from glassgait.studies.common.figures import (
-    COLUMN_WIDTH,
-    label_with_unit,
-    save_figure,
-    styled,
-    subplots,
-)
+from glassgait.studies.common.figures import COLUMN_WIDTH, label_with_unit, styled, subplots
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.importance.faithfulness import MODE_TITLES, AblationMode
 from glassgait.studies.importance.measures import METHOD_TITLES
@@ -455,15 +448,9 @@ N_PAIRS = 2
 """Functions of two observations that are drawn for a joint."""
 
 
-def draw_student(
-    gait: str,
-    kind: str,
-    student: Policy,
-    joint: int,
-    observations: Array,
-    folder: Path,
-    seed: int = 0,
-) -> tuple[Path, ...]:
+def student_figures(
+    gait: str, kind: str, student: Policy, joint: int, observations: Array, seed: int = 0
+) -> dict[str, Figure]:
     """Draws what the shape of a student's model says about a joint.
 
     Boosted trees: one tree, and the partial dependence on the three most important observations.
@@ -476,11 +463,10 @@ def draw_student(
         student: The student.
         joint: Index of the joint.
         observations: Observations (m, n) that importances and averages are taken over.
-        folder: Where the figures go.
         seed: Seed of the samples whose curves are drawn.
 
     Returns:
-        The figures' paths, less extension.
+        The figures, by names that begin with the kind and the joint.
     """
     name = quadruped.JOINTS[joint]
     title = f"{gait.capitalize()}, {student_title(kind)}, {name.replace('_', ' ')}"
@@ -504,7 +490,4 @@ def draw_student(
             figures["shapes"] = shape_figure(student.robot, model, singles, title)
             for place, term in enumerate(pairs, start=1):
                 figures[f"pair_{place}"] = pair_figure(student.robot, model, term, title)
-    stems = {what: folder / f"{kind}_{name}_{what}" for what in figures}
-    for what, figure in figures.items():
-        save_figure(figure, stems[what])
-    return tuple(stems.values())
+    return {f"{kind}_{name}_{what}": figure for what, figure in figures.items()}

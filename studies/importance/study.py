@@ -1,30 +1,28 @@
-"""The importance study of one gait, without the closed loop: tables and figures by student."""
+"""Importances of one gait's students, without the closed loop: samples, tables and maps."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from glassgait.models.arrays import Array
-from glassgait.models.files import write_atomically
 from glassgait.models.policies.neural import NeuralPolicy
 from glassgait.models.policies.policy import Policy
 from glassgait.models.robots import quadruped
 from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import say
-from glassgait.studies.common.figures import save_figure
+from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.scores import interval
-from glassgait.studies.common.tables import to_latex, write_table
+from glassgait.studies.common.tables import to_latex
 from glassgait.studies.distillation.collection import collect_alone
 from glassgait.studies.distillation.students.dataset import Dataset, load_rounds
 from glassgait.studies.distillation.students.library import samples_folder
 from glassgait.studies.distillation.students.registry import student_title
 from glassgait.studies.distillation.students.settings import StudentKind
-from glassgait.studies.importance.figures import (
-    importance_map,
-)
+from glassgait.studies.importance.figures import importance_map
 from glassgait.studies.importance.measures import (
     METHOD_TITLES,
     PAPER_TOP,
@@ -80,27 +78,27 @@ def measure_importances(
     gait: str,
     students: Mapping[str, Policy],
     samples: Mapping[str, Dataset],
-    folder: Path,
     *,
     seed: int,
     repeats: int,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Measures every student's importances by every method, and writes maps and tables.
+) -> tuple[pd.DataFrame, pd.DataFrame, Report]:
+    """Measures every student's importances by every method.
 
     Args:
         gait: The gait.
         students: The students, by kind.
         samples: Held-out samples, by kind.
-        folder: Where tables and figures go.
         seed: Seed of the shuffling.
         repeats: Shuffles of each observation.
 
     Returns:
         A row for each student, method and group of observations: `importance`, the mean of the
-        joints, with its 95 % interval over shuffles. And the most important observations of each
-        student and joint type, beside the paper's.
+        joints, with its 95 % interval over shuffles. The most important observations of each
+        student and joint type, beside the paper's. And all tables and maps.
     """
-    tables, tops = [], []
+    groups, tops = [], []
+    tables: dict[str, pd.DataFrame] = {}
+    figures: dict[str, Figure] = {}
     for kind, student in students.items():
         say(f"shuffling the observations of {student_title(kind)}")
         names = student.observation_names
@@ -110,19 +108,19 @@ def measure_importances(
             method, own = own_importance(student, samples[kind].observations)
             found[method] = own[None]
         for method, values in found.items():
-            mean = values.mean(axis=0)
-            stem = folder / f"{kind}_{method}"
-            title = f"{gait.capitalize()}, {student_title(kind)}"
-            write_table(_by_joint(mean, names), stem)
-            save_figure(importance_map(mean, names, f"{title}: {METHOD_TITLES[method]}"), stem)
-            tables.append(_by_group(values, names, kind, method))
+            mean, stem = values.mean(axis=0), f"{kind}_{method}"
+            title = f"{gait.capitalize()}, {student_title(kind)}: {METHOD_TITLES[method]}"
+            tables[stem] = _by_joint(mean, names)
+            figures[stem] = importance_map(mean, names, title)
+            groups.append(_by_group(values, names, kind, method))
             if method in PAPER_TOP:
                 top = top_table(mean, names, gait, method)
                 tops.append(top.assign(student=kind, method=method))
-    every_top = pd.concat(tops, ignore_index=True)
-    write_table(every_top, folder / "top_observations")
-    write_atomically(folder / "top_observations.tex", to_latex(every_top))
-    return pd.concat(tables, ignore_index=True), every_top
+    top = pd.concat(tops, ignore_index=True)
+    tables["top_observations"] = top
+    files = {"top_observations.tex": to_latex(top)}
+    report = Report(tables=tables, figures=figures, files=files)
+    return pd.concat(groups, ignore_index=True), top, report
 
 
 def _by_joint(importances: Array, names: tuple[str, ...]) -> pd.DataFrame:

@@ -21,6 +21,7 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait, load_gait
 from glassgait.studies.common.cases import PERIODS, alternation_cases, run_rollouts
 from glassgait.studies.common.console import say
+from glassgait.studies.common.experiment import Report
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
 from glassgait.studies.common.rollouts import RolloutConfig
@@ -30,7 +31,7 @@ from glassgait.studies.distillation.students.library import load_students
 from glassgait.studies.distillation.students.registry import paper_students, student_title
 from glassgait.studies.distillation.study import distill, write_r2_table
 from glassgait.studies.evaluation.alternation import alternation_report, standalone_table
-from glassgait.studies.importance.figures import contribution_figure, draw_student
+from glassgait.studies.importance.figures import contribution_figure, student_figures
 from glassgait.studies.importance.study import held_out_samples, measure_importances
 
 JOINT = 0
@@ -108,11 +109,14 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     # Formulas are read; what the paper explains by figures are its ensembles.
     explained = {kind: students[kind] for kind in (GBM.name, EBM.name)}
     samples = {kind: held_out_samples(source, kind, config.n_samples, seed) for kind in explained}
-    _, tops = measure_importances(
-        name, explained, samples, folder, seed=seed, repeats=config.repeats
+    _, tops, found = measure_importances(
+        name, explained, samples, seed=seed, repeats=config.repeats
     )
+    found.write(folder)
     for kind, student in explained.items():
-        draw_student(name, kind, student, JOINT, samples[kind].observations, folder, seed)
+        observations = samples[kind].observations
+        drawn = student_figures(name, kind, student, JOINT, observations, seed)
+        Report(figures=drawn).write(folder)
     _draw_sequences(gait, expert, students, folder)
     return GaitResults(name, folder, r2, standalone, tops[tops["student"] == GBM.name])
 

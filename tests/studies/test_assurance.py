@@ -16,6 +16,7 @@ from glassgait.studies.cli import main
 from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SCORES
 from glassgait.studies.evaluation.assurance import (
+    Assurance,
     acting_title,
     assurance_table,
     readable_table,
@@ -23,12 +24,10 @@ from glassgait.studies.evaluation.assurance import (
 from glassgait.studies.evaluation.assurance_calibration import (
     LEADS,
     Calibration,
-    Pair,
     Visits,
     guarded,
     period_of,
     rescues,
-    roll_out_all,
     visit,
     warnings_of,
 )
@@ -72,24 +71,29 @@ def test_falls_are_taken_back_and_the_other_policy_goes_on(expert, trot):
     assert (averted["rescued"] <= averted["falls"]).all() and (averted["falls"] <= fallen).all()
 
 
-def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot, tmp_path):
+def test_visits_are_those_of_the_rollouts_that_are_scored(expert, trot):
     student = load_student("trot", "sparse_formula")
     upper = np.full((2, 49), 100.0)
     upper[:, SPEED] = 0.3
     region = Region(NAMES, -upper, upper)
-    pair = Pair(trot, expert, student, "sparse_formula")
-    calibration = Calibration(region, {0.05: Hysteresis(0.05, 0.02, 3)}, *[pd.DataFrame()] * 3)
-    config = RolloutConfig(n_robots=2, n_steps=40, n_seeds=1)
-    scores = roll_out_all(pair, calibration, {"training": Scenario()}, config, tmp_path, 1)
-    assured = AssuredController(expert, student, region, calibration.hysteresis[0.05])
-    observation = visit(trot, assured, Scenario(), config).observation
-    called = guarded(region.overrun(observation), calibration.hysteresis[0.05]).mean(axis=0)
-    table = scores.set_index(["policy", "robot"])["expert_share"]
-    np.testing.assert_allclose(table["assured_0.05"], called)
-    assert 0.0 < called.mean() < 1.0
-    assert table["expert"].eq(1.0).all() and table["sparse_formula"].eq(0.0).all()
+    study = Assurance(
+        scenario=("training",), calls=(0.05,), n_robots=2, n_steps=40, n_seeds=2, seed=7
+    )
+    limits = {0.05: Hysteresis(0.05, 0.02, 3)}
+    vars(study)["calibration"] = Calibration(region, limits, *[pd.DataFrame()] * 3)
+    scores = pd.concat([study.measure(case) for case in study.cases()])
+    assured = AssuredController(expert, student, region, limits[0.05])
+    called = []
+    for seed in study.seeds:
+        config = RolloutConfig(n_robots=2, n_steps=40, seed=seed)
+        observation = visit(trot, assured, Scenario(), config).observation
+        called += guarded(region.overrun(observation), limits[0.05]).mean(axis=0).tolist()
+    shares = {name: own["expert_share"] for name, own in scores.groupby("controller")}
+    assert shares["assured_0.05"].tolist() == pytest.approx(called)
+    assert 0.0 < np.mean(called) < 1.0
+    assert shares["expert"].eq(1.0).all() and shares["sparse_formula"].eq(0.0).all()
     # The schedule has as many calls, or a few more.
-    assert table["schedule_0.05"].mean() >= called.mean()
+    assert shares["schedule_0.05"].mean() >= np.mean(called)
 
 
 @pytest.mark.parametrize(("called", "period"), [(0.0, 0), (0.05, 20), (0.051, 19), (1.0, 1)])
@@ -161,7 +165,7 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
     tables = ("worlds", "fall_prediction", "warnings", "rescues")
     wanted = {f"{stem}.{end}" for stem in tables for end in ("csv", "md")}
     wanted |= {f"{stem}.{end}" for stem in ("calls", "pushed_robot") for end in ("png", "pdf")}
-    wanted |= {"config.yaml", "metrics.json", "calibration.json", "pushed_robot.json", "rollouts"}
+    wanted |= {"config.yaml", "metrics.json", "calibration.json", "pushed_robot.json", "cases"}
     assert names == wanted | {"region_q0.yaml", "region_q1.yaml"}
     metrics = json.loads((folder / "metrics.json").read_text())
     assert [row["policy"] for row in metrics["worlds"]] == [
@@ -193,6 +197,8 @@ def test_command_writes_all_and_resumes(run, monkeypatch):
         (["--gait", "three_one"], "--policy 'sparse_formula'"),
         (["--scenario", "moon"], "moon"),
         (["--disagreement"], "disagreement"),
+        (["--policy", "expert"], "--policy expert"),
+        (["--policy", "gbm", "ebm"], "--policy"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_in_a_sentence(refused, arguments, reported, tmp_path):

@@ -210,7 +210,7 @@ def test_students_that_ship_are_measured_where_they_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, "EPISODE_STEPS", 20)
     main(["importance", *SMALL, *FEW])
-    table = pd.read_csv("runs/importance/trot/losses.csv")
+    table = pd.read_csv("runs/importance/trot_statewise_linear/losses.csv")
     assert set(table["policy"]) == {"statewise_linear"}
 
 

@@ -13,10 +13,11 @@ from glassgait.models.policies.additive import AdditivePolicy
 from glassgait.models.policies.boosting import BoostedTreesPolicy
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.observation import ObservationLayout
+from glassgait.studies.common.experiment import Report
 from glassgait.studies.importance.figures import (
     dependence_figure,
-    draw_student,
     interpret_model,
+    student_figures,
     tree_figure,
 )
 
@@ -90,13 +91,12 @@ def test_interprets_dashboard_draws_the_rebuilt_model(additive):
 def test_additive_students_are_drawn(additive, tmp_path):
     policy, _, observations = additive
     # A dollar sign in a name is one.
-    stems = draw_student(r"a$\frac$b", "ebm", policy, 0, observations, tmp_path)
-    assert [stem.name for stem in stems] == [
-        f"ebm_FL_hip_{what}" for what in ("terms", "shapes", "pair_1", "pair_2")
-    ]
-    for stem in stems:
-        assert stem.with_name(f"{stem.name}.png").stat().st_size > 5000
-        assert stem.with_name(f"{stem.name}.pdf").exists()
+    figures = student_figures(r"a$\frac$b", "ebm", policy, 0, observations)
+    assert [*figures] == [f"ebm_FL_hip_{what}" for what in ("terms", "shapes", "pair_1", "pair_2")]
+    Report(figures=figures).write(tmp_path)
+    for stem in figures:
+        assert (tmp_path / f"{stem}.png").stat().st_size > 5000
+        assert (tmp_path / f"{stem}.pdf").exists()
 
 
 def test_trees_are_drawn_with_their_questions(generator):

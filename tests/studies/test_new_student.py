@@ -159,7 +159,7 @@ def test_it_is_evaluated_at_every_ratio(run, distilled, folder):
 def test_its_importances_are_measured(run, distilled, folder):
     short = ["--n-robots", "2", "--n-steps", "20", "--n-samples", "30", "--repeats", "2"]
     run("importance", "--source", "runs/distill/trot", "--policy", "stiff", *short)
-    found = folder / "runs" / "importance" / "trot"
+    found = folder / "runs" / "importance" / "trot_stiff"
     assert (found / "stiff_permutation.png").exists()
     assert (found / "stiff_derivatives.png").exists()
 

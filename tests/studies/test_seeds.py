@@ -100,7 +100,7 @@ def test_what_selects_is_not_reported(expert, refused):
 
 def test_a_reported_seed_calibrates_nothing():
     with pytest.raises(InputError, match="calibration_seed"):
-        Assurance(calibration_seed=1003, rollouts=RolloutConfig(seed=2000, n_seeds=1))
+        Assurance(calibration_seed=1003, seed=2000)
 
 
 def test_the_robots_that_choose_are_not_those_that_are_reported():

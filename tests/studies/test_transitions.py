@@ -11,6 +11,8 @@ from glassgait.studies.cli import main
 from glassgait.studies.evaluation.transition_rollouts import Requests, settled_from
 from glassgait.studies.evaluation.transitions import (
     Transitions,
+    in_order,
+    path_of,
     summary_table,
     transition_figure,
     transition_table,
@@ -20,46 +22,44 @@ GAITS = ("trot", "pace", "walk")
 TITLES = {"training": "home"}
 
 
-def transitions(**settings):
-    cases = Transitions(gait=GAITS, speeds=(0.4, 0.3), **settings).cases()
-    return [case.config for case in cases]
+def cases(**settings):
+    return Transitions(gait=GAITS, speeds=(0.4, 0.3), **settings).cases()
 
 
-def names(listed):
-    return [" ".join(gait.name for gait in own.path) for own in listed]
+def paths(**settings):
+    """Names the gaits of every path, of robots of the first speed."""
+    listed = [own for own in cases(**settings) if own.labels["speed"] == 0.4]
+    return {" ".join(own.gait.name for own in path_of(case)) for case in listed}
 
 
 def test_every_gait_goes_to_every_other_at_every_speed():
-    listed = transitions()
-    assert [own.speed for own in listed] == [0.4] * 9 + [0.3] * 9
-    assert names(listed[:3]) == ["trot", "pace", "walk"]
-    assert names(listed[3:9]) == [
-        "trot pace",
-        "trot walk",
-        "pace trot",
-        "pace walk",
-        "walk trot",
-        "walk pace",
-    ]
+    assert [own.labels["speed"] for own in cases()] == [0.4, 0.3] * 9
+    pairs = {"trot pace", "trot walk", "pace trot", "pace walk", "walk trot", "walk pace"}
+    assert paths() == {*GAITS} | pairs
 
 
 def test_a_gait_on_the_way_lies_between_others_alone():
-    listed = transitions(via="trot")[3:9]
-    assert names(listed) == [
-        "trot pace",
-        "trot walk",
-        "pace trot",
-        "pace trot walk",
-        "walk trot",
-        "walk trot pace",
-    ]
+    pairs = {"trot pace", "trot walk", "pace trot", "pace trot walk", "walk trot", "walk trot pace"}
+    assert paths(via="trot") == {*GAITS} | pairs
 
 
-def test_transitions_that_would_not_walk_alike_have_digests_of_their_own():
-    listed = [*transitions(), *transitions(patience=0.0), *transitions(slowdown=0.5)]
-    listed += transitions(via="trot")
-    # Where the gait on the way is an end itself, the path is the same.
-    assert len({str(own.digest()) for own in listed}) == 18 + 18 + 18 + 4
+def test_cases_of_another_way_have_digests_of_their_own():
+    first, other = (
+        {(case.name, case.digest()) for case in cases(**settings)}
+        for settings in ({}, {"via": "trot"})
+    )
+    # To the gait on the way there is no other.
+    assert {name.split("_")[3] for name, _ in first & other} == {"trot"}
+    assert len(first & other) == 6
+
+
+def test_robots_that_never_change_come_first_of_each_speed():
+    labels = [own.labels for own in cases()]
+    robots = pd.DataFrame(labels).rename(columns={"gait": "from"}).assign(robot=0)
+    ordered = in_order(robots)
+    assert ordered["speed"].tolist() == [0.4] * 9 + [0.3] * 9
+    assert (ordered["from"] == ordered["to"]).tolist() == 2 * ([True] * 3 + [False] * 6)
+    assert ordered.columns.tolist() == ["policy", "scenario", "from", "to", "speed", "robot"]
 
 
 def test_the_rhythm_is_kept_from_the_first_whole_cycle_on_that_is_in_time():

@@ -175,18 +175,21 @@ def test_numbers_stand_out_from_their_cells():
 def test_policies_meet_the_same_robots_at_the_speeds_of_distillation(tmp_path):
     (tmp_path / "own.yaml").write_text("command: {speed_range: [0.1, 0.2]}\n")
     worlds = ("training", "cenic_1e-5", str(tmp_path / "own.yaml"))
-    cases = Worlds(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2).cases()
+    study = Worlds(policy=("expert", "statewise_linear"), scenario=worlds, n_seeds=2)
+    cases = study.cases()
     assert len(cases) == 3 * 2 * 2
     # The slow world comes first.
     assert cases[0].labels == {
         "gait": "trot", "policy": "expert", "scenario": "cenic_1e-5", "seed": 1000,
     }  # fmt: skip
     by_policy = {
-        policy: [(own.scenario, own.config) for own in cases if own.labels["policy"] == policy]
+        policy: [
+            (own.scenario, study.rollouts(own)) for own in cases if own.labels["policy"] == policy
+        ]
         for policy in ("expert", "statewise_linear")
     }
     assert by_policy["expert"] == by_policy["statewise_linear"]
-    speeds = {own.labels["scenario"]: own.config.speed_range for own in cases}
+    speeds = {own.labels["scenario"]: study.rollouts(own).speed_range for own in cases}
     assert speeds == {"cenic_1e-5": (0.0, 0.75), "training": (0.0, 0.75), "own": None}
 
 
