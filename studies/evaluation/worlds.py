@@ -17,6 +17,7 @@ from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
 from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
+from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
@@ -207,12 +208,15 @@ class Worlds(RolloutExperiment):
         world = self.command.over(next(iter(self.scenarios.values())))
         return Pair(gait, controllers, world)
 
+    def rollouts(self, case: Case) -> RolloutConfig:
+        """Returns how robots of a case are rolled out: an expert by itself at all speeds."""
+        config = super().rollouts(case)
+        alone = case.gait.name in self.experts
+        return replace(config, speed_range=self.speed_range) if alone else config
+
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots of one seed out, and scores them."""
-        config = self.rollouts(case)
-        if case.gait.name in self.experts:
-            config = replace(config, speed_range=self.speed_range)
-        return score(case.with_config(config))
+        return score(case.with_config(self.rollouts(case)))
 
     def report(self, table: pd.DataFrame) -> Report:
         """Reports the scores of each policy and scenario, and what sets two policies apart."""

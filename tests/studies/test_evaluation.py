@@ -24,6 +24,7 @@ from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.formula import parse_formula
 from glassgait.models.task.gait import Transition, load_gait
 from glassgait.models.task.observation import ITERATIONS_SCALE
+from glassgait.models.task.termination import FAILURES
 from glassgait.studies.common.cases import Case, alternation_cases, cases_in_worlds, run_rollouts
 from glassgait.studies.common.figures import save_figure
 from glassgait.studies.common.gait_figure import gait_figure
@@ -65,7 +66,7 @@ def log(n_steps=200, n_robots=2):
         reward=np.ones(shape),
         plain_reward=np.full(shape, 0.5),
         served_dwell=np.full(shape, 0.9),
-        failures=np.zeros((*shape, 6), dtype=bool),
+        failures=np.zeros((*shape, len(FAILURES)), dtype=bool),
     )
 
 

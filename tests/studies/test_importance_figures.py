@@ -41,7 +41,7 @@ def additive():
             interactions=3,
             max_rounds=40,
             random_state=seed,
-            n_workers=1,
+            n_jobs=1,
         ).fit(observations, (1 + seed) * targets)
         for seed in range(2)
     ]
