@@ -56,5 +56,6 @@ def test_a_gait_of_a_user_goes_the_whole_road(tmp_path, monkeypatch):
     assert yaml.safe_load((runs / "train" / "hop" / "hop.yaml").read_text())["gait"] == "hop"
     for command in ROAD:
         if command != "gait":
-            assert (runs / command.replace("--", "").replace(" ", "/") / "hop").is_dir()
+            study = runs / command.replace("--", "").replace(" ", "/")
+            assert [own.name.split("_")[0] for own in study.glob("hop*")] == ["hop"]
     assert list(runs.rglob("index.html"))
