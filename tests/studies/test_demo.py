@@ -151,7 +151,7 @@ def road(tmp_path_factory):
     own_distill, own_write = demo.distill, Page.write
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "QUICK", TINY)
-        patch.setattr(demo, "REPLAY_SECONDS", 1.0)
+        patch.setattr(demo, "REPLAY_STEPS", 50)
         patch.setattr(Page, "write", write)
         patch.setattr(demo, "distill", distill)
         main(command_line)

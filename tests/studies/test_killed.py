@@ -35,7 +35,7 @@ from glassgait.studies.reproduction import demo
 for name in cli.COMMANDS:
     cli.command_class(name)
 study.EPISODE_STEPS = 20
-demo.REPLAY_SECONDS = 0.2
+demo.REPLAY_STEPS = 10
 demo.QUICK = DistillationConfig(
     students=("linear", "statewise_symbolic"),
     episodes=5,
