@@ -217,7 +217,7 @@ class BatchSimulator:
         reward = step_reward(
             robot,
             state=plant,
-            previous_joint_velocity=s.plant[:, quadruped.JOINT_VELOCITY],
+            previous_state=s.plant,
             action=action,
             previous_action=s.action,
             command=command.velocity,

@@ -23,9 +23,6 @@ AIR_TIME_TARGET = 0.5
 HIGH_SWING = 0.1
 """Height of a foot above the ground that costs nothing (m)."""
 
-LANDING_HEIGHT = 0.05
-"""Height of a foot below which it is to come down slowly (m)."""
-
 STANDING_HEIGHT = 0.005
 """Height of a foot below which it is to stand still (m)."""
 
@@ -50,7 +47,8 @@ class RewardWeights(Settings):
         high_swing: Weight of the feet's heights above what costs nothing (1/m).
         tilt: Weight of the squared lean of the trunk over the ground, the sine of its angle.
         slip: Weight of the squared speeds of the feet that are on the ground (s²/m²).
-        landing: Weight of the squared downward speeds of the feet that are near the ground (s²/m²).
+        landing: Weight of the squared downward speeds that the feet that land had one control step
+            before (s²/m²). A transition is often due to a landing, and its factor counts then.
         tracking_width: Squared width of the Gaussians of both errors ((m/s)², (rad/s)²). A narrow
             one distinguishes small errors.
         tracking_time: Time over which speeds are averaged, older ones counting less, before they
@@ -128,7 +126,7 @@ def step_reward(
     robot: Robot,
     state: Array,
     *,
-    previous_joint_velocity: Array,
+    previous_state: Array,
     action: Array,
     previous_action: Array,
     command: Array,
@@ -144,7 +142,7 @@ def step_reward(
     Args:
         robot: What robots they are.
         state: The plant's state x after the step (..., 37).
-        previous_joint_velocity: Joint velocities before the step (..., 12; rad/s).
+        previous_state: The plant's state before it (..., 37).
         action: Action held during the step (..., 12).
         previous_action: Action of the step before (..., 12).
         command: Forward speed and yaw rate (..., 2; m/s, rad/s).
@@ -163,7 +161,8 @@ def step_reward(
         position=joint_position,
         velocity=joint_velocity,
     )
-    acceleration = (joint_velocity - previous_joint_velocity) / CONTROL_PERIOD
+    before = previous_state[..., quadruped.JOINT_VELOCITY]
+    acceleration = (joint_velocity - before) / CONTROL_PERIOD
     excursion = np.abs(joint_position - robot.middle) - SOFT_LIMIT_FRACTION * robot.half_range
 
     air_time = air_time + CONTROL_PERIOD
@@ -172,13 +171,13 @@ def step_reward(
     flight = _total((air_time - AIR_TIME_TARGET) * landed) * moving
 
     slip = landing = tilt = np.zeros_like(flight)
-    if weights.slip or weights.landing:
-        feet, swept = kinematics.foot_motion(robot, joint_position, joint_velocity)
-        swept = swept + linear[..., None, :] + cross(angular[..., None, :], feet)
-        slip = _total(np.where(foot_height < STANDING_HEIGHT, _total(np.square(swept)), 0.0))
-        down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
-        falling = np.maximum(_total(swept * down[..., None, :]), 0.0)
-        landing = _total(np.where(foot_height < LANDING_HEIGHT, np.square(falling), 0.0))
+    if weights.slip:
+        speed = _foot_velocity(robot, state)
+        slip = _total(np.where(foot_height < STANDING_HEIGHT, _total(np.square(speed)), 0.0))
+    if weights.landing:
+        down = kinematics.gravity_direction(previous_state[..., quadruped.QUATERNION])
+        falling = _total(_foot_velocity(robot, previous_state) * down[..., None, :])
+        landing = _total(np.where(landed, np.square(np.maximum(falling, 0.0)), 0.0))
     if weights.tilt:
         down = kinematics.gravity_direction(state[..., quadruped.QUATERNION])
         tilt = _total(np.square(down[..., :2]))
@@ -204,6 +203,14 @@ def step_reward(
     plain = np.maximum(_total(terms) * CONTROL_PERIOD, 0.0)
     air_time = np.where(foot_contact, 0.0, air_time)
     return Reward(terms=terms, plain=plain, air_time=air_time, tracked=tracked)
+
+
+def _foot_velocity(robot: Robot, state: Array) -> Array:
+    """Returns the feet's velocities (..., 4, 3; m/s, along the trunk's axes)."""
+    linear, angular = kinematics.base_velocity(state)
+    position = state[..., quadruped.JOINT_POSITION]
+    feet, swept = kinematics.foot_motion(robot, position, state[..., quadruped.JOINT_VELOCITY])
+    return swept + linear[..., None, :] + cross(angular[..., None, :], feet)
 
 
 def _total(values: Array) -> Array:

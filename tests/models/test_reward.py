@@ -14,7 +14,7 @@ A1 = load_robot()
 def reward(state, **changes):
     arguments = {
         "state": state,
-        "previous_joint_velocity": state[quadruped.JOINT_VELOCITY],
+        "previous_state": state,
         "action": np.zeros(12),
         "previous_action": np.zeros(12),
         "command": np.zeros(2),
@@ -76,7 +76,7 @@ def test_penalties(standing):
     state[quadruped.LINEAR_VELOCITY] = [0, 0, 0.3]
     state[quadruped.ANGULAR_VELOCITY] = [0.5, 0.5, 0]
     state[quadruped.JOINT_VELOCITY] = 1.0
-    _, terms = reward(state, previous_joint_velocity=np.zeros(12), action=np.full(12, 0.5))
+    _, terms = reward(state, previous_state=np.zeros(12), action=np.full(12, 0.5))
     assert terms["vertical_velocity"] == pytest.approx(-2 * 0.09)
     assert terms["roll_pitch_rate"] == pytest.approx(-0.05 * 0.5)
     assert terms["joint_acceleration"] == pytest.approx(-2.5e-7 * 12 * 50**2)
@@ -125,12 +125,19 @@ def test_feet_on_the_ground_cost_their_squared_speed(standing):
     assert terms["slip"] == pytest.approx(-2 * 0.25)
 
 
-def test_feet_near_the_ground_cost_their_squared_speed_downward(standing):
-    height = np.array([0.0, 0.04, 0.06, 0.1])
+def test_feet_that_land_cost_the_squared_speed_at_which_they_came_down(standing):
     weights = RewardWeights(landing=-1.0)
+    contact, air_time = np.array([True, True, False, True]), np.array([0.2, 0.0, 0.2, 0.1])
     for speed, cost in ((-2.0, -2 * 4.0), (2.0, 0.0)):
-        standing[quadruped.LINEAR_VELOCITY] = 0.3, 0.4, speed
-        _, terms = reward(standing, weights=weights, foot_height=height)
+        before = standing.copy()
+        before[quadruped.LINEAR_VELOCITY] = 0.3, 0.4, speed
+        _, terms = reward(
+            standing,
+            previous_state=before,
+            weights=weights,
+            foot_contact=contact,
+            air_time=air_time,
+        )
         assert terms["landing"] == pytest.approx(cost)
 
 
@@ -143,7 +150,7 @@ def test_a_batch_is_its_robots_one_by_one(random_states, generator):
     states = random_states(5)
     contact = generator.random((5, 4)) < 0.5
     arguments = {
-        "previous_joint_velocity": generator.normal(size=(5, 12)),
+        "previous_state": random_states(5),
         "action": generator.normal(size=(5, 12)),
         "previous_action": generator.normal(size=(5, 12)),
         "command": generator.normal(size=(5, 2)),

@@ -23,7 +23,7 @@ A1 = load_robot()
         (A1.joint_torque, ("target", "position", "velocity")),
         (proprioception, ("joint_position", "joint_velocity", "previous_action")),
         (proprioception, ("rm_iterations", "commanded_dwell")),
-        (step_reward, ("previous_joint_velocity", "action", "previous_action")),
+        (step_reward, ("action", "previous_action")),
         (step_reward, ("foot_contact", "air_time")),
         (failures, ("action", "previous_action")),
         (RewardMachine.step, ("foot_contact", "foot_height")),

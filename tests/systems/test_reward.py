@@ -23,7 +23,7 @@ def inputs(state, **changes):
     return values | changes
 
 
-def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
+def test_latches_the_state_and_air_times(standing, fix_inputs, latch):
     system = RewardSystem(A1)
     standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
     up = np.array([1.0, 1.0, 1.0, 0.0])
@@ -36,7 +36,7 @@ def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     expected = step_reward(
         A1,
         moved,
-        previous_joint_velocity=np.arange(12.0),
+        previous_state=standing,
         action=np.zeros(12),
         previous_action=np.zeros(12),
         command=np.array([0.3, 0.1]),
