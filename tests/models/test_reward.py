@@ -76,7 +76,7 @@ def test_penalties(standing):
     state[quadruped.LINEAR_VELOCITY] = [0, 0, 0.3]
     state[quadruped.ANGULAR_VELOCITY] = [0.5, 0.5, 0]
     state[quadruped.JOINT_VELOCITY] = 1.0
-    _, terms = reward(state, previous_state=np.zeros(12), action=np.full(12, 0.5))
+    _, terms = reward(state, previous_state=standing, action=np.full(12, 0.5))
     assert terms["vertical_velocity"] == pytest.approx(-2 * 0.09)
     assert terms["roll_pitch_rate"] == pytest.approx(-0.05 * 0.5)
     assert terms["joint_acceleration"] == pytest.approx(-2.5e-7 * 12 * 50**2)
