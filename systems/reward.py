@@ -42,9 +42,9 @@ class RewardSystem(LeafSystem):
     Outputs: reward (1), with the machine's factor. plain_reward (1), without it. reward_terms (13),
     weighted, in the order of `REWARD_TERMS`.
     They mean something from the end of the first control step on.
-    State: the plant's state, the feet's air times, and the speeds that were compared with the
-    command, at the previous control step, latched every 20 ms (unrestricted update). Feedthrough:
-    all inputs; reward_multiplier to reward alone.
+    State: joint velocities, the feet's air times and speeds of fall, and the speeds that were
+    compared with the command, at the previous control step, latched every 20 ms (unrestricted
+    update). Feedthrough: all inputs; reward_multiplier to reward alone.
     """
 
     def __init__(
@@ -64,14 +64,13 @@ class RewardSystem(LeafSystem):
         self._robot = robot
         self._weights = weights or RewardWeights()
         self._limit_targets = limit_targets
-        n_states = quadruped.N_POSITIONS + quadruped.N_VELOCITIES
-        # The first component is that of a quaternion, which must not be of length zero.
-        self._previous_state = self.DeclareDiscreteState(np.eye(1, n_states)[0])
+        self._joint_velocity = self.DeclareDiscreteState(quadruped.N_JOINTS)
         # The update at time 0 precedes the first control step; it brings the air time to zero.
         self._air_time = self.DeclareDiscreteState(np.full(quadruped.N_LEGS, -CONTROL_PERIOD))
+        self._fall_speed = self.DeclareDiscreteState(quadruped.N_LEGS)
         self._tracked = self.DeclareDiscreteState(2)
         declare = self.DeclareVectorInputPort
-        self._state_port = declare("state", n_states)
+        self._state_port = declare("state", quadruped.N_POSITIONS + quadruped.N_VELOCITIES)
         self._command_port = declare("command", 2)
         self._action_port = declare("action", quadruped.N_JOINTS)
         self._previous_action_port = declare("previous_action", quadruped.N_JOINTS)
@@ -164,13 +163,14 @@ class RewardSystem(LeafSystem):
         return step_reward(
             self._robot,
             state=self._state_port.Eval(context),
-            previous_state=context.get_discrete_state(self._previous_state).value(),
+            previous_joint_velocity=context.get_discrete_state(self._joint_velocity).value(),
             action=self._action_port.Eval(context),
             previous_action=self._previous_action_port.Eval(context),
             command=self._command_port.Eval(context),
             foot_contact=self._foot_contact_port.Eval(context) > 0.5,
             foot_height=self._foot_height_port.Eval(context),
             air_time=context.get_discrete_state(self._air_time).value(),
+            fall_speed=context.get_discrete_state(self._fall_speed).value(),
             tracked=context.get_discrete_state(self._tracked).value(),
             weights=self._weights,
             limit_targets=self._limit_targets,
@@ -187,8 +187,9 @@ class RewardSystem(LeafSystem):
         output.SetFromVector(self._evaluation.Eval(context).terms)
 
     def _latch(self, context: Context, state: State) -> None:
+        velocity = self._state_port.Eval(context)[quadruped.JOINT_VELOCITY]
         reward = self._evaluation.Eval(context)
-        of_plant = self._state_port.Eval(context)
-        state.get_mutable_discrete_state(self._previous_state).SetFromVector(of_plant)
+        state.get_mutable_discrete_state(self._joint_velocity).SetFromVector(velocity)
         state.get_mutable_discrete_state(self._air_time).SetFromVector(reward.air_time)
+        state.get_mutable_discrete_state(self._fall_speed).SetFromVector(reward.fall_speed)
         state.get_mutable_discrete_state(self._tracked).SetFromVector(reward.tracked)

@@ -23,7 +23,7 @@ def inputs(state, **changes):
     return values | changes
 
 
-def test_latches_the_state_and_air_times(standing, fix_inputs, latch):
+def test_latches_joint_velocities_and_air_times(standing, fix_inputs, latch):
     system = RewardSystem(A1)
     standing[quadruped.JOINT_VELOCITY] = np.arange(12.0)
     up = np.array([1.0, 1.0, 1.0, 0.0])
@@ -36,13 +36,14 @@ def test_latches_the_state_and_air_times(standing, fix_inputs, latch):
     expected = step_reward(
         A1,
         moved,
-        previous_state=standing,
+        previous_joint_velocity=np.arange(12.0),
         action=np.zeros(12),
         previous_action=np.zeros(12),
         command=np.array([0.3, 0.1]),
         foot_contact=np.ones(4, dtype=bool),
         foot_height=np.zeros(4),
         air_time=np.array([0, 0, 0, 0.02]),
+        fall_speed=np.zeros(4),
         tracked=np.zeros(2),
         weights=RewardWeights(),
     )
