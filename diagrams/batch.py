@@ -304,8 +304,8 @@ class BatchSimulator:
 
     def _draw_commands(self, count: int) -> Command:
         match self.task.command:
-            case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
-                return Command(np.tile([speed, yaw_rate], (count, 1)), np.full(count, float(dwell)))
+            case FixedCommand() as fixed:
+                return fixed.of_robots(count)
             case DrawnCommands(speed_range=speed_range):
                 straight = self.task.randomization.straight
                 return sample_commands(

@@ -217,8 +217,8 @@ def cases_in_worlds(
 ) -> list[Case]:
     """Lists the rollouts of every policy in every scenario, the slow ones first.
 
-    In a scenario all policies meet the same initial states, commands and noise, at the speeds of
-    distillation unless the settings or the scenario name others: robots can be compared in pairs.
+    In a scenario all policies meet the same initial states, commands and noise: robots can be
+    compared in pairs.
     """
     return [
         case
@@ -229,7 +229,7 @@ def cases_in_worlds(
             gait,
             controller,
             scenario,
-            config.at_distilled_speeds(gait, scenario),
+            config,
         )
     ]
 
@@ -320,7 +320,6 @@ def alternation_cases(
     is rolled out once.
     """
     scenario = scenario or Scenario()
-    config = config.at_distilled_speeds(gait, scenario)
     policies = {("expert", 1): alone(expert)}
     for kind, student in students.items():
         for period in periods:

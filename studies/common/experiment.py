@@ -423,16 +423,15 @@ class RolloutExperiment(Experiment):
     Attributes:
         n_steps: Control steps of a rollout.
         speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
-            commands; by default the speeds of distillation.
+            commands.
     """
 
     n_steps: Count = EPISODE_STEPS
     speed_range: Range | None = None
 
     def rollouts(self, case: Case) -> RolloutConfig:
-        """Returns how the robots of a case are rolled out, at the speeds of distillation."""
-        config = RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
-        return config.at_distilled_speeds(case.gait, case.scenario)
+        """Returns how the robots of a case are rolled out."""
+        return RolloutConfig(self.n_robots, self.n_steps, case.seed, 1, self.speed_range)
 
     def _refuse(self) -> None:
         """Refuses commands that a gait is not made for, too."""

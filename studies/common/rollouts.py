@@ -31,15 +31,6 @@ SELECTION_SEEDS = range(500, 510)
 A choice among candidates by few robots takes luck for skill, so no table reports these seeds.
 """
 
-DISTILLED_SPEEDS = (0.0, 0.75)
-"""Forward speeds of distillation (m/s), at most the gait's; students are evaluated there."""
-
-
-def distilled_speeds(gait: Gait) -> tuple[float, float]:
-    """Returns the least and the greatest forward speed of a gait's distillation (m/s)."""
-    slowest, fastest = DISTILLED_SPEEDS
-    return slowest, min(fastest, gait.max_speed)
-
 
 @dataclass(frozen=True)
 class RolloutConfig(Settings):
@@ -61,15 +52,6 @@ class RolloutConfig(Settings):
     seed: Seed = REPORTED_SEEDS[0]
     n_seeds: Seeds = 5
     speed_range: Range | None = None
-
-    def at_distilled_speeds(self, gait: Gait, scenario: Scenario | None = None) -> "RolloutConfig":
-        """Returns the settings with a gait's speeds of distillation.
-
-        Speeds that are set are kept, and so is the command that a scenario names.
-        """
-        if self.speed_range or (scenario and scenario.names_a_command):
-            return self
-        return replace(self, speed_range=distilled_speeds(gait))
 
     def commanding(self, scenario: Scenario) -> Scenario:
         """Returns a scenario with the commanded speeds, if they are set."""

@@ -56,7 +56,7 @@ def rank_alone(
         A row a candidate, the best first, with its means over 52 robots, half of them in the
         training world and half in a rough one.
     """
-    config = RolloutConfig(n_steps=n_steps).at_distilled_speeds(gait)
+    config = RolloutConfig(n_steps=n_steps)
     runs = [(label, seed, world) for label in candidates for seed, world in SELECTION]
     work = (
         delayed(roll_out)(

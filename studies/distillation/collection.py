@@ -1,7 +1,10 @@
 """Collecting what the expert would do in the states that expert and student visit together."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.domain_randomization import DomainRandomization
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.scenario import Scenario
@@ -25,11 +28,7 @@ from glassgait.studies.common.episode import (
     World,
     episode,
 )
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.distillation.students.dataset import Dataset
-
-N_SPEEDS = 4
-"""Forward speeds that robots are given in turn where a policy visits states alone."""
 
 
 def collect(
@@ -38,30 +37,30 @@ def collect(
     *,
     episodes: range,
     n_steps: int,
-    speeds: Array,
     worlds: DomainRandomization | Scenario,
     generator: np.random.Generator,
+    speeds: Array | None = None,
 ) -> Dataset:
     """Rolls out the episodes of one round at once (paper, Algorithm 1, lines 8 to 18).
 
-    The forward speed is an episode's own; yaw rate and rhythm are drawn over the gait's range and
-    change every 10 s. A robot that falls starts again, its episode going on.
+    Commands are drawn over the gait's range and change every 10 s, but for forward speeds that are
+    named: they stay. A robot that falls starts again, its episode going on.
 
     Args:
         controller: The expert, whose actions are the samples' labels, and the student.
         episodes: Numbers of the episodes, counted from 1.
         n_steps: Control steps of each.
-        speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
         worlds: The worlds, of which every round draws some anew; or one, but for its commands.
         generator: Source of randomness.
+        speeds: Forward speeds that episodes cycle through (m/s), the first episode with the first.
 
     Raises:
         InputError: if a sample is not finite.
     """
     n, numbers = len(episodes), np.array(episodes)
-    own_speeds = speeds[(numbers - 1) % len(speeds)]
-    world = worlds if isinstance(worlds, Scenario) else None
-    if isinstance(worlds, DomainRandomization):
+    if isinstance(worlds, Scenario):
+        world: Scenario | World = replace(worlds, command=DrawnCommands())
+    else:
         limited, robot = controller.limits_targets, controller.robot
         drawn = worlds.stations(robot, generator)
         stations = [drawn[i] for i in generator.permutation(len(drawn))[:n]]
@@ -73,17 +72,9 @@ def collect(
             observes_imu=controller.expert.layout.imu,
         )
         world = World(task, make_physics(robot, *stations))
-    assert world is not None
-    turns = None
-
-    def command(running: Episode, _: BoolArray) -> None:
-        nonlocal turns
-        if turns is None or running.step % COMMAND_STEPS == 0:
-            turns = sample_commands(gait, n, generator)
-        velocity = np.stack([own_speeds, turns.velocity[:, 1]], axis=1)
-        # A robot that starts again draws a command of its own.
-        running.simulator.set_command(Command(velocity, turns.dwell))
-
+    events = []
+    if speeds is not None:
+        events = [_commanding(gait, speeds[(numbers - 1) % len(speeds)], generator)]
     samples = _Samples(controller.expert)
     episode(
         gait,
@@ -93,10 +84,25 @@ def collect(
         n_steps=n_steps,
         seed=generator,
         observers=[samples],
-        events=[Event(None, None, command)],
+        events=events,
         when_fallen="restart",
     )
     return samples.dataset(numbers)
+
+
+def _commanding(gait: Gait, speeds: Array, generator: np.random.Generator) -> Event:
+    """Returns what keeps each robot's forward speed (n,; m/s), and draws the rest every 10 s."""
+    turns = None
+
+    def command(running: Episode, _: BoolArray) -> None:
+        nonlocal turns
+        if turns is None or running.step % COMMAND_STEPS == 0:
+            turns = sample_commands(gait, len(speeds), generator)
+        velocity = np.stack([speeds, turns.velocity[:, 1]], axis=1)
+        # A robot that starts again draws a command of its own.
+        running.simulator.set_command(Command(velocity, turns.dwell))
+
+    return Event(None, None, command)
 
 
 def collect_alone(
@@ -104,7 +110,7 @@ def collect_alone(
 ) -> Dataset:
     """Rolls a policy out alone in the training scenario; a robot that falls starts again.
 
-    Forward speeds are those of a distillation, in turn; yaw rates are drawn to both sides alike.
+    Commands are drawn over the gait's range.
 
     Args:
         expert: The expert; its estimator observes for the policy.
@@ -124,7 +130,6 @@ def collect_alone(
         alone(policy, expert),
         episodes=range(1, n_robots + 1),
         n_steps=n_steps,
-        speeds=np.linspace(*distilled_speeds(gait), N_SPEEDS),
         worlds=Scenario(),
         generator=np.random.default_rng(seed),
     )

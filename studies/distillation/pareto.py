@@ -148,8 +148,8 @@ class Pareto(Settings):
         terms: Numbers of terms of all formulas together, of mirror images those of one.
         refined_updates: PPO updates in which mirrored formulas of each size learn on; none by
             default, since 100 take some 5 minutes of a core.
-        rollouts: How robots are rolled out, at the speeds of distillation unless others are named.
-            As many robots of a seed of its own choose the smallest formulas, and are not reported.
+        rollouts: How robots are rolled out. As many robots of a seed of its own choose the smallest
+            formulas, and are not reported.
         robot: Name of a robot, or path of its robot.yaml; by default that of the expert.
         source: Folder of a run of train, whose expert is taken; by default the one that ships, or
             what was trained here.
@@ -235,8 +235,7 @@ class Pareto(Settings):
                 f"{self.title}: terms is {self.terms}; the {gait.name} has more formulas than "
                 "that, with a term each at least, so ask for more"
             )
-        rollouts = self.rollouts.at_distilled_speeds(gait)
-        jobs = alternation_cases(gait, expert, students, rollouts, periods=(1, 0))
+        jobs = alternation_cases(gait, expert, students, self.rollouts, periods=(1, 0))
         scores = run_rollouts([*for_selection(jobs), *jobs], folder / "rollouts")
         chooses = scores["seed"].isin(SELECTION_SEEDS)
         fits = pd.DataFrame(rows)

@@ -214,14 +214,14 @@ class _Distillation:
             self.report(f"{title}: fitting to {len(seen.actions)} samples")
             settings = config.settings.of(kind).for_rounds()
             student = self._fit(kind, settings, self._samples(seen))
-        ratio = ratio_title(plan.period)
+        ratio, speeds = ratio_title(plan.period), config.speeds
         self.report(f"{title}: round {plan.number} of {n_rounds}, ratio {ratio}")
         samples = collect(
             self.gait,
             AlternatingController(self.expert, student, plan.period),
             episodes=plan.episodes,
             n_steps=plan.steps,
-            speeds=np.minimum(config.speeds, self.gait.max_speed),
+            speeds=None if speeds is None else np.minimum(speeds, self.gait.max_speed),
             worlds=self.worlds,
             generator=np.random.default_rng([config.seed, plan.number]),
         )

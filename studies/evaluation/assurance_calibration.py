@@ -94,12 +94,12 @@ def joined(parts: Sequence[Visits]) -> Visits:
 
 
 def visit(gait: Gait, controller: Controller, scenario: Scenario, config: RolloutConfig) -> Visits:
-    """Lets the robots of the first seed walk, at the speeds of distillation."""
+    """Lets the robots of the first seed walk."""
     observations, snapshots = Observations(), Snapshots()
     ended = episode(
         gait,
         controller,
-        config.at_distilled_speeds(gait, scenario).commanding(scenario),
+        config.commanding(scenario),
         n_robots=config.n_robots,
         n_steps=config.n_steps,
         seed=config.seed,

@@ -15,7 +15,6 @@ from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.cases import Case
 from glassgait.studies.common.experiment import Experiment, Report
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.distillation.students.registry import policy_title
 from glassgait.studies.evaluation.stability_figures import believed, radius_error, stability_figure
 from glassgait.studies.evaluation.stride_analysis import PUSHES, analyse
@@ -136,8 +135,8 @@ def _mean(values: np.ndarray) -> float:
     return float(known.mean()) if len(known) else float("nan")
 
 
-SLOWEST = 0.25
-"""Least speed by default (m/s)."""
+SLOWEST, FASTEST = 0.25, 0.75
+"""Least and greatest speed by default (m/s), at most the gait's."""
 
 StepSize = Annotated[float, Gt(0.0), Le(1.0)]
 
@@ -147,8 +146,8 @@ class Stability(Experiment):
     """Find whether small differences grow or fade from one stride to the next, and test it.
 
     Attributes:
-        speeds: Commanded forward speeds (m/s); by default three from 0.25 to the greatest of
-            distillation.
+        speeds: Commanded forward speeds (m/s); by default three from 0.25 to 0.75, at most
+            the gait's.
         yaw_rates: Commanded yaw rates (rad/s).
         dwell: Commanded dwell of every speed and yaw rate (control steps).
         dwells: Further dwells at the middle speed and yaw rate; every one of the gait by default.
@@ -202,7 +201,8 @@ class Stability(Experiment):
         Raises:
             InputError: if the gait is not made for one.
         """
-        speeds = self.speeds or tuple(np.linspace(SLOWEST, distilled_speeds(gait)[1], 3).tolist())
+        fastest = min(FASTEST, gait.max_speed)
+        speeds = self.speeds or tuple(np.linspace(SLOWEST, fastest, 3).tolist())
         dwells = self.dwells or tuple(range(gait.dwell[0], gait.dwell[1] + 1))
         grid = [(speed, rate, self.dwell) for speed in speeds for rate in self.yaw_rates]
         middle = speeds[len(speeds) // 2], self.yaw_rates[len(self.yaw_rates) // 2]

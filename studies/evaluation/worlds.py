@@ -1,8 +1,7 @@
 """Tables of falls: a row a policy and world, and the worst world of each policy."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -10,14 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from glassgait.diagrams.scenario import TRAINING
-from glassgait.models.policies.neural import NeuralPolicy
-from glassgait.models.settings import Range
 from glassgait.models.task.command import DEAD_BAND
 from glassgait.studies.common.cases import Case, not_finite_lines, score
 from glassgait.studies.common.experiment import Report, RolloutExperiment, ScenarioNames
 from glassgait.studies.common.play import Steps
 from glassgait.studies.common.policies import EXPERT
-from glassgait.studies.common.rollouts import RolloutConfig
 from glassgait.studies.common.scores import SPEED_ERROR_TITLE, summarize, summary
 from glassgait.studies.common.tables import json_records
 from glassgait.studies.distillation.students.registry import policy_title
@@ -171,8 +167,6 @@ class Worlds(RolloutExperiment):
     differ, the difference of their joint targets, and one replay of both.
 
     Attributes:
-        speed_range: Least and greatest commanded forward speed (m/s), in place of the scenario's
-            commands; by default the speeds of distillation, and of an expert by itself all speeds.
         command: Of two policies, the command of targets and replay, in place of the first
             scenario's; what is left out is the scenario's.
         replay_steps: Of two policies, the control steps of targets and replay; a fall ends them
@@ -181,21 +175,11 @@ class Worlds(RolloutExperiment):
 
     title: ClassVar[str] = "evaluate worlds"
     together: ClassVar[bool] = True
-    prepared: ClassVar[tuple[str, ...]] = ("experts", "pair")
+    prepared: ClassVar[tuple[str, ...]] = ("pair",)
 
     scenario: ScenarioNames = ("all",)
-    speed_range: Range | None = None
     command: OwnCommand = field(default_factory=OwnCommand)
     replay_steps: Steps = 500
-
-    @cached_property
-    def experts(self) -> frozenset[str]:
-        """The gaits whose expert, or a neural policy in its place, is measured by itself."""
-        return frozenset(
-            gait
-            for gait, own in self.controllers.items()
-            if [isinstance(one.policy, NeuralPolicy) for one in own.values()] == [True]
-        )
 
     @property
     def pair(self) -> Pair | None:
@@ -209,12 +193,6 @@ class Worlds(RolloutExperiment):
             return None
         world = self.command.over(next(iter(self.scenarios.values())))
         return Pair(gait, controllers, world)
-
-    def rollouts(self, case: Case) -> RolloutConfig:
-        """Returns how robots of a case are rolled out: an expert by itself at all speeds."""
-        config = super().rollouts(case)
-        alone = case.gait.name in self.experts
-        return replace(config, speed_range=self.speed_range) if alone else config
 
     def measure(self, case: Case) -> pd.DataFrame:
         """Rolls robots of one seed out, and scores them."""

@@ -33,7 +33,7 @@ from glassgait.studies.importance.measures import (
 )
 
 N_VISITS = 8
-"""Episodes that a shipped student visits, twice each of the speeds of a distillation."""
+"""Episodes that a shipped student visits."""
 
 
 def held_out_samples(folder: Path, kind: StudentKind, n_samples: int, seed: int) -> Dataset:

@@ -155,7 +155,6 @@ def standalone_cases(
     policies = {("expert", "expert"): alone(expert)}
     for curriculum, own in students.items():
         policies |= {(curriculum, kind): alone(student, expert) for kind, student in own.items()}
-    config = config.at_distilled_speeds(gait)
     return [
         case
         for (curriculum, student), policy in policies.items()

@@ -318,9 +318,9 @@ def _alone(parts: Parts) -> Section:
         pending = "how every student walks alone, after the last of them is fitted"
         return Section(title, pending=pending)
     note = (
-        "Forward speeds from 0 to 0.75 m/s, yaw rates over the whole range, sensor noise on, 20 s; "
-        "means with 95 % intervals over robots. A fall is any of the task's terminations. Errors "
-        "are of 1 s averages."
+        "Forward speeds and yaw rates over the gait's whole range, sensor noise on, 20 s; means "
+        "with 95 % intervals over robots. A fall is any of the task's terminations. Errors are of "
+        "1 s averages."
     )
     return Section(title, note=note, tables=[Table(parts.standalone)])
 

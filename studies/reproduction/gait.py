@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+import numpy as np
 import pandas as pd
 import tyro
 from annotated_types import Ge, MinLen
@@ -40,7 +41,7 @@ JOINT = 0
 SEQUENCE_SECONDS = 4.0
 EXPLAINED_STEP = 100
 SPEED = 0.5
-"""Commanded forward speed of the gait sequences (m/s), as the distillation's speeds."""
+"""Commanded forward speed of the gait sequences (m/s)."""
 
 
 PAPER_GAITS = ("walk", "trot", "pace", "bound")
@@ -68,6 +69,13 @@ class ReportConfig(Settings):
     rollouts: Annotated[RolloutConfig, tyro.conf.Fixed] = field(default_factory=RolloutConfig)
     n_samples: Annotated[Count, Ge(2)] = 1000
     repeats: Count = 10
+
+    def rollouts_of(self, gait: Gait) -> RolloutConfig:
+        """Returns how the robots of a gait are rolled out: at most as fast as it goes."""
+        if self.rollouts.speed_range is None:
+            return self.rollouts
+        slowest, fastest = np.clip(self.rollouts.speed_range, -gait.max_speed, gait.max_speed)
+        return replace(self.rollouts, speed_range=(float(slowest), float(fastest)))
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,7 @@ def study_gait(name: str, expert: NeuralPolicy, config: ReportConfig, folder: Pa
     students = load_students(source, expert)
 
     say(f"{title}: rolling out every student at every alternation ratio")
-    jobs = alternation_cases(gait, expert, students, config.rollouts, config.periods)
+    jobs = alternation_cases(gait, expert, students, config.rollouts_of(gait), config.periods)
     scores = run_rollouts(jobs, folder / "rollouts")
     alternation_report(scores, title).write(folder)
     standalone = standalone_table(scores)

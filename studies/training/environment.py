@@ -10,7 +10,6 @@ from tensordict import TensorDict
 from torch import nn
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
-from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.domain_randomization import at_hardship
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.task_config import TaskConfig
@@ -62,7 +61,6 @@ class TrainingEnvironment:
         generator: np.random.Generator,
         *,
         observes_imu: bool = False,
-        speed_range: tuple[float, float] | None = None,
     ) -> None:
         """
         Args:
@@ -72,7 +70,6 @@ class TrainingEnvironment:
                 feet (n, 7).
             generator: Source of randomness.
             observes_imu: Whether gravity and angular velocity are observed.
-            speed_range: Least and greatest commanded forward speed (m/s); the gait's by default.
         """
         self._reward_scale = config.ppo.reward_scale
         self._estimator = estimator
@@ -86,7 +83,6 @@ class TrainingEnvironment:
                 config.worlds.randomization,
                 weights=config.weights,
                 limits=config.limits,
-                command=DrawnCommands(speed_range),
                 limit_targets=config.limit_targets,
                 robot=robot,
                 observes_imu=observes_imu,

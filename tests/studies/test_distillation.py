@@ -43,6 +43,7 @@ TINY = DistillationConfig(
     episode_steps=24,
     alone_episodes=4,
     alone_steps=20,
+    speeds=(0.0, 0.25, 0.5, 0.75),
     settings=StudentsSettings(
         gbm=GbmSettings(n_trees=5),
         histogram_gbm=HistogramGbmSettings(n_trees=5),

@@ -97,6 +97,11 @@ def test_every_student_is_distilled_by_algorithm_1(kind, paper):
     assert len(settings.candidates()) <= 1
 
 
+@pytest.mark.parametrize(("gait", "fastest"), [("walk", 0.5), ("trot", 0.75)])
+def test_students_are_rolled_out_at_the_speeds_that_they_learned(gait, fastest, paper):
+    assert paper.rollouts_of(load_gait(gait)).speed_range == (0.0, fastest)
+
+
 def test_boosted_trees_are_those_of_scikit_learns_defaults(paper, generator):
     x = generator.normal(size=(200, 5))
     y = x[:, 0] + np.sin(3 * x[:, 1])

@@ -19,7 +19,7 @@ from glassgait.models.robots import quadruped
 from glassgait.models.task.gait import load_gait
 from glassgait.models.task.termination import TerminationLimits
 from glassgait.studies.cli import main
-from glassgait.studies.common.cases import Case, cases_in_worlds
+from glassgait.studies.common.cases import Case
 from glassgait.studies.common.play import pusher
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.collection import collect
@@ -162,13 +162,17 @@ def test_speeds_of_the_settings_stand_in_place_of_the_scenarios_command(expert):
     assert config.commanding(scenario).command == DrawnCommands((0.5, 0.6))
 
 
-def test_students_are_asked_for_what_the_scenario_names_or_for_their_speeds(expert):
+def test_students_are_asked_for_what_experts_are_over_the_whole_range(expert):
     student = load_student("trot", "statewise_linear")
-    scenarios = {"plain": Scenario(), "commanded": Scenario(command=COMMANDED)}
-    policies = {"student": alone(student, expert)}
-    jobs = cases_in_worlds(TROT, policies, scenarios, RolloutConfig(n_seeds=1))
-    asked = {job.labels["scenario"]: job.config.speed_range for job in jobs}
-    assert asked == {"plain": (0.0, 0.75), "commanded": None}
+    config = RolloutConfig(n_robots=40, n_steps=1)
+    by_expert, by_student = (
+        roll_out(TROT, policy, Scenario(), config).command
+        for policy in (alone(expert), alone(student, expert))
+    )
+    np.testing.assert_array_equal(by_expert, by_student)
+    speed = by_student[..., 0]
+    assert speed.min() < -0.75 and speed.max() > 0.75
+    assert np.all(np.abs(speed) <= TROT.max_speed)
 
 
 def test_jobs_in_other_scenarios_are_other_jobs(expert):

@@ -27,7 +27,6 @@ from glassgait.studies.common.policies import find_policies
 from glassgait.studies.common.rollouts import RolloutConfig, roll_out
 from glassgait.studies.distillation.students.library import default_student, load_students
 from glassgait.studies.distillation.students.registry import STUDENTS
-from glassgait.studies.evaluation.worlds import Worlds
 
 SHIPPED = [(gait, kind) for gait in shipped_experts() for kind in shipped_students(gait)]
 
@@ -43,7 +42,8 @@ def test_the_trot_ships_with_formulas():
 def test_a_shipped_student_walks_alone(gait, kind):
     expert, student = load_expert(gait), load_student(gait, kind)
     student.check(gait=gait, observation_names=expert.observation_names)
-    config = RolloutConfig(n_robots=6, n_steps=150, seed=7).at_distilled_speeds(load_gait(gait))
+    # Trees and additive models do not go backward, where they were not distilled.
+    config = RolloutConfig(n_robots=6, n_steps=150, seed=7, speed_range=(0.0, 0.5))
     log = roll_out(load_gait(gait), alone(student, expert), Scenario(), config)
     assert not log.failures.any()
     assert np.abs(log.velocity[50:, :, 0] - log.command[50:, :, 0]).mean() < 0.25
@@ -152,7 +152,7 @@ def test_rollout_ends_with_what_the_robot_did_and_saw(tmp_path, monkeypatch, cap
     assert stands[2] < 0.1
 
 
-def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, monkeypatch, refused):
+def test_a_student_that_ships_with_some_gaits_is_scored_there(tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
     small = ["--n-robots", "2", "--n-steps", "20", "--n-seeds", "1", "--scenario", "training"]
     main(["evaluate", "worlds", "--gait", "all", "--policy", "symbolic", *small])
@@ -161,13 +161,6 @@ def test_a_shipped_student_is_scored_at_the_speeds_of_distillation(tmp_path, mon
     assert table["gait"].tolist() == gaits
     message = refused(["evaluate", "worlds", "--gait", "all", "--policy", "open_loop", *small])
     assert "--policy open_loop" in message
-
-
-def test_students_are_scored_at_slower_speeds_than_experts():
-    for policy, expected in (("expert", None), ("symbolic", (0.0, 0.75))):
-        worlds = Worlds(policy=(policy,), scenario=("training",))
-        ranges = [worlds.rollouts(case).speed_range for case in worlds.cases()]
-        assert ranges == [expected]
 
 
 @pytest.mark.parametrize("name", ["..", "a/b", "", "expert", "students", "of", "-x"])

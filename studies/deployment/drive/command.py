@@ -197,8 +197,7 @@ class _Study(OneGait):
 class DrivePacketLoss(_Study):
     """Lose messages on purpose, in one process and simulated time, and count what happens.
 
-    A scenario that names no command lets robots go at the speeds of distillation. Results are in
-    runs/drive/packet-loss/<gait>/<policy> by default.
+    Results are in runs/drive/packet-loss/<gait>/<policy> by default.
 
     Attributes:
         n_robots: Robots of each trial.

@@ -20,8 +20,10 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.command import Command, sample_commands
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.episode import ControlStep, Observer, episode, give
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.deployment.drive.packet_loss import OVERTURNED
+
+FASTEST = 0.75
+"""Greatest forward speed of robots whose controller falls silent (m/s), at most the gait's."""
 
 SETTLED = 120
 """Control steps after which robots have found their gait."""
@@ -100,7 +102,7 @@ def walk_until_silent(
     Raises:
         InputError: if the plant is continuous, or a policy was made for another gait.
     """
-    fastest = distilled_speeds(gait)[1]
+    fastest = min(FASTEST, gait.max_speed)
     speed = np.repeat(fastest * np.array([1.0, 2.0, 3.0]) / 3.0, n_moments)
     stride = gait.dwell[1] * gait.n_states
     moment = SETTLED + np.tile(np.arange(n_moments) * 2 * stride // n_moments, 3)

@@ -3,7 +3,7 @@
 import json
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -13,7 +13,6 @@ import pandas as pd
 from annotated_types import Ge, Lt
 from pydrake.lcm import DrakeLcm
 
-from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.link import FOLLOWED, ControllerEnd, RobotEnd
 from glassgait.diagrams.scenario import Scenario
 from glassgait.models.link.channels import Channels
@@ -25,7 +24,6 @@ from glassgait.models.task import CONTROL_PERIOD
 from glassgait.models.task.gait import Gait
 from glassgait.studies.common.console import progress_bar
 from glassgait.studies.common.episode import BoolArray
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.tables import write_metrics
 
 OVERTURNED = 60.0
@@ -133,7 +131,7 @@ def lose_packets(
     Args:
         gait: The gait.
         controller: The controller.
-        scenario: The world; one that names no command lets robots go at the speeds of distillation.
+        scenario: The world.
         folder: Where each trial is kept; one that is there is not done again.
         n_robots: Robots of each trial.
         n_steps: Control steps of each robot.
@@ -143,8 +141,6 @@ def lose_packets(
     Returns:
         A row a trial, with columns `COLUMNS`.
     """
-    if not scenario.names_a_command:
-        scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait)))
     rows = []
     with progress_bar(len(TRIALS)) as (progress, task):
         for number, trial in enumerate(TRIALS):

@@ -1,13 +1,12 @@
 """Whether what was exported moves robots as the Python policy does, in two engines."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from glassgait.diagrams.commands import DrawnCommands
 from glassgait.diagrams.scenario import Scenario, load_scenario
 from glassgait.diagrams.switching_batch import SwitchingSimulator
 from glassgait.models.arrays import Array
@@ -24,7 +23,6 @@ from glassgait.models.task.gait_switch import GaitSwitch
 from glassgait.models.task.observation import N_ESTIMATED
 from glassgait.studies.common.episode import BoolArray, Episode, Event, IntArray, episode
 from glassgait.studies.common.observers import Log, Snapshots
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.scores import score_rollouts
 from glassgait.studies.deployment.export.agreement import Moment, asking, drawn_requests, moments
 
@@ -62,8 +60,8 @@ def walk_both(
 ) -> pd.DataFrame:
     """Rolls robots out by Python and by what was exported, in either engine.
 
-    Both have the same robots, noise and commands, at the speeds of distillation: of one gait a
-    command for each robot; of several new ones after 10 s, and every 3 s a request of another gait.
+    Both have the same robots, noise and commands: of one gait a command for each robot; of several
+    new ones after 10 s, and every 3 s a request of another gait.
 
     Args:
         gait: The gait, or several.
@@ -107,7 +105,6 @@ def _walked(
     seed: int,
 ) -> _Run:
     if isinstance(gait, GaitSwitch):
-        scenario = replace(scenario, command=DrawnCommands(distilled_speeds(gait.gait)))
         requested = drawn_requests(gait, n_robots, n_steps, REQUEST_STEPS, seed)
         events = [*senses, asking(requested)]
     else:
@@ -134,7 +131,7 @@ def _walked(
 
 def _one_command(gait: Gait, n_robots: int, seed: int) -> Event:
     """Returns the event that gives each robot a command for the whole episode."""
-    command = sample_commands(gait, n_robots, np.random.default_rng(seed), distilled_speeds(gait))
+    command = sample_commands(gait, n_robots, np.random.default_rng(seed))
 
     def begin(running: Episode, _: BoolArray) -> None:
         simulator = running.simulator

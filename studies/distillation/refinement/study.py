@@ -24,7 +24,6 @@ from glassgait.models.task import EPISODE_STEPS
 from glassgait.models.task.gait import Gait
 from glassgait.models.task.odometry import Odometry
 from glassgait.studies.common.console import say
-from glassgait.studies.common.rollouts import distilled_speeds
 from glassgait.studies.common.selection import rank_alone, simplest_of_the_best
 from glassgait.studies.common.tables import write_table
 from glassgait.studies.distillation.refinement.formula_network import FormulaNetwork
@@ -223,15 +222,12 @@ class RefinementRun(LearningRun):
         own = self._expert.estimator
         estimator = own if isinstance(own, Odometry) else _Frozen(own)
         generator = np.random.default_rng(self.config.seed)
-        # Commanded to go as the students of a distillation: few terms cannot serve every speed.
-        speeds = distilled_speeds(self.gait)
         environment = TrainingEnvironment(
             self.config,
             self.gait,
             estimator,
             generator,
             observes_imu=self._policy.layout.imu,
-            speed_range=speeds,
         )
         self._network = FormulaNetwork(self._policy)
         self._network.balance(self._visited(environment, generator))

@@ -20,7 +20,7 @@ START_STEPS = 5
 """Control steps that an episode's start takes: the robot stands and has hardly acted before."""
 
 HELD_OUT_EVERY = 5
-"""Every fifth episode is held out: with four speeds in turn, each speed is held out alike."""
+"""Every fifth episode is held out: of four speeds in turn, the paper's, each is held out alike."""
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ class Walk:
 
 
 def walk(gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, config: RolloutConfig) -> Walk:
-    """Lets a policy walk alone in the training scenario, at the speeds of distillation.
+    """Lets a policy walk alone in the training scenario.
 
     Equal seeds give equal starts, commands and noise, whatever the policy does.
 
@@ -59,7 +59,6 @@ def walk(gait: Gait, expert: NeuralPolicy, policy: FormulaPolicy, config: Rollou
         config: How many robots walk, for how long (2 control steps or more), and of which seed.
     """
     controller, observations = alone(policy, expert), Observations()
-    config = config.at_distilled_speeds(gait)
     log = roll_out(gait, controller, Scenario(), config, observers=[observations])
     observed = observations.array
     fell = np.logical_or.accumulate(log.failures.any(axis=2), axis=0)

@@ -132,13 +132,11 @@ at few samples, and takes minutes even so."""
 
 def expert_samples(expert: NeuralPolicy, n_steps: int) -> Dataset:
     """Collects four episodes of the expert alone."""
-    config = DistillationConfig(gait=expert.gait)
     return collect(
         load_gait(expert.gait),
         alone(expert),
         episodes=range(1, 5),
         n_steps=n_steps,
-        speeds=np.array(config.speeds),
         worlds=Scenario(),
         generator=np.random.default_rng(0),
     )
