@@ -224,6 +224,7 @@ class BatchSimulator:
             foot_contact=feet.contact,
             foot_height=feet.height,
             air_time=s.air_time,
+            fall_speed=s.fall_speed,
             tracked=s.tracked,
             weights=self._weights,
             limit_targets=task.limit_targets,
@@ -235,6 +236,7 @@ class BatchSimulator:
             machine=machine.machine,
             touching=feet.touching,
             air_time=reward.air_time,
+            fall_speed=reward.fall_speed,
             tracked=reward.tracked,
             action=action,
             action_before=s.action,
@@ -302,8 +304,8 @@ class BatchSimulator:
 
     def _draw_commands(self, count: int) -> Command:
         match self.task.command:
-            case FixedCommand(speed=speed, yaw_rate=yaw_rate, dwell=dwell):
-                return Command(np.tile([speed, yaw_rate], (count, 1)), np.full(count, float(dwell)))
+            case FixedCommand() as fixed:
+                return fixed.of_robots(count)
             case DrawnCommands(speed_range=speed_range):
                 straight = self.task.randomization.straight
                 return sample_commands(
@@ -343,6 +345,7 @@ class BatchSimulator:
             machine=start.machine,
             touching=feet.touching,
             air_time=np.zeros((count, quadruped.N_LEGS)),
+            fall_speed=np.zeros((count, quadruped.N_LEGS)),
             tracked=tracked_speeds(plant, np.zeros((count, 2)), self._weights),
             action=np.zeros((count, quadruped.N_JOINTS)),
             action_before=np.zeros((count, quadruped.N_JOINTS)),

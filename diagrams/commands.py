@@ -12,6 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 from glassgait.models.errors import InputError, shown
 from glassgait.models.settings import Range, Settings
 from glassgait.models.task import COMMAND_STEPS, CONTROL_PERIOD
+from glassgait.models.task.command import Command
 from glassgait.models.task.gait import Gait
 from glassgait.systems.command import RandomCommand
 from glassgait.systems.given_command import GivenCommand
@@ -33,6 +34,11 @@ class FixedCommand(Settings):
     speed: float = 0.5
     yaw_rate: float = 0.0
     dwell: Annotated[int, Ge(1)] = 8
+
+    def of_robots(self, count: int) -> Command:
+        """Returns the command of so many robots: velocities (count, 2) and dwells (count,)."""
+        velocity = np.tile([self.speed, self.yaw_rate], (count, 1))
+        return Command(velocity, np.full(count, float(self.dwell)))
 
     def check(self, gait: Gait) -> None:
         """Checks that a gait is made for the command.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glassgait.diagrams.batch import BatchSimulator, BatchStep
+from glassgait.diagrams.commands import FixedCommand
 from glassgait.diagrams.engines import make_physics
 from glassgait.diagrams.physics import Physics
 from glassgait.diagrams.scenario import Scenario
@@ -156,11 +157,15 @@ def push(step: int | IntArray, velocity: Array, mask: BoolArray | None = None) -
     return Event(step, mask, apply)
 
 
-def give(step: int | None, command: Command) -> Event:
-    """Returns a command (n, 2), (n,) to all robots, which holds from then on."""
+def give(step: int | None, command: Command | FixedCommand) -> Event:
+    """Returns a command, one for all robots or (n, 2), (n,) of them, which holds from then on."""
 
     def apply(episode: Episode, _: BoolArray) -> None:
-        episode.simulator.set_command(Command(*(own[episode.robots] for own in command)))
+        if isinstance(command, FixedCommand):
+            given = command.of_robots(len(episode.robots))
+        else:
+            given = Command(*(own[episode.robots] for own in command))
+        episode.simulator.set_command(given)
 
     return Event(step, None, apply)
 

@@ -73,6 +73,7 @@ def test_the_smallest_that_walk_are_named():
         "rhythm",
         "going_speed_error",
         "yaw_rate_error",
+        "way",
         "cost_of_transport",
     ):
         scores[name] = 1.0
