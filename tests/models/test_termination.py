@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from glassgait.models.errors import InputError
-from glassgait.models.robots import quadruped
+from glassgait.models.robots import kinematics, quadruped
 from glassgait.models.robots.robot import load_robot
 from glassgait.models.task.termination import FAILURES, PHYSICAL_FALL, TerminationLimits, failures
 
@@ -63,9 +63,24 @@ def test_a_physical_fall_is_a_trunk_or_thigh_on_the_ground_or_a_great_lean(stand
     lying = standing.copy()
     lying[6] = 0.05
     assert shown(lying, limits=PHYSICAL_FALL) == {"body_contact"}
-    standing[6] -= 0.06
-    assert "body_contact" in shown(standing)
-    assert shown(standing, limits=PHYSICAL_FALL) == set()
+    kneeling = on_its_knees(standing, clearance=0.005)
+    assert "body_contact" in shown(kneeling)
+    assert shown(kneeling, limits=PHYSICAL_FALL) == set()
+
+
+def on_its_knees(state, clearance):
+    """Bends the legs until the feet are above the knees, the knees' centres so far above the ground (m)."""
+    state[quadruped.JOINT_POSITION] = np.tile([0.0, 0.1, -0.1 - np.pi / 2 - 0.2], 4)
+    state[6] = 0.0
+    knees = kinematics.leg_points(A1, state[quadruped.JOINT_POSITION]).knee
+    state[6] = clearance - knees[..., 2].min()
+    return state
+
+
+def test_a_calf_may_be_as_deep_in_the_ground_as_its_foot(standing):
+    standing[6] -= 0.03
+    assert shown(standing) == set()
+    assert "body_contact" in shown(on_its_knees(standing, clearance=0.005))
 
 
 def test_what_the_task_alone_ends_is_no_physical_fall(standing):
